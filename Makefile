@@ -1,0 +1,46 @@
+# make demo   the sample flight in an environment of its own: base install, no PyTorch
+# make test   linters, types, layers and tests, with every extra that the tests need
+#
+# PYTHON=python3.12         another interpreter, 3.11 or newer
+# TORCH_INDEX=URL           where `make test` also looks for PyTorch: the CPU index that its install page names
+#                           spares the CUDA packages
+
+PYTHON ?= python3
+TORCH_INDEX ?=
+EXTRAS := test,train,ort
+
+BIN := .venv/bin
+DEMO_BIN := .venv-demo/bin
+PIP_INSTALL := -m pip install --disable-pip-version-check --quiet --constraint constraints.txt
+NEW_ENOUGH := import sys; sys.version_info >= (3, 11) or sys.exit("flightdepth needs Python 3.11 or newer, got " + sys.version.split()[0] + ": make PYTHON=python3.11 ...")
+
+.PHONY: demo test test-slow lint
+
+demo: .venv-demo/installed
+	$(DEMO_BIN)/flightdepth demo
+
+test: lint
+	$(BIN)/python -m pytest
+
+test-slow: lint
+	$(BIN)/python -m pytest -m slow --timeout 3600
+
+lint: .venv/installed
+	$(BIN)/ruff check src tests benchmarks
+	$(BIN)/ruff format --check src tests benchmarks
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+# The stamps: nothing is installed again until what is to be installed changes.
+.venv/installed: pyproject.toml constraints.txt
+	@$(PYTHON) -c '$(NEW_ENOUGH)'
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python $(PIP_INSTALL) $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) torch
+	$(BIN)/python $(PIP_INSTALL) --editable '.[$(EXTRAS)]'
+	@touch $@
+
+.venv-demo/installed: pyproject.toml constraints.txt
+	@$(PYTHON) -c '$(NEW_ENOUGH)'
+	test -x $(DEMO_BIN)/python || $(PYTHON) -m venv .venv-demo
+	$(DEMO_BIN)/python $(PIP_INSTALL) --editable .
+	@touch $@

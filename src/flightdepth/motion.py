@@ -1,0 +1,84 @@
+"""Rotations. Quaternions are (w, x, y, z), unit length, `a_from_b` turns vectors of frame b into frame a."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flightdepth.errors import BadInput
+
+Vector = NDArray[np.float64]
+
+# A camera that looks north with its x axis east: x right = east, y down = down, z forward = north.
+NED_FROM_CAMERA = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+def unit_quaternion(quaternion: ArrayLike) -> Vector:
+    """Normalise a quaternion, shape (4,); a zero or non-finite one is refused."""
+    q = np.asarray(quaternion, dtype=np.float64)
+    length = float(np.linalg.norm(q)) if q.shape == (4,) else float("nan")
+    if not np.isfinite(length) or length < 1e-9:
+        raise BadInput(
+            "quaternion", expected="four finite numbers (w, x, y, z), not all zero", got=str(q.tolist())
+        )
+    return q / length
+
+
+def rotation_from_quaternion(quaternion: ArrayLike) -> Vector:
+    """Rotation matrix, shape (3, 3), of a quaternion (w, x, y, z)."""
+    w, x, y, z = unit_quaternion(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_from_rotation(rotation: ArrayLike) -> Vector:
+    """Quaternion (w, x, y, z), w >= 0, of a rotation matrix (3, 3); Shepperd's method, stable at any angle."""
+    m = np.asarray(rotation, dtype=np.float64)
+    traces = np.array([m.trace(), 2 * m[0, 0] - m.trace(), 2 * m[1, 1] - m.trace(), 2 * m[2, 2] - m.trace()])
+    largest = int(np.argmax(traces))
+    q = np.array(
+        [
+            [1 + traces[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], 1 + traces[1], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0]],
+            [m[0, 2] - m[2, 0], m[1, 0] + m[0, 1], 1 + traces[2], m[2, 1] + m[1, 2]],
+            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], 1 + traces[3]],
+        ]
+    )[largest]
+    q /= np.linalg.norm(q)
+    return np.asarray(q if q[0] >= 0 else -q)
+
+
+def rotation_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Vector:
+    """Rz(yaw) Ry(pitch) Rx(roll), shape (3, 3): the aerospace order, world_from_body in NED / FRD."""
+    cr, sr = np.cos(roll_rad), np.sin(roll_rad)
+    cp, sp = np.cos(pitch_rad), np.sin(pitch_rad)
+    cy, sy = np.cos(yaw_rad), np.sin(yaw_rad)
+    about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    return np.asarray(about_z @ about_y @ about_x)
+
+
+def slerp(start: ArrayLike, end: ArrayLike, fraction: float) -> Vector:
+    """Quaternion on the shorter great arc from `start` (0) to `end` (1)."""
+    a, b = unit_quaternion(start), unit_quaternion(end)
+    cosine = float(a @ b)
+    if cosine < 0:
+        b, cosine = -b, -cosine
+    if cosine > 0.9995:
+        return unit_quaternion(a + fraction * (b - a))
+    angle = np.arccos(cosine)
+    mixed = np.sin((1 - fraction) * angle) * a + np.sin(fraction * angle) * b
+    return np.asarray(mixed / np.sin(angle))
+
+
+def rotation_angle_rad(rotation: ArrayLike) -> float:
+    """Angle of a rotation matrix, 0..pi."""
+    m = np.asarray(rotation, dtype=np.float64)
+    sine = np.linalg.norm([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]]) / 2
+    return float(np.arctan2(sine, (m.trace() - 1) / 2))
