@@ -1,0 +1,56 @@
+"""The knobs of the Still Box generator. A dataset is (config, seed)."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Range = tuple[float, float]
+SET_VERSION = "2"
+
+
+class StillBoxConfig(BaseModel):
+    """How scenes are drawn; the defaults follow the original set (texture ratio 0.5, 1 m/s, 0.1 s, 90 degrees)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    frames: int = Field(default=10, ge=1, description="frames per scene")
+    speed_m_s: float = Field(default=1.0, gt=0, description="constant speed of the camera")
+    time_step_s: float = Field(default=0.1, gt=0, description="time between two frames")
+    horizontal_fov_deg: float = Field(default=90.0, gt=0, lt=180)
+    meshes: tuple[int, int] = Field(default=(8, 26), description="fewest and most objects")
+    texture_ratio: float = Field(default=0.5, ge=0, le=1, description="share of textured objects and walls")
+    room_half_m: Range = Field(default=(24.0, 74.0), description="half the room's edge, per axis")
+    distance_m: Range = Field(default=(3.6, 44.0), description="camera to object centre, log-uniform")
+    angular_size: Range = Field(default=(0.09, 0.5), description="object radius over its distance")
+    clearance_m: float = Field(default=1.2, ge=0, description="least room between the path and any surface")
+    open_share: float = Field(default=0.0, ge=0, le=1, description="share of scenes in the open, under a sky")
+    lamps: tuple[int, int] = Field(default=(1, 3), description="fewest and most lamps")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> StillBoxConfig:
+        for name in ("meshes", "room_half_m", "distance_m", "angular_size", "lamps"):
+            low, high = getattr(self, name)
+            if not 0 <= low <= high:
+                raise ValueError(f"{name}: expected 0 <= low <= high, got {low}, {high}")
+        if self.room_half_m[0] < self.path_length_m + self.clearance_m:
+            raise ValueError(
+                f"room_half_m: expected at least path + clearance = "
+                f"{self.path_length_m + self.clearance_m:.2f} m, got {self.room_half_m[0]} m"
+            )
+        return self
+
+    @property
+    def step_m(self) -> float:
+        """Displacement between two frames, metres."""
+        return self.speed_m_s * self.time_step_s
+
+    @property
+    def path_length_m(self) -> float:
+        """Displacement from the first frame to the last, metres."""
+        return self.step_m * (self.frames - 1)
+
+    def focal_px(self, width: int) -> float:
+        """Focal length of a picture `width` pixels wide."""
+        return width / 2 / math.tan(math.radians(self.horizontal_fov_deg) / 2)

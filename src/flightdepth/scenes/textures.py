@@ -1,0 +1,96 @@
+"""Textures as mip pyramids in one block of memory, from a folder of images or made by this package."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.errors import BadInput
+from flightdepth.scenes import procedural
+
+EDGE = 512  # texels, a power of two
+LEVELS = EDGE.bit_length()  # 512, 256, ... 1
+PYRAMID_TEXELS = sum((EDGE >> level) ** 2 for level in range(LEVELS))
+IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Textures:
+    """`texels` uint8 [T, PYRAMID_TEXELS, 3] sRGB: for each texture its mip levels, finest first, row by row."""
+
+    texels: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        if self.texels.dtype != np.uint8 or self.texels.shape[1:] != (PYRAMID_TEXELS, 3):
+            raise ValueError(f"texels: expected uint8 [T, {PYRAMID_TEXELS}, 3], got {self.texels.shape}")
+
+    def __len__(self) -> int:
+        return len(self.texels)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the content: what a dataset's config records."""
+        return hashlib.sha256(np.ascontiguousarray(self.texels[:, : EDGE * EDGE]).data).hexdigest()
+
+    @classmethod
+    def from_images(cls, images: Iterable[Image]) -> Textures:
+        """Build the pyramids of square-cropped uint8 RGB images of any size."""
+        pyramids = [_pyramid(_square(image)) for image in images]
+        empty = np.zeros((0, PYRAMID_TEXELS, 3), np.uint8)
+        return cls(np.stack(pyramids) if pyramids else empty)
+
+    @classmethod
+    def procedural(cls, count: int, seed: int) -> Textures:
+        """`count` textures that this package makes itself, the same for the same seed."""
+        return cls.from_images(procedural.texture(seed, number, EDGE) for number in range(count))
+
+    def joined(self, other: Textures) -> Textures:
+        """These textures, then `other`."""
+        return Textures(np.concatenate([self.texels, other.texels]))
+
+
+def textures_from_folder(folder: Path) -> Textures:
+    """Every image below `folder`, in the order of the file names.
+
+    Raises:
+        BadInput: there is no image, or one cannot be read.
+    """
+    paths = sorted(p for p in folder.rglob("*") if p.suffix.lower() in IMAGE_SUFFIXES)
+    if not paths:
+        raise BadInput(f"texture folder {folder}", expected="at least one image", got="none")
+    return Textures.from_images(_read(path) for path in paths)
+
+
+def _read(path: Path) -> Image:
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise BadInput(f"texture {path}", expected="an image that OpenCV can read", got="something else")
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8)
+
+
+def _square(image: Image) -> Image:
+    """The central square, resized to EDGE."""
+    height, width = image.shape[:2]
+    side = min(height, width)
+    y, x = (height - side) // 2, (width - side) // 2
+    crop = image[y : y + side, x : x + side]
+    method = cv2.INTER_AREA if side > EDGE else cv2.INTER_CUBIC
+    return cv2.resize(crop, (EDGE, EDGE), interpolation=method).astype(np.uint8)
+
+
+def _pyramid(image: Image) -> Image:
+    """Mip levels by 2x2 means in linear light, flattened and joined: [PYRAMID_TEXELS, 3]."""
+    levels = [image.reshape(-1, 3)]
+    linear = (image.astype(np.float32) / 255) ** 2.2
+    while linear.shape[0] > 1:
+        linear = (linear[0::2, 0::2] + linear[1::2, 0::2] + linear[0::2, 1::2] + linear[1::2, 1::2]) / 4
+        levels.append(np.rint(linear ** (1 / 2.2) * 255).astype(np.uint8).reshape(-1, 3))
+    return np.concatenate(levels)

@@ -1,0 +1,131 @@
+"""Outdoor scenes: the same for the same seed, clear of the flight, and a flight that obeys its own velocity."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from flightdepth.scenes.outdoor import draw_outdoor, outdoor_flight
+from flightdepth.scenes.outdoor_config import OutdoorConfig
+from flightdepth.scenes.outdoor_textures import VARIANTS, Surface, picture
+from flightdepth.scenes.scene import Shape
+
+CONFIG = OutdoorConfig(frames=30, rate_hz=3.0)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return draw_outdoor(CONFIG, seed=5)
+
+
+# The flight
+
+
+def test_position_is_the_integral_of_the_velocity():
+    flight = outdoor_flight(OutdoorConfig(), seed=1)
+    time_s = np.linspace(0, 10, 20_001)
+    velocity = flight.velocity(time_s)
+    steps = (velocity[1:] + velocity[:-1]) / 2 * np.diff(time_s)[:, None]
+    summed = flight.position(time_s)[0] + np.cumsum(steps, axis=0)
+    assert np.abs(summed - flight.position(time_s)[1:]).max() < 1e-5
+
+
+def test_the_first_leg_is_forward_and_the_second_sideways():
+    flight = outdoor_flight(OutdoorConfig(), seed=1)
+    start, end = flight.velocity(np.array([0.0, 10.0]))
+    assert start == pytest.approx([0, 0, flight.forward_m_s])
+    assert end == pytest.approx([flight.sideways_m_s, 0, 0])
+
+
+def test_the_camera_looks_ahead_and_down():
+    flight = outdoor_flight(OutdoorConfig(), seed=1)
+    ahead = flight.world_from_camera @ (0, 0, 1)
+    assert ahead[1] / ahead[2] == pytest.approx(flight.pitch_down)  # y is down
+
+
+def test_the_orientation_is_a_rotation():
+    turn = outdoor_flight(OutdoorConfig(), seed=1).world_from_camera
+    assert turn @ turn.T == pytest.approx(np.eye(3))
+    assert np.linalg.det(turn) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_speed_and_height_lie_in_their_ranges(seed):
+    flight = outdoor_flight(CONFIG, seed)
+    assert CONFIG.speed_m_s[0] <= flight.forward_m_s <= CONFIG.speed_m_s[1]
+    assert CONFIG.speed_m_s[0] <= abs(flight.sideways_m_s) <= CONFIG.speed_m_s[1]
+    assert CONFIG.height_m[0] <= flight.height_m <= CONFIG.height_m[1]
+
+
+# The scene
+
+
+def test_the_same_seed_gives_the_same_scene(scene):
+    again = draw_outdoor(CONFIG, seed=5)
+    assert (again.world_from_object == scene.world_from_object).all()
+    assert (again.materials.texture == scene.materials.texture).all()
+
+
+def test_another_number_gives_another_scene(scene):
+    other = draw_outdoor(CONFIG, seed=5, number=1)
+    assert not np.array_equal(other.camera_position, scene.camera_position)
+
+
+def test_the_sky_is_open(scene):
+    assert np.isinf(scene.room_half).all()
+
+
+def test_every_texture_exists(scene):
+    assert scene.materials.texture.min() >= 0
+    assert scene.materials.texture.max() < VARIANTS * len(Surface)
+
+
+def distances_m(scene, k):
+    """Sampled distances from the path to the surface of object k, metres."""
+    rng = np.random.default_rng(k)
+    unit = rng.uniform(-1, 1, (400, 3))
+    if scene.shape[k] == Shape.CUBE:
+        side = rng.integers(3, size=400)
+        unit[np.arange(400), side] = rng.choice([-1.0, 1.0], 400)
+    elif scene.shape[k] == Shape.SPHERE:
+        unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    else:
+        angle, z = rng.uniform(0, 2 * np.pi, 400), unit[:, 2]
+        unit = np.stack([np.cos(angle) * (1 - z) / 2, np.sin(angle) * (1 - z) / 2, z], axis=1)
+    pose = scene.world_from_object[k]
+    points = unit @ pose[:, :3].T + pose[:, 3]
+    return np.linalg.norm(points[:, None] - scene.camera_position[None], axis=2)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_path_keeps_clear_of_everything(seed):
+    scene = draw_outdoor(CONFIG, seed)
+    nearest = min(distances_m(scene, k).min() for k in range(len(scene.shape)))
+    assert nearest >= CONFIG.clearance_m
+
+
+def test_bounds_hold_every_object(scene):
+    """The gables and roofs are sheared, which the bounding radius does not expect of its own."""
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1)
+    cubes = scene.shape == Shape.CUBE
+    corners = scene.world_from_object[cubes, :, :3] @ signs
+    reach = np.linalg.norm(corners, axis=1).max(axis=1)
+    assert (reach <= scene.bound_radii_m()[cubes] * (1 + 1e-9)).all()
+
+
+# What is refused
+
+
+@pytest.mark.parametrize("change", [{"speed_m_s": (6, 4)}, {"height_m": (2, 12)}, {"colour": 1}])
+def test_a_config_that_cannot_be(change):
+    with pytest.raises(ValidationError):
+        OutdoorConfig.model_validate(change)
+
+
+# The textures
+
+
+@pytest.mark.parametrize("surface", list(Surface))
+def test_a_surface_has_contrast_and_depends_on_its_stream_only(surface):
+    first, second = (picture(surface, np.random.default_rng(3)) for _ in range(2))
+    assert (first == second).all()
+    assert first.std() > 5

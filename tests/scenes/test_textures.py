@@ -1,0 +1,88 @@
+import cv2
+import numpy as np
+import pytest
+
+from flightdepth.errors import BadInput
+from flightdepth.scenes import Textures, textures_from_folder
+from flightdepth.scenes.procedural import fractal_noise, texture
+from flightdepth.scenes.textures import EDGE, PYRAMID_TEXELS
+
+
+def test_a_pyramid_ends_in_the_mean_light():
+    half = np.zeros((EDGE, EDGE, 3), np.uint8)
+    half[:, : EDGE // 2] = 255
+    last = Textures.from_images([half]).texels[0, -1]
+    np.testing.assert_array_equal(last, round(255 * 0.5 ** (1 / 2.2)))
+
+
+def test_one_colour_stays_on_every_level():
+    texels = Textures.from_images([np.full((40, 30, 3), 77, np.uint8)]).texels
+    assert texels.shape == (1, PYRAMID_TEXELS, 3)
+    assert np.abs(texels.astype(int) - 77).max() <= 1
+
+
+def test_the_central_square_is_taken():
+    wide = np.zeros((100, 300, 3), np.uint8)
+    wide[:, 100:200] = 200
+    assert (Textures.from_images([wide]).texels == 200).mean() > 0.97
+
+
+def test_digest_is_of_the_content():
+    one, two = (Textures.from_images([np.full((9, 9, 3), value, np.uint8)]) for value in (1, 2))
+    assert one.digest != two.digest
+    assert one.digest == Textures.from_images([np.full((9, 9, 3), 1, np.uint8)]).digest
+
+
+def test_joined_textures_keep_their_order():
+    one, two = (Textures.from_images([np.full((9, 9, 3), value, np.uint8)]) for value in (1, 2))
+    assert one.joined(two).texels[:, 0, 0].tolist() == [1, 2]
+
+
+def test_a_folder_is_read_in_the_order_of_names(tmp_path):
+    (tmp_path / "sub").mkdir()
+    for name, value in (("sub/z.png", 30), ("a.png", 10), ("b.jpg", 20)):
+        cv2.imwrite(str(tmp_path / name), np.full((8, 8, 3), (0, 0, value), np.uint8))  # BGR: red
+    texels = textures_from_folder(tmp_path).texels
+    assert texels[:, 0, 0].tolist() == [10, 20, 30]
+    assert texels[0, 0].tolist() == [10, 0, 0]
+
+
+def test_a_folder_without_images_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="at least one image"):
+        textures_from_folder(tmp_path)
+
+
+def test_a_file_that_is_no_image_is_named(tmp_path):
+    (tmp_path / "broken.png").write_bytes(b"no image")
+    with pytest.raises(BadInput, match=r"broken\.png"):
+        textures_from_folder(tmp_path)
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_procedural_texture_is_its_seed_s(number):
+    one = texture(3, number, 64)
+    np.testing.assert_array_equal(one, texture(3, number, 64))
+    assert not np.array_equal(one, texture(4, number, 64))
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_each_kind_has_contrast_and_detail(number):
+    grey = texture(3, number, 128).astype(float).mean(axis=2)
+    assert grey.std() > 4
+    assert np.abs(np.diff(grey, axis=1)).mean() > 1
+
+
+@pytest.mark.parametrize("exponent", [0.7, 1.0, 1.5])
+def test_noise_has_the_spectrum_it_is_asked_for(exponent):
+    noise = fractal_noise(np.random.default_rng(0), 256, exponent)
+    frequency = np.hypot(np.fft.fftfreq(256)[:, None], np.fft.rfftfreq(256)[None, :])
+    amplitude, inner = np.abs(np.fft.rfft2(noise)), (frequency > 0.02) & (frequency < 0.45)
+    slope = np.polyfit(np.log(frequency[inner]), np.log(amplitude[inner]), 1)[0]
+    assert slope == pytest.approx(-exponent, abs=0.05)
+    assert noise.mean() == pytest.approx(0, abs=1e-5)
+    assert noise.std() == pytest.approx(1, rel=1e-4)
+
+
+def test_texels_of_another_shape_are_refused():
+    with pytest.raises(ValueError, match="expected uint8"):
+        Textures(np.zeros((1, 5, 3), np.uint8))
