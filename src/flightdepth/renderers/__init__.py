@@ -1,0 +1,1 @@
+"""Scene and camera poses in, RGB and z-depth out."""
