@@ -1,0 +1,7 @@
+"""The Still Box dataset: a stream of training pairs, augmentation and fixed test sets."""
+
+from flightdepth.stillbox.pairs import Batch, PairRule
+from flightdepth.stillbox.stream import PairStream, Picture
+from flightdepth.stillbox.testset import TestPair, TestSet
+
+__all__ = ["Batch", "PairRule", "PairStream", "Picture", "TestPair", "TestSet"]

@@ -1,0 +1,129 @@
+"""Training pairs without end, rendered while they are used.
+
+A pool of scenes moves along the dataset's scene numbers: `CHUNK` scenes leave and `CHUNK` new ones come each
+time their share of pairs has been drawn. Which scenes stand in the pool, and which pair sample i is, follows
+from (seed, i) alone, so a stream resumed at i goes on exactly as if it had never stopped.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from itertools import chain
+from types import TracebackType
+
+import numpy as np
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.renderers.raycast import Rendered, render
+from flightdepth.scenes import StillBoxConfig, Textures, chance, draw_scene
+from flightdepth.scenes.scene import Scene
+from flightdepth.stillbox.pairs import Batch, Pair, PairRule, make_pair, turned
+from flightdepth.stillbox.photometric import Photometric
+
+CHUNK = 8
+_SCENE, _SAMPLE, _CROP = 1, 2, 3  # what a random stream is for
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A crop of width x height from a square picture of `full_width` pixels: the focal length is the full one's."""
+
+    width: int
+    height: int
+    full_width: int
+
+    def __post_init__(self) -> None:
+        if not (0 < self.width <= self.full_width and 0 < self.height <= self.full_width):
+            raise BadInput(
+                "picture size",
+                expected=f"at most {self.full_width} x {self.full_width}",
+                got=f"{self.width} x {self.height}",
+            )
+
+    def camera(self, config: StillBoxConfig, x: int, y: int) -> Camera:
+        """Camera of the crop whose top-left pixel is (x, y)."""
+        full = Camera.from_fov(self.full_width, self.full_width, config.horizontal_fov_deg)
+        return full.cropped(x, y, self.width, self.height)
+
+
+@dataclass
+class PairStream:
+    """Pairs of a dataset (config, seed). `pairs_per_scene` is a mean; the pool holds `pool_scenes` scenes.
+
+    With `background` the next scenes are rendered while the present ones are used (good with a GPU); without
+    it they are rendered by all threads when their turn comes, so that nothing competes with a CPU that trains.
+    """
+
+    config: StillBoxConfig
+    textures: Textures
+    picture: Picture
+    rule: PairRule
+    seed: int
+    photometric: bool = False
+    pool_scenes: int = 192
+    pairs_per_scene: int = 40
+    threads: int = 2
+    background: bool = False
+    _scenes: dict[int, Future[tuple[Scene, Rendered]]] = field(default_factory=dict, init=False, repr=False)
+    _wanted: range = field(default=range(0), init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.pool_scenes < CHUNK or self.pool_scenes % CHUNK:
+            raise BadInput("pool_scenes", expected=f"a multiple of {CHUNK}", got=str(self.pool_scenes))
+        self._executor = ThreadPoolExecutor(self.threads, thread_name_prefix="render")
+        self._makers = ThreadPoolExecutor(self.threads, thread_name_prefix="pairs")
+        self._effects = Photometric() if self.photometric else None
+
+    def __enter__(self) -> PairStream:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for executor in (self._executor, self._makers):
+            executor.shutdown(wait=True, cancel_futures=True)
+
+    def batch(self, start: int, size: int) -> Batch:
+        """Samples start .. start + size - 1, made by all threads; rendering errors surface here."""
+        drawn = [self._draw(index) for index in range(start, start + size)]
+        share = -(-size // self.threads)
+        shares = (drawn[first : first + share] for first in range(0, size, share))
+        made = self._makers.map(lambda part: [self._make(*each) for each in part], shares)
+        return Batch.of(list(chain.from_iterable(made)))
+
+    def pair(self, index: int) -> Pair:
+        """Sample `index` of the stream."""
+        return self._make(*self._draw(index))
+
+    def _draw(self, index: int) -> tuple[np.random.Generator, Scene, Rendered]:
+        """The sample's randomness and its scene."""
+        rng = chance.stream(self.seed, _SAMPLE, index)
+        pool = self._pool_at(index)
+        return rng, *self._scenes[pool[int(rng.integers(len(pool)))]].result()
+
+    def _make(self, rng: np.random.Generator, scene: Scene, rendered: Rendered) -> Pair:
+        pair = make_pair(scene, rendered, self.rule, *self.rule.draw_frames(rng, scene.frames))
+        square = self.picture.width == self.picture.height
+        turns = int(rng.integers(4)) if square else 2 * int(rng.integers(2))
+        pair = turned(pair, quarter_turns=turns, mirror=bool(rng.integers(2)))
+        return self._effects(rng, pair) if self._effects else pair
+
+    def _pool_at(self, index: int) -> range:
+        """Scene numbers in the pool when sample `index` is drawn; renders what is missing, drops the rest."""
+        first = index // (CHUNK * self.pairs_per_scene) * CHUNK
+        pool = range(first, first + self.pool_scenes)
+        wanted = range(first, pool.stop + CHUNK) if self.background else pool
+        if wanted != self._wanted:
+            known = self._scenes
+            self._scenes = {n: known.get(n) or self._executor.submit(self._render, n) for n in wanted}
+            self._wanted = wanted
+        return pool
+
+    def _render(self, number: int) -> tuple[Scene, Rendered]:
+        rng = chance.stream(self.seed, _CROP, number)
+        x = int(rng.integers(self.picture.full_width - self.picture.width + 1))
+        y = int(rng.integers(self.picture.full_width - self.picture.height + 1))
+        scene = draw_scene(self.config, len(self.textures), self.seed, number)
+        return scene, render(scene, self.textures, self.picture.camera(self.config, x, y))

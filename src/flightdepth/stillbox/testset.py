@@ -1,0 +1,75 @@
+"""The fixed test sets: 300 scenes a resolution, procedural textures only, one nominal pair a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from flightdepth.renderers.raycast import render
+from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
+from flightdepth.scenes.scene import Floats
+from flightdepth.stillbox.pairs import Depth, Image, PairRule
+from flightdepth.stillbox.stream import Picture
+
+SCENES = 300
+SEED = 1702_0_2017  # of the test scenes; training seeds are small numbers
+TEXTURE_SEED, TEXTURES = 7, 96
+
+
+@lru_cache(maxsize=1)
+def test_textures() -> Textures:
+    """The textures of every fixed test set."""
+    return Textures.procedural(TEXTURES, TEXTURE_SEED)
+
+
+@dataclass(frozen=True)
+class TestPair:
+    """One nominal pair; depth_m float32 [H, W] of `current`, not clipped; displacement [3] metres."""
+
+    __test__ = False  # not a test case, whatever its name
+
+    previous: Image
+    current: Image
+    depth_m: Depth
+    displacement: Floats
+    focal_px: float
+
+
+@dataclass(frozen=True)
+class TestSet:
+    """A fixed test set; `textures` other than None replaces the fixed ones (a set of your own, then)."""
+
+    __test__ = False
+
+    picture: Picture
+    rule: PairRule
+    scenes: int = SCENES
+    seed: int = SEED
+    textures: Textures | None = None
+    config: StillBoxConfig = field(default_factory=StillBoxConfig)
+
+    def __len__(self) -> int:
+        return self.scenes
+
+    def __iter__(self) -> Iterator[TestPair]:
+        with ThreadPoolExecutor(2) as executor:
+            yield from executor.map(self.pair, range(self.scenes))
+
+    def pair(self, number: int) -> TestPair:
+        """The pair of scene `number`: frames in the middle of the scene, the nominal shift apart."""
+        textures = test_textures() if self.textures is None else self.textures
+        scene = draw_scene(self.config, len(textures), self.seed, number)
+        shift = self.rule.nominal_shift
+        previous = (self.config.frames - shift) // 2
+        frames = (previous, previous + shift)
+        x = (self.picture.full_width - self.picture.width) // 2
+        y = (self.picture.full_width - self.picture.height) // 2
+        camera = self.picture.camera(self.config, x, y)
+        rendered = render(scene, textures, camera, frames=frames)
+        moved = scene.camera_position[frames[1]] - scene.camera_position[frames[0]]
+        displacement = np.asarray(moved @ scene.world_from_camera[frames[1]])
+        return TestPair(rendered.images[0], rendered.images[1], rendered.depth_m[1], displacement, camera.fx)

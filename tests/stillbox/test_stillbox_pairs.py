@@ -1,0 +1,129 @@
+import itertools
+
+import cv2
+import numpy as np
+import pytest
+
+from flightdepth.camera import Camera
+from flightdepth.renderers.raycast import render
+from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
+from flightdepth.stillbox import Batch, PairRule
+from flightdepth.stillbox.pairs import make_pair, turned
+
+EIGHT = list(itertools.product(range(4), (False, True)))
+CAMERA = Camera.from_fov(64, 64, 90)
+RULE = PairRule()
+
+
+@pytest.fixture(scope="module")
+def flown():
+    """A scene of coarse blots and what is seen of it."""
+    blots = np.random.default_rng(0).integers(20, 236, (4, 12, 12, 3), dtype=np.uint8)
+    textures = Textures.from_images(blots)
+    scene = draw_scene(StillBoxConfig(texture_ratio=1.0, speed_m_s=1.0), 4, 12, 3)
+    return scene, render(scene, textures, CAMERA)
+
+
+def warp_error(pair, displacement, shift) -> float:
+    """Median difference between `current` and `previous` looked up where target and displacement say."""
+    depth_m = pair.target_m * abs(shift) / RULE.nominal_shift
+    points = CAMERA.rays() * depth_m[..., None] + displacement
+    column = (points[..., 0] / points[..., 2] * CAMERA.fx + CAMERA.cx).astype(np.float32)
+    row = (points[..., 1] / points[..., 2] * CAMERA.fy + CAMERA.cy).astype(np.float32)
+    inside = (column >= 0) & (column <= 63) & (row >= 0) & (row <= 63) & (pair.target_m < 100)
+    there = cv2.remap(pair.previous.astype(np.float32), column, row, cv2.INTER_LINEAR)
+    return float(np.median(np.abs(there - pair.current)[inside]))
+
+
+@pytest.mark.parametrize(("quarter_turns", "mirror"), EIGHT)
+@pytest.mark.parametrize(("previous", "current"), [(1, 7), (8, 2)])
+def test_target_and_displacement_explain_the_pictures_however_they_are_turned(
+    flown, quarter_turns, mirror, previous, current
+):
+    pair = turned(make_pair(*flown, RULE, previous, current), quarter_turns=quarter_turns, mirror=mirror)
+    error = warp_error(pair, pair.displacement, current - previous)
+    others = [turned(pair, quarter_turns=q, mirror=m).displacement for q, m in EIGHT[1:]]
+    assert error < 0.6 * min(warp_error(pair, other, current - previous) for other in others)
+
+
+@pytest.mark.parametrize(("quarter_turns", "mirror"), EIGHT)
+def test_turning_keeps_length_and_forward_part(flown, quarter_turns, mirror):
+    pair = make_pair(*flown, RULE, 0, 3)
+    seen = turned(pair, quarter_turns=quarter_turns, mirror=mirror).displacement
+    assert np.linalg.norm(seen) == pytest.approx(0.3)
+    assert seen[2] == pair.displacement[2]
+
+
+def test_four_quarter_turns_are_none(flown):
+    pair = make_pair(*flown, RULE, 0, 3)
+    again = pair
+    for _ in range(4):
+        again = turned(again, quarter_turns=1, mirror=False)
+    np.testing.assert_array_equal(again.current, pair.current)
+    np.testing.assert_array_equal(again.displacement, pair.displacement)
+
+
+def test_two_mirrors_are_none(flown):
+    pair = make_pair(*flown, RULE, 0, 3)
+    twice = turned(turned(pair, quarter_turns=0, mirror=True), quarter_turns=0, mirror=True)
+    np.testing.assert_array_equal(twice.previous, pair.previous)
+    np.testing.assert_array_equal(twice.displacement, pair.displacement)
+
+
+def test_a_point_moves_by_the_displacement(flown):
+    scene, _ = flown
+    pair = make_pair(*flown, RULE, 2, 6)
+    point = np.array([1.0, 2.0, 9.0])
+    in_previous, in_current = point - scene.camera_position[2], point - scene.camera_position[6]
+    np.testing.assert_allclose(in_previous, in_current + pair.displacement)
+
+
+def test_swapped_frames_negate_the_displacement(flown):
+    there, back = make_pair(*flown, RULE, 2, 6), make_pair(*flown, RULE, 6, 2)
+    np.testing.assert_array_equal(there.displacement, -back.displacement)
+    np.testing.assert_array_equal(there.previous, back.current)
+
+
+@pytest.mark.parametrize(("shift", "factor"), [(3, 1), (-3, 1), (1, 3), (6, 0.5), (-2, 1.5)])
+def test_the_target_is_the_depth_at_the_nominal_shift(shift, factor):
+    depth_m = np.array([[0.5, 8, 21]], np.float32)
+    np.testing.assert_allclose(RULE.target_m(depth_m, shift), depth_m * factor)
+
+
+def test_the_target_is_clipped():
+    depth_m = np.array([[5.0, 40.0, 300.0, np.inf]], np.float32)
+    rule = PairRule(nominal_shift=5, depth_min_m=10, depth_max_m=60)
+    np.testing.assert_array_equal(rule.target_m(depth_m, 5), [[10, 40, 60, 60]])
+
+
+@pytest.mark.parametrize(("rule", "farthest"), [(PairRule(), 100), (PairRule(5, 10, 60), 60)])
+def test_without_a_shift_all_is_farthest(rule, farthest):
+    assert (rule.target_m(np.ones((2, 3), np.float32), 0) == farthest).all()
+
+
+def test_shifts_follow_the_paper_s_law():
+    rng = np.random.default_rng(0)
+    frames = np.array([RULE.draw_frames(rng, 10) for _ in range(12000)])
+    shift = frames[:, 1] - frames[:, 0]
+    assert frames.min() == 0
+    assert frames.max() == 9
+    # round(6 u): 1/12 each for 0 and 6, 1/6 each between; either order half the time.
+    shares = np.bincount(np.abs(shift), minlength=7) / 12000
+    np.testing.assert_allclose(shares, [1 / 12, *[1 / 6] * 5, 1 / 12], atol=0.015)
+    assert (shift > 0).sum() / (shift != 0).sum() == pytest.approx(0.5, abs=0.02)
+
+
+def test_shifts_stay_within_a_short_scene():
+    rng = np.random.default_rng(0)
+    frames = np.array([PairRule(5).draw_frames(rng, 4) for _ in range(300)])
+    assert np.abs(frames[:, 1] - frames[:, 0]).max() == 3
+
+
+def test_a_batch_joins_the_two_images(flown):
+    pairs = [make_pair(*flown, RULE, 0, 3), make_pair(*flown, RULE, 5, 4)]
+    batch = Batch.of(pairs)
+    assert batch.pairs.shape == (2, 64, 64, 6)
+    np.testing.assert_array_equal(batch.pairs[1, ..., :3], pairs[1].previous)
+    np.testing.assert_array_equal(batch.pairs[1, ..., 3:], pairs[1].current)
+    np.testing.assert_array_equal(batch.target_m[0], pairs[0].target_m)
+    np.testing.assert_array_equal(batch.displacement[1], pairs[1].displacement)
