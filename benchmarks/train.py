@@ -1,0 +1,105 @@
+"""Training speed with rendering included and with data ready in memory: `python benchmarks/train.py [--json FILE]`.
+
+Each round trains on as many pairs as one exchange of scenes in the pool pays for, first rendered as in a
+real run, then from batches that are ready; figures are medians over rounds, so both see the same machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import math
+import os
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import torch
+
+from flightdepth.evaluation.provenance import source_commit
+from flightdepth.renderers.raycast import VERSION
+from flightdepth.runtimes.onnx_openvino import cpu_name
+from flightdepth.scenes import Textures
+from flightdepth.stillbox import Batch, PairStream
+from flightdepth.stillbox.stream import CHUNK
+from flightdepth.training import Recipe, Stage, load_recipe
+from flightdepth.training.loop import Learner
+
+POOL_SCENES = 4 * CHUNK  # filled before the clock starts; scenes a pair do not depend on it
+READY = 8  # batches kept in memory
+
+
+def measured(recipe: Recipe, stage: Stage, textures: Textures, rounds: int, threads: int) -> dict[str, float]:
+    """Samples per second of one stage, both ways."""
+    learner = Learner(recipe)
+    learner.prepare()
+    stream = PairStream(
+        recipe.scenes,
+        textures,
+        stage.picture,
+        recipe.rule,
+        seed=1,
+        photometric=stage.photometric,
+        pool_scenes=POOL_SCENES,
+        threads=threads,
+    )
+    per_round = math.lcm(CHUNK * stream.pairs_per_scene, stage.batch)
+    rates: dict[str, list[float]] = {"rendered": [], "ready": []}
+    with stream:
+        starts = itertools.count(0, stage.batch)
+        ready = itertools.cycle([stream.batch(next(starts), stage.batch) for _ in range(READY)])
+
+        def rate(batches: Iterator[Batch]) -> float:
+            return per_round / seconds(lambda: train_on(learner, stage, batches, per_round))
+
+        train_on(learner, stage, ready, 3 * stage.batch)
+        for _ in range(rounds):
+            rates["rendered"].append(rate(stream.batch(start, stage.batch) for start in starts))
+            rates["ready"].append(rate(ready))
+    found = {name: statistics.median(values) for name, values in rates.items()}
+    return found | {"ratio": found["rendered"] / found["ready"]}
+
+
+def train_on(learner: Learner, stage: Stage, batches: Iterator[Batch], samples: int) -> None:
+    for batch in itertools.islice(batches, samples // stage.batch):
+        learner.step(batch, stage, stage.samples // 2)
+
+
+def seconds(work: Callable[[], None]) -> float:
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--recipes", nargs="+", default=["depthnet-256", "tiny-clamped-256"])
+    parser.add_argument("--stages", nargs="+", default=["64", "256"])
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    threads = os.cpu_count() or 1
+    torch.set_num_threads(threads)
+    textures = Textures.procedural(32, 1)
+    print(f"PyTorch {torch.__version__}, {VERSION}, {threads} cores of {cpu_name()}")
+    print(f"{'recipe':18s} {'px':>4s}  {'rendered':>9s}  {'ready':>9s} samples/s  {'ratio':>6s}")
+    rows = []
+    for name in options.recipes:
+        recipe = load_recipe(name)
+        for stage in (s for s in recipe.stages if s.name in options.stages):
+            row = measured(recipe, stage, textures, options.rounds, threads)
+            print(
+                f"{name:18s} {stage.width:4d}  {row['rendered']:9.1f}  {row['ready']:9.1f} {row['ratio']:17.1%}",
+                flush=True,
+            )
+            rows.append({"recipe": name, "stage": stage.name, "batch": stage.batch} | row)
+    if options.json:
+        facts = {"cpu": cpu_name(), "threads": threads, "torch": torch.__version__, "renderer": VERSION}
+        facts |= {"commit": source_commit(), "rounds": options.rounds}
+        options.json.write_text(json.dumps(facts | {"rows": rows}, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""DepthNet (Pinard et al. 2017, figure 5): an encoder, a decoder with skips, and depth at five scales.
+
+The names of the layers follow the authors' public PyTorch code, so state dicts move both ways. Two slips in
+the figure are mended: the last two upsampled depths are at 1/8 and 1/4, and Conv2 joins Deconv2.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+Activation = Literal["elu+1", "none"]
+BATCH_NORM_EPS = 1e-3
+
+
+def conv(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
+    """3x3 convolution, batch norm, ReLU."""
+    return nn.Sequential(
+        nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False),
+        nn.BatchNorm2d(outputs, eps=BATCH_NORM_EPS),
+        nn.ReLU(inplace=True),
+    )
+
+
+def deconv(inputs: int, outputs: int) -> nn.Sequential:
+    """4x4 transposed convolution that doubles the size, 3x3 convolution, batch norm, ReLU."""
+    return nn.Sequential(
+        nn.ConvTranspose2d(inputs, outputs, 4, 2, 1),
+        nn.Conv2d(outputs, outputs, 3, 1, 1, bias=False),
+        nn.BatchNorm2d(outputs, eps=BATCH_NORM_EPS),
+        nn.ReLU(inplace=True),
+    )
+
+
+def predict_depth(inputs: int) -> nn.Conv2d:
+    """3x3 convolution to one channel: depth in metres before the activation."""
+    return nn.Conv2d(inputs, 1, 3, 1, 1)
+
+
+def double_depth() -> nn.ConvTranspose2d:
+    """Learned upsampling of a depth map to twice its size."""
+    return nn.ConvTranspose2d(1, 1, 4, 2, 1, bias=False)
+
+
+class DepthNet(nn.Module):
+    """Images to depth. `base_width` 32 is the paper's network (10.3 M parameters), 16 the tiny one (2.6 M)."""
+
+    def __init__(self, base_width: int = 32, activation: Activation = "elu+1") -> None:
+        super().__init__()
+        self.activation = activation
+        w = base_width
+        self.conv1 = conv(6, w, 2)
+        self.conv2 = conv(w, 2 * w, 2)
+        self.conv3 = conv(2 * w, 4 * w, 2)
+        self.conv3_1 = conv(4 * w, 4 * w)
+        self.conv4 = conv(4 * w, 8 * w, 2)
+        self.conv4_1 = conv(8 * w, 8 * w)
+        self.conv5 = conv(8 * w, 8 * w, 2)
+        self.conv5_1 = conv(8 * w, 8 * w)
+        self.conv6 = conv(8 * w, 16 * w, 2)
+        self.conv6_1 = conv(16 * w, 16 * w)
+        self.deconv5 = deconv(16 * w, 8 * w)
+        self.deconv4 = deconv(16 * w + 1, 4 * w)
+        self.deconv3 = deconv(12 * w + 1, 2 * w)
+        self.deconv2 = deconv(6 * w + 1, w)
+        self.predict_depth6 = predict_depth(16 * w)
+        self.predict_depth5 = predict_depth(16 * w + 1)
+        self.predict_depth4 = predict_depth(12 * w + 1)
+        self.predict_depth3 = predict_depth(6 * w + 1)
+        self.predict_depth2 = predict_depth(3 * w + 1)
+        self.upsampled_depth6_to_5 = double_depth()
+        self.upsampled_depth5_to_4 = double_depth()
+        self.upsampled_depth4_to_3 = double_depth()
+        self.upsampled_depth3_to_2 = double_depth()
+        self._initialise()
+
+    def forward(self, images: Tensor) -> list[Tensor]:
+        """Normalised images [B, 6, H, W] to depth in metres at D0, finest first.
+
+        [B, H/4, W/4], [B, H/8, W/8] ... [B, H/64, W/64]; H and W are multiples of 64.
+        """
+        skip2 = self.conv2(self.conv1(images))
+        skip3 = self.conv3_1(self.conv3(skip2))
+        skip4 = self.conv4_1(self.conv4(skip3))
+        skip5 = self.conv5_1(self.conv5(skip4))
+        features = self.conv6_1(self.conv6(skip5))
+        raw = [self.predict_depth6(features)]
+        for skip, up, double, predict in (
+            (skip5, self.deconv5, self.upsampled_depth6_to_5, self.predict_depth5),
+            (skip4, self.deconv4, self.upsampled_depth5_to_4, self.predict_depth4),
+            (skip3, self.deconv3, self.upsampled_depth4_to_3, self.predict_depth3),
+            (skip2, self.deconv2, self.upsampled_depth3_to_2, self.predict_depth2),
+        ):
+            features = torch.cat((skip, up(features), double(raw[-1])), dim=1)
+            raw.append(predict(features))
+        return [self._activated(depth) for depth in reversed(raw)]
+
+    def _activated(self, raw: Tensor) -> Tensor:
+        depth = raw[:, 0].float()
+        return functional.elu(depth) + 1 if self.activation == "elu+1" else depth
+
+    def _initialise(self) -> None:
+        """He's normal initialisation by fan-out, as in the authors' code."""
+        for module in self.modules():
+            if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
+                fan_out = module.kernel_size[0] * module.kernel_size[1] * module.out_channels
+                nn.init.normal_(module.weight, 0.0, (2 / fan_out) ** 0.5)
+                if module.bias is not None:
+                    nn.init.zeros_(module.bias)

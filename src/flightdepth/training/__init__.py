@@ -1,0 +1,5 @@
+"""Training: recipes, loss, loop, checkpoints and export."""
+
+from flightdepth.training.recipe import Recipe, Stage, load_recipe, recipe_names
+
+__all__ = ["Recipe", "Stage", "load_recipe", "recipe_names"]

@@ -1,0 +1,81 @@
+"""Checkpoints: everything a run needs to go on as if it had not stopped, as safetensors, never a pickle."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor, nn, optim
+
+from flightdepth.errors import BadInput
+from flightdepth.files import write_atomic
+
+_STATE = ("step", "exp_avg", "exp_avg_sq")  # of AdamW, for each parameter
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a run stands: `sample` pairs of stage number `stage` are done, `seen` in all stages."""
+
+    recipe: str
+    digest: str
+    stage: int
+    sample: int
+    seen: int
+    loss_m: float
+
+
+def save_checkpoint(
+    path: Path, progress: Progress, network: nn.Module, averaged: nn.Module, optimizer: optim.Optimizer
+) -> None:
+    """Write atomically: a kill leaves the previous checkpoint or this one."""
+    tensors = {f"network.{k}": v for k, v in network.state_dict().items()}
+    tensors |= {f"averaged.{k}": v for k, v in averaged.state_dict().items()}
+    for name, parameter in network.named_parameters():
+        for key, value in optimizer.state.get(parameter, {}).items():
+            tensors[f"optimizer.{name}.{key}"] = torch.as_tensor(value)
+    contiguous = {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
+    write_atomic(path, save(contiguous, metadata={"progress": json.dumps(asdict(progress))}))
+
+
+def read_progress(path: Path) -> Progress:
+    """Where the run of a checkpoint stands.
+
+    Raises:
+        BadInput: the file is not a checkpoint of this package.
+    """
+    try:
+        with safe_open(str(path), "pt") as file:
+            return Progress(**json.loads(file.metadata()["progress"]))
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
+        raise BadInput(
+            f"checkpoint {path}", expected="a checkpoint of flightdepth train", got=str(error)
+        ) from error
+
+
+def read_weights(path: Path, part: str) -> dict[str, Tensor]:
+    """State dict of `part` ("network" or "averaged")."""
+    with safe_open(str(path), "pt") as file:
+        keys = [key for key in file.keys() if key.startswith(f"{part}.")]  # noqa: SIM118 (no mapping)
+        return {key.removeprefix(f"{part}."): file.get_tensor(key) for key in keys}
+
+
+def read_optimizer(path: Path, network: nn.Module, optimizer: optim.Optimizer) -> None:
+    """Put the optimizer's state back, parameter by parameter."""
+    with safe_open(str(path), "pt") as file:
+        keys = set(file.keys())
+        for name, parameter in network.named_parameters():
+            stored = {s: f"optimizer.{name}.{s}" for s in _STATE}
+            if keys.issuperset(stored.values()):
+                optimizer.state[parameter] = {
+                    s: _laid_out_like(parameter, file.get_tensor(key)) for s, key in stored.items()
+                }
+
+
+def _laid_out_like(parameter: Tensor, value: Tensor) -> Tensor:
+    """Moments with the parameter's memory layout: fused AdamW walks through both side by side."""
+    return torch.empty_like(parameter).copy_(value) if value.shape == parameter.shape else value

@@ -1,0 +1,145 @@
+"""A trained network as one ONNX file, and back.
+
+The file keeps batch norm apart and the state dict's keys as names of its initialisers, so that the training
+side can read it back; weights may be stored in half precision, with a cast in front of their use.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import onnx
+import torch
+from onnx import helper, numpy_helper
+from torch import Tensor, nn
+
+from flightdepth.architectures import DepthNet
+from flightdepth.errors import BadInput
+from flightdepth.training.pictures import normalised
+from flightdepth.training.recipe import Recipe
+
+OPSET = 18
+HALF = ".half"  # suffix of an initialiser stored in half precision
+
+
+class Deployed(nn.Module):
+    """What a runtime sees: `pairs` uint8 [n, H, W, 6] to `depth_m` float32 [n, H/4, W/4], metres at D0, clipped."""
+
+    def __init__(self, network: DepthNet, depth_min_m: float, depth_max_m: float) -> None:
+        super().__init__()
+        self.network = network
+        self.range_m = (depth_min_m, depth_max_m)
+
+    def forward(self, pairs: Tensor) -> Tensor:
+        """Normalise, predict, keep the finest scale, clip."""
+        finest: Tensor = self.network(normalised(pairs))[0]
+        return finest.clamp(*self.range_m)
+
+
+def deployed(recipe: Recipe, weights: dict[str, Tensor]) -> Deployed:
+    """The network of a recipe with these weights, in evaluation mode."""
+    network = DepthNet(recipe.base_width, recipe.activation)
+    network.load_state_dict(weights)
+    return Deployed(network, recipe.depth_min_m, recipe.depth_max_m).eval()
+
+
+def to_onnx(model: Deployed) -> bytes:
+    """Serialise; batch, height and width stay free (height and width multiples of 64)."""
+    sizes = {0: torch.export.Dim.DYNAMIC, 1: torch.export.Dim.DYNAMIC, 2: torch.export.Dim.DYNAMIC}
+    example = torch.zeros((2, 128, 192, 6), dtype=torch.uint8)
+    with _quiet_exporter():
+        program = torch.onnx.export(
+            model,
+            (example,),
+            input_names=["pairs"],
+            output_names=["depth_m"],
+            dynamic_shapes=(sizes,),
+            opset_version=OPSET,
+            dynamo=True,
+            optimize=False,
+            verbose=False,
+        )
+    assert program is not None
+    graph = program.model_proto
+    _strip_names(graph)
+    _strip_origins(graph)
+    exact = bytes(graph.SerializeToString())
+    onnx.checker.check_model(exact)
+    return exact
+
+
+def in_half_precision(exact: bytes) -> bytes:
+    """The same ONNX file with its kernels stored in float16, each cast to float32 once, when it is loaded."""
+    graph = onnx.load_model_from_string(exact)
+    _store_half(graph)
+    onnx.checker.check_model(graph)
+    return bytes(graph.SerializeToString())
+
+
+def weights_of(onnx_bytes: bytes) -> dict[str, Tensor]:
+    """State dict in an exported file, float32.
+
+    Raises:
+        BadInput: the file holds no weights under the names of a state dict.
+    """
+    graph = onnx.load_model_from_string(onnx_bytes).graph
+    arrays = {i.name.removesuffix(HALF): numpy_helper.to_array(i) for i in graph.initializer}
+    keys = DepthNet(1).state_dict().keys()
+    found = {k: torch.from_numpy(arrays[k].copy()) for k in keys if k in arrays}
+    if not found:
+        raise BadInput("weights", expected="an ONNX file that flightdepth export wrote", got="other names")
+    for key in keys - found.keys():  # counters of batch norm: not needed for inference, not exported
+        found[key] = torch.zeros((), dtype=torch.int64)
+    return {k: v.float() if v.is_floating_point() else v for k, v in found.items()}
+
+
+@contextmanager
+def _quiet_exporter() -> Iterator[None]:
+    """Without two notices of PyTorch's exporter about itself: operators of torchvision, its own old names."""
+    registration = logging.getLogger("torch.onnx._internal.exporter._registration")
+    level = registration.level
+    registration.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", r"`isinstance\(treespec, LeafSpec\)`", FutureWarning)
+            yield
+    finally:
+        registration.setLevel(level)
+
+
+def _strip_names(model: onnx.ModelProto) -> None:
+    """Drop the wrapper's prefix from the initialisers' names, wherever they are used."""
+    prefix = "network."
+    renamed = {i.name: i.name.removeprefix(prefix) for i in model.graph.initializer}
+    for initialiser in model.graph.initializer:
+        initialiser.name = renamed[initialiser.name]
+    for node in model.graph.node:
+        node.input[:] = [renamed.get(name, name) for name in node.input]
+    for value in model.graph.value_info:
+        value.name = renamed.get(value.name, value.name)
+
+
+def _strip_origins(model: onnx.ModelProto) -> None:
+    """Drop what the exporter notes beside each node: stack traces with the paths of this machine."""
+    del model.metadata_props[:], model.graph.metadata_props[:]
+    for part in (*model.graph.node, *model.graph.value_info, *model.graph.input, *model.graph.output):
+        del part.metadata_props[:]
+        part.doc_string = ""
+
+
+def _store_half(model: onnx.ModelProto) -> None:
+    casts = []
+    for initialiser in model.graph.initializer:
+        array = numpy_helper.to_array(initialiser)
+        if array.dtype != np.float32 or array.ndim < 2:
+            continue
+        name = initialiser.name
+        initialiser.CopyFrom(numpy_helper.from_array(array.astype(np.float16), name + HALF))
+        casts.append(helper.make_node("Cast", [name + HALF], [name], to=onnx.TensorProto.FLOAT))
+    nodes = [*casts, *model.graph.node]
+    del model.graph.node[:]
+    model.graph.node.extend(nodes)

@@ -1,0 +1,121 @@
+"""Recipes: small TOML files that say which network is trained on what, stage by stage."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from flightdepth.errors import BadInput
+from flightdepth.scenes import StillBoxConfig
+from flightdepth.stillbox import PairRule, Picture
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Stage(_Strict):
+    """One stage of the curriculum: crops of `width` x `height` from pictures `full_width` pixels wide."""
+
+    name: str
+    full_width: int = Field(gt=0)
+    width: int = Field(gt=0, multiple_of=64)
+    height: int = Field(gt=0, multiple_of=64)
+    samples: int = Field(gt=0, description="pairs")
+    batch: int = Field(gt=0)
+    learning_rate: float = Field(gt=0, description="peak, after the warm-up")
+    photometric: bool = False
+    open_share: float = Field(default=0.0, ge=0, le=1, description="share of scenes in the open, under a sky")
+
+    @property
+    def picture(self) -> Picture:
+        """The stage's crop."""
+        return Picture(self.width, self.height, self.full_width)
+
+
+class Recipe(_Strict):
+    """A network and its curriculum."""
+
+    name: str
+    base_width: int = Field(gt=0)
+    activation: Literal["elu+1", "none"]
+    nominal_shift: int = Field(gt=0)
+    depth_min_m: float = Field(ge=0)
+    depth_max_m: float = Field(gt=0)
+    loss: Literal["l1", "saturating-l1"]
+    weight_decay: float = Field(ge=0)
+    ema_decay: float = Field(ge=0, lt=1)
+    warmup_samples: int = Field(ge=0)
+    floor: float = Field(ge=0, le=1, description="learning rate at the end of a stage, share of the peak")
+    seed: int
+    starts_from: str | None = Field(default=None, description="recipe whose last checkpoint is taken over")
+    scenes: StillBoxConfig = StillBoxConfig()
+    stages: tuple[Stage, ...] = Field(min_length=1)
+
+    @property
+    def rule(self) -> PairRule:
+        """How pairs are drawn and clipped."""
+        return PairRule(self.nominal_shift, self.depth_min_m, self.depth_max_m)
+
+    @property
+    def samples(self) -> int:
+        """Pairs of all stages."""
+        return sum(stage.samples for stage in self.stages)
+
+    @property
+    def digest(self) -> str:
+        """Short hash of everything in the recipe; a checkpoint of another recipe is not resumed."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
+
+    def scaled_to(self, samples: int) -> Recipe:
+        """The same curriculum with `samples` pairs in all, whole batches, at least one a stage."""
+        share = samples / self.samples
+        stages = tuple(
+            stage.model_copy(
+                update={"samples": max(1, round(stage.samples * share / stage.batch)) * stage.batch}
+            )
+            for stage in self.stages
+        )
+        warmup = round(self.warmup_samples * min(share, 1.0))
+        return self.model_copy(update={"stages": stages, "warmup_samples": warmup})
+
+
+def recipe_names() -> list[str]:
+    """Recipes that ship with the package."""
+    folder = resources.files("flightdepth.training") / "recipes"
+    return sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
+
+
+def load_recipe(name_or_path: str) -> Recipe:
+    """Read a shipped recipe by its name, or a file.
+
+    Raises:
+        BadInput: unknown name, no such file, or a key or value that does not fit.
+    """
+    data = _recipe_bytes(name_or_path)
+    try:
+        return Recipe.model_validate(tomllib.loads(data.decode()))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadInput(f"recipe {name_or_path}", expected="TOML", got=str(error)) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise BadInput(
+            f"recipe {name_or_path}, {where}", expected=first["msg"], got=str(first["input"])
+        ) from error
+
+
+def _recipe_bytes(name_or_path: str) -> bytes:
+    path = Path(name_or_path)
+    if path.suffix == ".toml":
+        if not path.is_file():
+            raise BadInput(f"recipe {path}", expected="a TOML file", got="no such file")
+        return path.read_bytes()
+    if name_or_path in recipe_names():
+        return (resources.files("flightdepth.training") / "recipes" / f"{name_or_path}.toml").read_bytes()
+    raise BadInput("recipe", expected=f"a .toml file or one of {', '.join(recipe_names())}", got=name_or_path)

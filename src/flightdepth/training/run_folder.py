@@ -1,0 +1,104 @@
+"""The folder of a training run: recipe and textures as JSON, the last checkpoint, one per finished stage."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from flightdepth.errors import BadInput
+from flightdepth.files import write_json
+from flightdepth.scenes import Textures
+from flightdepth.training.checkpoint import Progress, read_progress
+from flightdepth.training.recipe import Recipe, Stage
+
+CHECKPOINT, RECIPE, TEXTURES = "checkpoint.safetensors", "recipe.json", "textures.json"
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A checkpoint and the recipe that it follows.
+
+    `parent` is the run that it started from, where that still lies beside it.
+    """
+
+    checkpoint: Path
+    recipe: Recipe
+    progress: Progress
+    parent: Trained | None
+
+    @property
+    def stages(self) -> tuple[tuple[Stage, int], ...]:
+        """Each stage that was begun, the parent's first, with the pairs seen in it."""
+        before = self.parent.stages if self.parent else ()
+        return before + tuple(
+            (stage, seen)
+            for number, stage in enumerate(self.recipe.stages)
+            if (seen := self._seen(number, stage))
+        )
+
+    def _seen(self, number: int, stage: Stage) -> int:
+        if number == self.progress.stage:
+            return self.progress.sample
+        whole_batches = math.ceil(stage.samples / stage.batch) * stage.batch
+        return whole_batches if number < self.progress.stage else 0
+
+
+def read_trained(folder_or_checkpoint: Path) -> Trained:
+    """A run's folder, meaning its latest checkpoint, or one of the checkpoints in it.
+
+    Raises:
+        BadInput: no checkpoint, no recipe beside it, or the two do not belong together.
+    """
+    path = folder_or_checkpoint
+    checkpoint = path / CHECKPOINT if path.is_dir() else path
+    progress = read_progress(checkpoint)
+    recipe = read_recipe(checkpoint.parent / RECIPE)
+    if progress.digest != recipe.digest:
+        raise BadInput(
+            f"checkpoint {checkpoint}",
+            expected=f"recipe {recipe.name} ({recipe.digest}) as in {RECIPE} beside it",
+            got=f"{progress.recipe} ({progress.digest})",
+        )
+    return Trained(checkpoint, recipe, progress, _parent(checkpoint, recipe))
+
+
+def read_recipe(path: Path) -> Recipe:
+    """The recipe that a run wrote down."""
+    try:
+        return Recipe.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise BadInput(f"recipe {path}", expected="a readable file", got=str(error.strerror)) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "the file"
+        raise BadInput(f"recipe {path}", expected=f"a valid {where}", got=first["msg"]) from error
+
+
+def keep_textures(folder: Path, textures: Textures) -> None:
+    """Write down what the scenes of a run wear; a run resumed in other clothes would not be the same run.
+
+    Raises:
+        BadInput: the run was begun with other textures.
+    """
+    path = folder / TEXTURES
+    worn = {"count": str(len(textures)), "sha256": textures.digest}
+    before: dict[str, str] = json.loads(path.read_bytes()) if path.exists() else worn
+    if before != worn:
+        raise BadInput(
+            f"textures of run {folder}",
+            expected=f"the {before['count']} that it began with ({before['sha256'][:16]})",
+            got=f"{worn['count']} ({worn['sha256'][:16]})",
+            mend="Give the same --textures and --procedural, or train elsewhere: --runs DIR.",
+        )
+    write_json(path, worn)
+
+
+def _parent(checkpoint: Path, recipe: Recipe) -> Trained | None:
+    if recipe.starts_from is None:
+        return None
+    folder = checkpoint.parent.parent / recipe.starts_from
+    return read_trained(folder) if (folder / CHECKPOINT).exists() else None

@@ -1,0 +1,115 @@
+"""An exported network: the same depth in PyTorch, OpenVINO and ONNX Runtime, and weights that come back."""
+
+from typing import NamedTuple
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from torch import nn
+
+from flightdepth.architectures import DepthNet
+from flightdepth.errors import BadInput
+from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
+from flightdepth.runtimes.onnx_ort import OnnxRuntime
+from flightdepth.training.export import Deployed, in_half_precision, to_onnx, weights_of
+
+BASE_WIDTH = 8
+RANGE_M = (10.0, 60.0)
+BATCH_NORMS = 10 + 4  # convolutions and transposed convolutions of the paper's figure
+
+
+class Exported(NamedTuple):
+    weights: dict
+    exact: bytes
+    half: bytes
+
+
+@pytest.fixture(scope="module")
+def exported():
+    """A random network whose batch norms do something and whose depths fill its range and leave it a little."""
+    generator = torch.manual_seed(4)
+    network = DepthNet(BASE_WIDTH, "none")
+    for module in network.modules():
+        if isinstance(module, nn.BatchNorm2d):
+            for values, low, high in (
+                (module.weight.data, 0.7, 1.3),
+                (module.bias.data, -0.3, 0.3),
+                (module.running_mean, -0.3, 0.3),
+                (module.running_var, 0.7, 1.3),
+            ):
+                values.uniform_(low, high, generator=generator)
+    network.predict_depth2.weight.data *= 3
+    network.predict_depth2.bias.data.fill_(35)
+    exact = to_onnx(Deployed(network, *RANGE_M).eval())
+    return Exported(network.state_dict(), exact, in_half_precision(exact))
+
+
+def pairs(n=2, height=64, width=64):
+    return np.random.default_rng(n * height + width).integers(0, 256, (n, height, width, 6), dtype=np.uint8)
+
+
+def in_pytorch(weights, batch):
+    network = DepthNet(BASE_WIDTH, "none")
+    network.load_state_dict(weights)
+    with torch.no_grad():
+        return Deployed(network, *RANGE_M).eval()(torch.from_numpy(batch)).numpy()
+
+
+def test_the_random_network_has_depths_to_compare(exported):
+    depth_m = in_pytorch(exported.weights, pairs())
+    inside = (depth_m > RANGE_M[0]) & (depth_m < RANGE_M[1])
+    assert inside.mean() > 0.5
+    assert depth_m[inside].std() > 5
+
+
+@pytest.mark.parametrize("runtime", [OpenVinoRuntime, OnnxRuntime])
+@pytest.mark.parametrize("shape", [(1, 64, 64), (2, 192, 320), (4, 128, 128), (3, 256, 256)])
+@pytest.mark.parametrize("storage", ["exact", "half"])
+def test_a_runtime_agrees_with_pytorch(exported, runtime, shape, storage):
+    file, batch, (n, height, width) = getattr(exported, storage), pairs(*shape), shape
+    expected = in_pytorch(weights_of(file), batch)
+    found = runtime(file)(batch)
+    assert found.shape == expected.shape == (n, height // 4, width // 4)
+    assert (np.abs(found - expected) / expected).max() < 1e-3
+
+
+def test_weights_come_back(exported):
+    found = weights_of(exported.exact)
+    assert found.keys() == exported.weights.keys()
+    trained = {key: value for key, value in exported.weights.items() if value.is_floating_point()}
+    assert all(torch.equal(found[key], value) for key, value in trained.items())
+
+
+def test_half_storage_rounds_kernels_and_nothing_else(exported):
+    found = weights_of(exported.half)
+    for key, value in exported.weights.items():
+        if value.is_floating_point():
+            assert torch.equal(found[key], value.half().float() if value.ndim > 1 else value)
+
+
+def test_half_storage_is_half_the_size(exported):
+    assert len(exported.half) / len(exported.exact) == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize("storage", ["exact", "half"])
+def test_batch_norm_is_kept_apart(exported, storage):
+    graph = onnx.load_model_from_string(getattr(exported, storage)).graph
+    assert sum(node.op_type == "BatchNormalization" for node in graph.node) == BATCH_NORMS
+
+
+def test_initialisers_carry_the_state_dict_keys(exported):
+    graph = onnx.load_model_from_string(exported.exact).graph
+    names = {initialiser.name for initialiser in graph.initializer}
+    assert names >= {key for key, value in exported.weights.items() if value.is_floating_point()}
+
+
+def test_depth_is_clipped_to_the_range(exported):
+    depth_m = OpenVinoRuntime(exported.exact)(pairs(4, 128, 128))
+    assert (depth_m.min(), depth_m.max()) == RANGE_M
+
+
+def test_an_onnx_file_of_somebody_else_has_no_weights():
+    graph = onnx.helper.make_graph([], "empty", [], [])
+    with pytest.raises(BadInput, match="flightdepth export"):
+        weights_of(onnx.helper.make_model(graph).SerializeToString())

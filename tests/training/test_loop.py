@@ -1,0 +1,208 @@
+"""The loop: exact resume after any end, stages, what a run keeps, and that it really is bf16, channels last."""
+
+import math
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+import training_runs
+from training_runs import BATCH, STEPS, small_recipe, small_stream, small_textures, stage
+
+from flightdepth.errors import BadInput, FlightDepthError
+from flightdepth.training import loop
+from flightdepth.training.checkpoint import read_progress, read_weights
+from flightdepth.training.loop import Learner, train
+from flightdepth.training.pictures import normalised
+
+
+class PowerCutError(Exception):
+    pass
+
+
+@pytest.fixture(autouse=True)
+def small_pool(monkeypatch):
+    monkeypatch.setattr(loop, "PairStream", small_stream)
+
+
+def run(folder, *, recipe=None, cut_after=None, textures=None, **options):
+    """Losses reported, until the end or until `cut_after` steps, when the loop is torn out of its work."""
+    losses = []
+
+    def report(step):
+        losses.append(step.loss_m)
+        if len(losses) == cut_after:
+            raise PowerCutError
+
+    options = {"resume": False, "checkpoint_every_s": 0.0} | options
+    try:
+        train(recipe or small_recipe(), textures or small_textures(), folder, report=report, **options)
+    except PowerCutError:
+        assert cut_after is not None
+    return losses
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """An uninterrupted run: its folder and its losses."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loop, "PairStream", small_stream)
+        folder = tmp_path_factory.mktemp("whole") / "small"
+        return folder, run(folder)
+
+
+def checkpoint(folder):
+    return (folder / "checkpoint.safetensors").read_bytes()
+
+
+def test_two_runs_are_the_same_to_the_byte(whole, tmp_path):
+    assert run(tmp_path) == whole[1]
+    assert checkpoint(tmp_path) == checkpoint(whole[0])
+
+
+@pytest.mark.parametrize("steps", [1, 3, 4, 5])  # before any checkpoint, in stage a, at its end, in stage b
+def test_resume_is_exact(whole, tmp_path, steps):
+    run(tmp_path, cut_after=steps)
+    later = run(tmp_path, resume=True)
+    assert later == whole[1][steps - 1 :]  # the step that was reported but not saved comes again
+    assert checkpoint(tmp_path) == checkpoint(whole[0])
+
+
+def test_resume_is_exact_with_a_checkpoint_long_ago(whole, tmp_path):
+    ticks = iter(range(10**6))
+    run(tmp_path, cut_after=4, checkpoint_every_s=4.0, clock=lambda: float(next(ticks)))
+    assert 0 < read_progress(tmp_path / "checkpoint.safetensors").sample < 3 * BATCH
+    run(tmp_path, resume=True)
+    assert checkpoint(tmp_path) == checkpoint(whole[0])
+
+
+def test_resume_is_exact_after_a_kill(whole, tmp_path):
+    script = Path(training_runs.__file__)
+    done = subprocess.run([sys.executable, str(script), str(tmp_path), "4"], check=False, timeout=240)
+    assert done.returncode == -signal.SIGKILL
+    run(tmp_path, resume=True)
+    assert checkpoint(tmp_path) == checkpoint(whole[0])
+
+
+def test_a_stop_saves_the_step_just_done(whole, tmp_path):
+    losses = []
+    options = {"resume": False, "report": losses.append, "stop": lambda: len(losses) == 2}
+    path = train(small_recipe(), small_textures(), tmp_path, **options)
+    assert read_progress(path).sample == 2 * BATCH
+    assert run(tmp_path, resume=True) == whole[1][2:]
+    assert checkpoint(tmp_path) == checkpoint(whole[0])
+
+
+def test_the_end_of_each_stage_is_kept(whole):
+    ends = [read_progress(whole[0] / f"{name}.safetensors") for name in ("a", "b")]
+    assert [(end.stage, end.sample, end.seen) for end in ends] == [(0, 16, 16), (1, 8, 24)]
+
+
+def test_the_last_checkpoint_says_that_all_stages_are_done(whole):
+    progress = read_progress(whole[0] / "checkpoint.safetensors")
+    assert (progress.stage, progress.sample, progress.seen) == (2, 0, BATCH * STEPS)
+
+
+def test_resuming_a_finished_run_changes_nothing(whole, tmp_path):
+    run(tmp_path)
+    assert run(tmp_path, resume=True) == []
+    assert checkpoint(tmp_path) == checkpoint(whole[0])
+
+
+def test_the_average_is_not_the_network(whole):
+    network, averaged = (
+        read_weights(whole[0] / "checkpoint.safetensors", part) for part in ("network", "averaged")
+    )
+    apart = (network["conv1.0.weight"] - averaged["conv1.0.weight"]).abs().max()
+    assert 0 < apart < 0.1 * network["conv1.0.weight"].abs().max()
+
+
+def test_curves_are_written(whole):
+    assert list((whole[0] / "tensorboard").glob("events.*"))
+
+
+def test_reports_count_to_the_total(tmp_path):
+    reports = []
+    train(small_recipe(), small_textures(), tmp_path, resume=False, report=reports.append)
+    assert [r.seen for r in reports] == [BATCH * (i + 1) for i in range(STEPS)]
+    assert {r.total for r in reports} == {BATCH * STEPS}
+    assert [r.stage for r in reports] == ["a"] * 4 + ["b"] * 2
+
+
+def test_another_seed_is_another_run(whole, tmp_path):
+    assert run(tmp_path, recipe=small_recipe(seed=2)) != whole[1]
+
+
+def test_another_recipe_is_not_resumed(tmp_path):
+    run(tmp_path, cut_after=2)
+    with pytest.raises(BadInput, match="expected recipe small"):
+        run(tmp_path, resume=True, recipe=small_recipe(weight_decay=0.0))
+
+
+def test_other_textures_are_not_resumed(tmp_path):
+    run(tmp_path, cut_after=2)
+    with pytest.raises(BadInput, match="textures of run"):
+        run(tmp_path, resume=True, textures=small_textures(seed=9))
+
+
+def test_a_recipe_starts_from_the_average_of_another(whole, tmp_path):
+    (tmp_path / "small").symlink_to(whole[0])
+    child = small_recipe(name="child", starts_from="small", stages=[stage("c", 1)])
+    learner = Learner(child)
+    progress = learner.started(tmp_path / "child")
+    parent = read_weights(whole[0] / "checkpoint.safetensors", "averaged")
+    assert progress.seen == BATCH * STEPS
+    for module in (learner.network, learner.averaged):
+        assert all(torch.equal(value, parent[key]) for key, value in module.state_dict().items())
+
+
+def test_pairs_of_the_recipe_before_are_counted(whole, tmp_path):
+    (tmp_path / "small").symlink_to(whole[0])
+    run(tmp_path / "child", recipe=small_recipe(name="child", starts_from="small", stages=[stage("c", 1)]))
+    assert read_progress(tmp_path / "child" / "checkpoint.safetensors").seen == BATCH * (STEPS + 1)
+
+
+def test_without_the_recipe_before_there_is_no_start(tmp_path):
+    with pytest.raises(BadInput, match="to start from"):
+        run(tmp_path / "child", recipe=small_recipe(name="child", starts_from="small"))
+
+
+def test_a_run_that_diverges_stops(tmp_path, monkeypatch):
+    monkeypatch.setattr(loop, "multi_scale_l1", lambda *_, **__: torch.tensor(math.nan))
+    with pytest.raises(FlightDepthError, match="diverged at sample 0 of stage a"):
+        run(tmp_path)
+
+
+@pytest.fixture
+def seen_by_layers():
+    """What the third layer got and gave in one training step."""
+    recipe = small_recipe()
+    learner = Learner(recipe)
+    learner.prepare()
+    seen = []
+    learner.network.conv3[0].register_forward_hook(
+        lambda layer, given, out: seen.append((layer, given[0], out))
+    )
+    with small_stream(recipe.scenes, small_textures(), recipe.stages[0].picture, recipe.rule, 1) as stream:
+        learner.step(stream.batch(0, BATCH), recipe.stages[0], 0)
+    return seen[0]
+
+
+def test_layers_compute_in_bf16(seen_by_layers):
+    layer, given, out = seen_by_layers
+    assert (given.dtype, out.dtype, layer.weight.dtype) == (torch.bfloat16, torch.bfloat16, torch.float32)
+
+
+def test_layers_keep_channels_last(seen_by_layers):
+    layer, *pictures = seen_by_layers
+    for tensor in (layer.weight, *pictures):
+        assert tensor.is_contiguous(memory_format=torch.channels_last)
+        assert not tensor.is_contiguous()  # else it would say nothing
+
+
+def test_normalisation():
+    pairs = torch.tensor([[[[0, 255, 102, 153, 51, 204]]]], dtype=torch.uint8)
+    expected = torch.tensor([-2.5, 2.5, -0.5, 0.5, -1.5, 1.5])
+    assert torch.allclose(normalised(pairs)[0, :, 0, 0], expected, atol=1e-6)

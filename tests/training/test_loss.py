@@ -1,0 +1,80 @@
+"""The multi-scale L1 loss against plain numpy, and its forgiving ends."""
+
+import numpy as np
+import pytest
+import torch
+
+from flightdepth.training.loss import multi_scale_l1
+
+WEIGHTS = (0.32, 0.08, 0.02, 0.01, 0.005)
+
+
+def five_scales(seed=0):
+    rng = np.random.default_rng(seed)
+    depths = [rng.uniform(0, 100, (2, 64 // s, 128 // s)).astype(np.float32) for s in (4, 8, 16, 32, 64)]
+    return depths, rng.uniform(0, 100, (2, 64, 128)).astype(np.float32)
+
+
+def reference(depths, target):
+    total = 0.0
+    for weight, depth in zip(WEIGHTS, depths, strict=True):
+        batch, h, w = depth.shape
+        blocks = target.reshape(batch, h, target.shape[1] // h, w, target.shape[2] // w)
+        total += weight * np.abs(depth - blocks.mean(axis=(2, 4))).mean()
+    return total
+
+
+def loss_of(depths, target, **ends):
+    return float(multi_scale_l1([torch.from_numpy(d) for d in depths], torch.from_numpy(target), **ends))
+
+
+def test_five_scales_against_numpy():
+    depths, target = five_scales()
+    assert loss_of(depths, target) == pytest.approx(reference(depths, target), rel=1e-5)
+
+
+def test_ends_far_away_change_nothing():
+    depths, target = five_scales()
+    assert loss_of(depths, target, lower=-1e9, upper=1e9) == loss_of(depths, target)
+
+
+def test_the_averaged_target_costs_nothing():
+    target = np.full((1, 64, 64), 7, np.float32)
+    target[:, ::2] = 9
+    depths = [np.full((1, 64 // s, 64 // s), 8, np.float32) for s in (4, 8, 16, 32, 64)]
+    assert loss_of(depths, target) == pytest.approx(0)
+
+
+def gradient_at_the_finest(depth_m, target_m):
+    """Gradient of one pixel of the finest scale, as a share of its weight; range 10..60 m."""
+    depths = [torch.full((1, 64 // s, 64 // s), depth_m, requires_grad=True) for s in (4, 8, 16, 32, 64)]
+    multi_scale_l1(depths, torch.full((1, 64, 64), target_m), lower=10, upper=60).backward()
+    return float(depths[0].grad[0, 0, 0]) * depths[0].numel() / WEIGHTS[0]
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "target_m", "gradient"),
+    [
+        (70.0, 60.0, 0),  # beyond the upper end, where the target stands at it: will be clamped
+        (50.0, 60.0, -1),  # on the wrong side of it
+        (5.0, 10.0, 0),
+        (20.0, 10.0, 1),
+        (70.0, 59.0, 1),  # beyond the end, but the target is not at it
+        (5.0, 11.0, -1),
+        (5.0, 60.0, -1),  # beyond the other end
+    ],
+)
+def test_ends(depth_m, target_m, gradient):
+    assert gradient_at_the_finest(depth_m, target_m) == pytest.approx(gradient)
+
+
+def test_what_lies_beyond_an_end_costs_nothing():
+    target = np.full((1, 64, 64), 60, np.float32)
+    depths = [np.full((1, 64 // s, 64 // s), 1e6, np.float32) for s in (4, 8, 16, 32, 64)]
+    assert loss_of(depths, target, lower=10, upper=60) == 0
+
+
+def test_a_missing_scale_is_our_bug():
+    depths, target = five_scales()
+    with pytest.raises(ValueError, match="zip"):
+        loss_of(depths[:4], target)

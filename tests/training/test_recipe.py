@@ -1,0 +1,122 @@
+"""Recipes: what ships is valid, what is wrong is one clear line, and a recipe's hash stays what it was."""
+
+import json
+
+import pytest
+from training_runs import BATCH, small_recipe
+
+from flightdepth.errors import BadInput
+from flightdepth.training import Recipe, load_recipe, recipe_names
+
+GOOD = """
+name = "mine"
+base_width = 8
+activation = "none"
+nominal_shift = 5
+depth_min_m = 10.0
+depth_max_m = 60.0
+loss = "l1"
+weight_decay = 1e-4
+ema_decay = 0.99
+warmup_samples = 0
+floor = 0.0
+seed = 0
+
+[[stages]]
+name = "64"
+full_width = 64
+width = 64
+height = 64
+samples = 100
+batch = 10
+learning_rate = 1e-3
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text):
+        path = tmp_path / "mine.toml"
+        path.write_text(text)
+        return str(path)
+
+    return write
+
+
+@pytest.mark.parametrize("name", ["depthnet-256", "tiny-clamped-256", "tiny-clamped-512"])
+def test_shipped_recipes_are_valid(name):
+    assert name in recipe_names()
+    assert load_recipe(name).name == name
+
+
+def test_a_recipe_from_a_file(written):
+    recipe = load_recipe(written(GOOD))
+    assert (recipe.name, recipe.samples, recipe.rule.nominal_shift) == ("mine", 100, 5)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "seed = 0",
+            "seed = 0\nspeed = 3",
+            "mine.toml, speed: expected Extra inputs are not permitted, got 3",
+        ),
+        ("width = 64", "width = 65", r"stages.0.width: expected Input should be a multiple of 64, got 65"),
+        ("batch = 10", "", "stages.0.batch: expected Field required"),
+        ('"none"', '"relu"', "activation: expected Input should be 'elu\\+1' or 'none', got relu"),
+        ("ema_decay = 0.99", "ema_decay = 1.0", "ema_decay: expected Input should be less than 1, got 1.0"),
+        ("seed = 0", "seed = ", "mine.toml: expected TOML"),
+        ("learning_rate = 1e-3", "learning_rate = nan", "learning_rate"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(written, old, new, said):
+    with pytest.raises(BadInput, match=said) as caught:
+        load_recipe(written(GOOD.replace(old, new)))
+    assert "\n" not in str(caught.value)
+
+
+def test_bytes_that_are_no_text(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(BadInput, match="expected TOML"):
+        load_recipe(str(path))
+
+
+def test_a_missing_file():
+    with pytest.raises(BadInput, match="no such file"):
+        load_recipe("nowhere/mine.toml")
+
+
+def test_an_unknown_name_lists_the_known_ones():
+    with pytest.raises(BadInput, match="depthnet-256, tiny-clamped-256"):
+        load_recipe("depthnet")
+
+
+def test_scaled_to_keeps_shares_and_whole_batches():
+    recipe = load_recipe("tiny-clamped-256")
+    scaled = recipe.scaled_to(recipe.samples // 10)
+    for before, after in zip(recipe.stages, scaled.stages, strict=True):
+        assert after.samples % after.batch == 0
+        assert after.samples == pytest.approx(before.samples / 10, abs=after.batch)
+    assert scaled.warmup_samples == round(recipe.warmup_samples / 10)
+
+
+def test_scaled_to_next_to_nothing_leaves_a_batch_a_stage():
+    assert [stage.samples for stage in small_recipe().scaled_to(1).stages] == [BATCH, BATCH]
+
+
+def test_more_samples_do_not_lengthen_the_warm_up():
+    recipe = small_recipe()
+    assert recipe.scaled_to(100 * recipe.samples).warmup_samples == recipe.warmup_samples
+
+
+def test_the_hash_survives_json():
+    recipe = load_recipe("depthnet-256")
+    written = json.dumps(recipe.model_dump(mode="json"), indent=2)
+    assert Recipe.model_validate_json(written).digest == recipe.digest
+
+
+@pytest.mark.parametrize("change", [{"seed": 2}, {"floor": 0.2}, {"scenes": {"frames": 4}}])
+def test_the_hash_knows_every_part(change):
+    assert small_recipe(**change).digest != small_recipe().digest

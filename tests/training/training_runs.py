@@ -1,0 +1,73 @@
+"""Runs of a few steps. As a script, a run that kills itself: python training_runs.py FOLDER STEPS."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from flightdepth.scenes import Textures
+from flightdepth.stillbox import PairStream
+from flightdepth.training import Recipe, loop
+
+BATCH, STEPS = 4, 6  # two stages, four steps and two
+
+
+def stage(name: str, steps: int) -> dict[str, Any]:
+    picture = {"full_width": 64, "width": 64, "height": 64}
+    return {"name": name, "samples": steps * BATCH, "batch": BATCH, "learning_rate": 1e-3} | picture
+
+
+def small_recipe(**changes: Any) -> Recipe:
+    """Two stages at 64 px of scenes with three frames, a network of a few thousand parameters."""
+    facts: dict[str, Any] = {
+        "name": "small",
+        "base_width": 4,
+        "activation": "elu+1",
+        "nominal_shift": 3,
+        "depth_min_m": 0.0,
+        "depth_max_m": 100.0,
+        "loss": "saturating-l1",
+        "weight_decay": 1e-4,
+        "ema_decay": 0.9,
+        "warmup_samples": 8,
+        "floor": 0.1,
+        "seed": 1,
+        "scenes": {"frames": 3},
+        "stages": [stage("a", 4), stage("b", 2)],
+    }
+    return Recipe.model_validate(facts | changes)
+
+
+def small_textures(seed: int = 1) -> Textures:
+    return Textures.procedural(2, seed)
+
+
+# Eight scenes in the pool instead of 192: nothing else of a stream depends on it.
+small_stream = partial(PairStream, pool_scenes=8)
+
+
+def main() -> None:
+    folder, steps = Path(sys.argv[1]), int(sys.argv[2])
+    torch.set_num_threads(1)  # as in the other runs: the number of threads decides how sums are rounded
+    loop.PairStream = small_stream  # type: ignore[misc, assignment]
+    done = 0
+
+    def kill_at_last(_: object) -> None:
+        nonlocal done
+        done += 1
+        if done == steps:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    loop.train(
+        small_recipe(), small_textures(), folder, resume=False, report=kill_at_last, checkpoint_every_s=0
+    )
+
+
+if __name__ == "__main__":
+    main()
