@@ -1,0 +1,38 @@
+"""Which runtime a device's name stands for, and in which precision it runs."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+from flightdepth.errors import BadInput
+from flightdepth.runtimes.contract import Precision, Runtime
+from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime, cpu_runs_bf16
+from flightdepth.runtimes.onnx_ort import PROVIDERS, OnnxRuntime
+from flightdepth.weights.card import NetworkCard
+
+OPENVINO_DEVICES = ("auto", "cpu", "openvino")
+DEVICES = (*OPENVINO_DEVICES, *PROVIDERS)
+
+BF16_COST = "bf16_relative_cost"  # card metric: L1 in bf16 over L1 in f32, less 1, on the fixed test set
+BF16_COST_LIMIT = 0.01
+
+
+def open_runtime(
+    card: NetworkCard, onnx: bytes, *, device: str, precision: Precision | None, threads: int | None
+) -> Runtime:
+    """The runtime for one of DEVICES; "auto" is OpenVINO on the CPU. Precision None lets the card choose."""
+    if device not in DEVICES:
+        raise BadInput("device", expected=f"one of {', '.join(DEVICES)}", got=repr(device))
+    if precision not in (None, *get_args(Precision)):
+        raise BadInput("precision", expected=" or ".join(get_args(Precision)), got=repr(precision))
+    if device in OPENVINO_DEVICES:
+        return OpenVinoRuntime(onnx, precision=precision or best_precision(card), threads=threads)
+    if precision == "bf16":
+        raise BadInput(f"precision on {device}", expected="f32", got="bf16", mend="Use device openvino.")
+    return OnnxRuntime(onnx, device, threads=threads)
+
+
+def best_precision(card: NetworkCard) -> Precision:
+    """bf16 where the CPU computes it and its measured cost is at most 1 % of the test error; else f32."""
+    cost = card.metrics.get(BF16_COST)
+    return "bf16" if cost is not None and cost <= BF16_COST_LIMIT and cpu_runs_bf16() else "f32"

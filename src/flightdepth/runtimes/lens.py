@@ -1,0 +1,149 @@
+"""Remaps between a distorted source (OpenCV's polynomial or fisheye models) and the grid's ideal pinhole."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.runtimes.contract import OUTPUT_STRIDE, STRIDE
+from flightdepth.runtimes.sampling import without_nan
+
+# A pinhole picture grows with the tangent; no network saw more than 45 degrees off the axis at its edges.
+WIDEST_RAD = math.radians(60)
+# Beyond the calibrated field a polynomial folds back: there, distorting and undistorting does not return.
+ROUND_TRIP_PX = 0.5
+PRECISE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 1e-6)
+
+Points = NDArray[np.float64]
+Table = tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]
+
+
+class LensSampling:
+    """Remaps for a source with distortion; see `grid.Sampling`. The tables are computed once per camera."""
+
+    def __init__(self, camera: Camera, focal_px: float) -> None:
+        left, right, top, bottom = (bound * focal_px for bound in view_bounds(camera))
+        self.width = max(1, round(right - left))
+        width, height = (max(1, math.ceil(span / STRIDE)) * STRIDE for span in (right - left, bottom - top))
+        # The view's middle becomes the picture's middle, so padding is shared between both sides.
+        cx = (width - 1) / 2 - (left + right) / 2
+        cy = (height - 1) / 2 - (top + bottom) / 2
+        self.camera = Camera(width, height, focal_px, focal_px, cx, cy)
+        cells = self.camera.resized(width // OUTPUT_STRIDE, height // OUTPUT_STRIDE)
+        self.valid = in_view(cells.rays()[..., :2], camera)
+        self._halvings = max(0, int(math.log2(camera.fx / focal_px / 0.75)))
+        self._to_grid = self._grid_table(camera)
+        self._to_source, self._unseen = self._source_table(camera)
+
+    def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Halve until no more than 1.5 source pixels fall on one of the grid, then undistort by remap."""
+        for _ in range(self._halvings):
+            even = image[: image.shape[0] // 2 * 2, : image.shape[1] // 2 * 2]
+            half = (even.shape[1] // 2, even.shape[0] // 2)
+            image = np.asarray(cv2.resize(even, half, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        sampled = cv2.remap(image, *self._to_grid, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(sampled, dtype=np.uint8)
+
+    def to_source(self, map_hw: NDArray[np.float32], *, nearest: bool) -> NDArray[np.float32]:
+        """Sample the map where each source pixel looks; NaN where the grid does not look."""
+        if nearest:
+            return self._sample(map_hw, cv2.INTER_NEAREST) + self._unseen
+        filled, unknown = without_nan(map_hw)
+        sampled = self._sample(filled, cv2.INTER_LINEAR)
+        sampled += self._unseen
+        if unknown is not None:
+            hidden = cv2.remap(unknown, *self._to_source, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+            np.copyto(sampled, np.float32(np.nan), where=np.asarray(hidden, dtype=np.bool_))
+        return sampled
+
+    def _sample(self, map_hw: NDArray[np.float32], how: int) -> NDArray[np.float32]:
+        sampled = cv2.remap(map_hw, *self._to_source, how, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(sampled, dtype=np.float32)
+
+    def _grid_table(self, camera: Camera) -> Table:
+        pixels = distort(self.camera.rays()[..., :2], camera)
+        return fixed_point(((pixels + 0.5) / 2**self._halvings - 0.5).astype(np.float32))
+
+    def _source_table(self, camera: Camera) -> tuple[Table, NDArray[np.float32]]:
+        columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+        rays = undistort(np.stack([columns, rows], axis=-1).astype(np.float64), camera)
+        pixels = rays * self.camera.fx + (self.camera.cx, self.camera.cy)
+        seen = inside(pixels, self.camera)
+        cells = np.where(seen[..., None], (pixels + 0.5) / OUTPUT_STRIDE - 0.5, 0).astype(np.float32)
+        unseen = np.where(seen, np.float32(0), np.float32(np.nan))
+        return fixed_point(cells), unseen
+
+
+def fixed_point(points: NDArray[np.float32]) -> Table:
+    """OpenCV's fast tables for `cv2.remap`, in 1/32 px, of points [H, W, 2]."""
+    coarse, fine = cv2.convertMaps(points[..., 0], points[..., 1], cv2.CV_16SC2)
+    return np.asarray(coarse, dtype=np.int16), np.asarray(fine, dtype=np.uint16)
+
+
+def view_bounds(camera: Camera, steps: int = 257) -> tuple[float, float, float, float]:
+    """Left, right, top, bottom of what the source sees at z = 1, at most 60 degrees off the axis.
+
+    Found by looking along a lattice of rays: undistorting the border instead would fail beyond 90 degrees.
+    """
+    limit = math.tan(WIDEST_RAD)
+    across = np.linspace(-limit, limit, steps)
+    x, y = np.meshgrid(across, across)
+    rays = np.stack([x, y], axis=-1)
+    seen = rays[in_view(rays, camera)]
+    if len(seen) < 4:
+        raise BadInput(
+            "camera distortion", expected="coefficients that can be inverted", got=str(camera.distortion)
+        )
+    step = 2 * limit / (steps - 1)
+    (left, top), (right, bottom) = seen.min(axis=0) - step, seen.max(axis=0) + step
+    return float(left), float(right), float(top), float(bottom)
+
+
+def in_view(rays: Points, camera: Camera) -> NDArray[np.bool_]:
+    """Whether the source sees each ray [..., 2] (x, y at z = 1), rather than folding its model onto it."""
+    pixels = distort(rays, camera)
+    # NaN, where undistorting does not converge, compares as false: not in view.
+    missed_px = np.linalg.norm(undistort(pixels, camera) - rays, axis=-1) * camera.fx
+    return np.asarray(inside(pixels, camera) & (missed_px < ROUND_TRIP_PX), dtype=np.bool_)
+
+
+def inside(pixels: Points, camera: Camera) -> NDArray[np.bool_]:
+    """Whether each point [..., 2] lies in the picture, whose outermost pixels reach half a pixel further."""
+    x, y = pixels[..., 0], pixels[..., 1]
+    within = (x > -0.5) & (y > -0.5) & (x < camera.width - 0.5) & (y < camera.height - 0.5)
+    return np.asarray(within, dtype=np.bool_)
+
+
+def distort(rays: Points, camera: Camera) -> Points:
+    """Source pixel [..., 2] that each ray [..., 2] (x, y at z = 1) falls on."""
+    flat = np.ascontiguousarray(rays.reshape(-1, 1, 2))
+    if camera.model == "fisheye":
+        pixels = cv2.fisheye.distortPoints(flat, camera.matrix, coefficients(camera))
+    else:
+        points = np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)
+        still = np.zeros(3)
+        pixels, _ = cv2.projectPoints(points, still, still, camera.matrix, coefficients(camera))
+    return np.asarray(pixels, dtype=np.float64).reshape(rays.shape)
+
+
+def undistort(pixels: Points, camera: Camera) -> Points:
+    """Ray [..., 2] (x, y at z = 1) of each source pixel [..., 2], by OpenCV's fixed-point iteration."""
+    flat = np.ascontiguousarray(pixels.reshape(-1, 1, 2))
+    if camera.model == "fisheye":
+        rays = cv2.fisheye.undistortPoints(flat, camera.matrix, coefficients(camera))
+    else:
+        rays = cv2.undistortPointsIter(
+            flat, camera.matrix, coefficients(camera), np.eye(3), np.eye(3), PRECISE
+        )
+    return np.asarray(rays, dtype=np.float64).reshape(pixels.shape)
+
+
+def coefficients(camera: Camera) -> NDArray[np.float64]:
+    """OpenCV's coefficients; none given means zeros, which for a fisheye is the equidistant lens."""
+    return np.array(camera.distortion or (0.0, 0.0, 0.0, 0.0), dtype=np.float64)

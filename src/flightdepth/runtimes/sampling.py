@@ -1,0 +1,146 @@
+"""Scaling between an ideal pinhole source and the grid: plain resizes, chosen so that none moves a pixel.
+
+The grid's picture is a whole number of output cells (4 px), and the part of the source that becomes it a
+whole number of source pixels, so `cv2.resize`, which maps edge to edge, is exact both ways and 10 times as
+fast as a remap.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.runtimes.contract import OUTPUT_STRIDE, STRIDE
+
+# A source of 64 px multiples whose focal length is this near passes untouched: so does a grid's own camera.
+NEAR_ENOUGH = 0.01
+
+
+@dataclass(frozen=True)
+class Axis:
+    """How one axis of the source lies on the grid, in pixels.
+
+    `used` source pixels from `start` on become `inner` grid pixels from `pad` on, out of `size`.
+    """
+
+    start: int
+    used: int
+    inner: int
+    pad: int
+    size: int
+    halvings: int
+
+    @classmethod
+    def fit(cls, source: int, scale: float) -> Axis:
+        """Lay `source` pixels out at about `scale`: at most 3 grid px are cut off to reach a whole cell."""
+        if source % STRIDE == 0 and abs(scale - 1) < NEAR_ENOUGH:
+            return cls(0, source, source, 0, source, 0)
+        inner = int(source * scale + 0.5) // OUTPUT_STRIDE * OUTPUT_STRIDE
+        if inner == 0:
+            raise BadInput(
+                "camera",
+                expected=f"a view of at least {OUTPUT_STRIDE} px at the network's focal length",
+                got=f"{source * scale:.1f} px",
+            )
+        halvings = max(0, int(math.log2(1 / scale)))
+        step = 2**halvings
+        used = min(round(inner / scale / step), source // step) * step
+        size = math.ceil(inner / STRIDE) * STRIDE
+        pad = (size - inner) // 2 // OUTPUT_STRIDE * OUTPUT_STRIDE
+        return cls((source - used) // 2, used, inner, pad, size, halvings)
+
+    @property
+    def whole(self) -> bool:
+        """Whether the axis passes through unchanged."""
+        return (self.start, self.pad) == (0, 0) and self.used == self.inner == self.size
+
+    @property
+    def cells(self) -> slice:
+        """The output cells that show the source."""
+        return slice(self.pad // OUTPUT_STRIDE, (self.pad + self.inner) // OUTPUT_STRIDE)
+
+    @property
+    def pixels(self) -> slice:
+        """The source pixels in use."""
+        return slice(self.start, self.start + self.used)
+
+
+class PinholeSampling:
+    """Resizes for a source without distortion; see `grid.Sampling`."""
+
+    def __init__(self, camera: Camera, focal_px: float) -> None:
+        self._source = camera
+        self._x = x = Axis.fit(camera.width, focal_px / camera.fx)
+        self._y = y = Axis.fit(camera.height, focal_px / camera.fy)
+        self.width = x.inner
+        self._same = x.whole and y.whole
+        used = camera.without_distortion().cropped(x.start, y.start, x.used, y.used)
+        padded = used.resized(x.inner, y.inner).cropped(-x.pad, -y.pad, x.size, y.size)
+        self.camera = camera.without_distortion() if self._same else padded
+        self.valid = np.zeros((y.size // OUTPUT_STRIDE, x.size // OUTPUT_STRIDE), dtype=np.bool_)
+        self.valid[y.cells, x.cells] = True
+
+    def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Crop to the pixels in use, shrink without aliasing, pad with the border's pixels."""
+        x, y = self._x, self._y
+        if self._same:
+            return image
+        inner = shrink(image[y.pixels, x.pixels], x.inner, y.inner, min(x.halvings, y.halvings))
+        right, bottom = x.size - x.inner - x.pad, y.size - y.inner - y.pad
+        padded = cv2.copyMakeBorder(inner, y.pad, bottom, x.pad, right, cv2.BORDER_REPLICATE)
+        return np.asarray(padded, dtype=np.uint8)
+
+    def to_source(self, map_hw: NDArray[np.float32], *, nearest: bool) -> NDArray[np.float32]:
+        """Enlarge the cells that show the source, then repeat the outermost pixels into what was cut off."""
+        x, y = self._x, self._y
+        whole = np.empty((self._source.height, self._source.width), dtype=np.float32)
+        enlarge(np.ascontiguousarray(map_hw[y.cells, x.cells]), whole[y.pixels, x.pixels], nearest=nearest)
+        whole[: y.start] = whole[y.start]
+        whole[y.start + y.used :] = whole[y.start + y.used - 1]
+        whole[:, : x.start] = whole[:, x.start, None]
+        whole[:, x.start + x.used :] = whole[:, x.start + x.used - 1, None]
+        return whole
+
+
+def shrink(image: NDArray[np.uint8], width: int, height: int, halvings: int) -> NDArray[np.uint8]:
+    """Resize [H, W, 3] without aliasing: exact 2x2 means first (fast), then area means for the rest."""
+    for _ in range(halvings):
+        half = (image.shape[1] // 2, image.shape[0] // 2)
+        image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    shrinks = image.shape[1] > width or image.shape[0] > height
+    how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, (width, height), interpolation=how), dtype=np.uint8)
+
+
+def enlarge(map_hw: NDArray[np.float32], target: NDArray[np.float32], *, nearest: bool) -> None:
+    """Resize a map into `target` (a view will do); NaN exactly where the nearest cell is NaN."""
+    size = (target.shape[1], target.shape[0])
+    if nearest:
+        cv2.resize(map_hw, size, dst=target, interpolation=cv2.INTER_NEAREST_EXACT)
+        return
+    filled, unknown = without_nan(map_hw)
+    cv2.resize(filled, size, dst=target, interpolation=cv2.INTER_LINEAR)
+    if unknown is not None:
+        hidden = cv2.resize(unknown, size, interpolation=cv2.INTER_NEAREST_EXACT)
+        np.copyto(target, np.float32(np.nan), where=np.asarray(hidden, dtype=np.bool_))
+
+
+def without_nan(map_hw: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
+    """The map with each NaN replaced by the mean of its known neighbours, and where they were (1).
+
+    Bilinear sampling looks one cell far, so one step of filling keeps NaN out of its neighbours.
+    """
+    known = ~np.isnan(map_hw)
+    if known.all():
+        return map_hw, None
+    window = (3, 3)
+    weight = cv2.boxFilter(known.astype(np.float32), -1, window, normalize=False)
+    total = cv2.boxFilter(np.where(known, map_hw, np.float32(0)), -1, window, normalize=False)
+    filled = np.where(known, map_hw, total / np.maximum(weight, np.float32(1)))
+    return filled.astype(np.float32), (~known).astype(np.uint8)

@@ -1,0 +1,61 @@
+"""What is written beside a network's weights: how it was trained, on what, and how well it does."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Stage(BaseModel):
+    """One stage of a training curriculum."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    width: int
+    height: int
+    focal_px: float
+    samples: int
+    batch: int
+    learning_rate: float
+    photometric: bool
+
+
+class NetworkCard(BaseModel):
+    """Facts about one network. Lengths in metres, sizes in pixels.
+
+    The network's output is metres at a displacement of `D0_m`; beta = output / depth_max_m, and
+    depth = alpha * beta * displacement with alpha = depth_max_m / D0_m (paper, section IV.A).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())
+
+    name: str
+    architecture: Literal["DepthNet"]
+    base_width: int = Field(description="feature maps of the first convolution: 32, or 16 for Tiny")
+    activation: Literal["elu+1", "none"]
+    nominal_shift: int = Field(gt=0, description="frames between the images of a nominal training pair")
+    D0_m: float = Field(gt=0, description="displacement of a nominal training pair")
+    depth_min_m: float = Field(ge=0, description="lower clip of the training depth; 0 where there is none")
+    depth_max_m: float = Field(gt=0, description="upper clip of the training depth")
+    focal_px: float = Field(gt=0, description="focal length of the last training stage")
+    width: int = Field(gt=0, description="picture width of the last training stage")
+    height: int = Field(gt=0, description="picture height of the last training stage")
+    samples: int = Field(ge=0, description="training pairs seen, all stages")
+    stages: tuple[Stage, ...] = ()
+    renderer: str = ""
+    set_version: str = ""
+    seed: int = 0
+    metrics: dict[str, float] = Field(default_factory=dict, description="on the fixed test set")
+    sha256: str = Field(default="", description="of the ONNX file")
+
+    @property
+    def alpha(self) -> float:
+        """Largest depth over nominal displacement (paper, equation 3)."""
+        return self.depth_max_m / self.D0_m
+
+    @property
+    def beta_min(self) -> float:
+        """Lower end of the output, as a share of the largest depth: below it depth is 'at most'."""
+        return self.depth_min_m / self.depth_max_m

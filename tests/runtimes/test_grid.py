@@ -1,0 +1,223 @@
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.runtimes.grid import NetworkGrid
+
+KARMA = Camera.from_fov(854, 480, 64.4)
+BARREL = Camera(640, 360, 450.0, 450.0, 322.0, 178.0, (-0.28, 0.09, 0.001, -0.0005, 0.0))
+FISHEYE = Camera(640, 360, 250.0, 250.0, 320.0, 180.0, (0.02, -0.01, 0.0, 0.0), "fisheye")
+CAMERAS = [KARMA, Camera(400, 300, 300.0, 240.0, 190.0, 160.0), BARREL, FISHEYE]
+NAMES = ["pinhole", "oblong pixels", "barrel", "fisheye"]
+
+cameras = st.builds(
+    lambda width, height, fx, ratio: Camera(width, height, fx, fx * ratio, width / 2, height / 2),
+    st.integers(64, 900),
+    st.integers(64, 700),
+    st.floats(60, 900),
+    st.floats(0.7, 1.4),
+)
+
+
+def source_plane(camera: Camera, slope: tuple[float, float, float]) -> np.ndarray:
+    """a + b X/Z + c Y/Z at each source pixel: linear on the grid, whatever the lens."""
+    columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    pixels = np.stack([columns, rows], -1).reshape(-1, 1, 2).astype(np.float64)
+    bend = np.array(camera.distortion or (0.0,) * 4)
+    if camera.model == "fisheye":
+        rays = cv2.fisheye.undistortPoints(pixels, camera.matrix, bend)
+    else:
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
+        rays = cv2.undistortPointsIter(pixels, camera.matrix, bend, np.eye(3), np.eye(3), criteria)
+    x, y = rays.reshape(camera.height, camera.width, 2).transpose(2, 0, 1)
+    return slope[0] + slope[1] * x + slope[2] * y
+
+
+def grid_plane(grid: NetworkGrid, slope: tuple[float, float, float]) -> np.ndarray:
+    h, w = grid.valid.shape
+    rays = grid.camera.resized(w, h).rays()
+    return (slope[0] + slope[1] * rays[..., 0] + slope[2] * rays[..., 1]).astype(np.float32)
+
+
+@given(camera=cameras, focal_px=st.sampled_from([64.0, 128.0, 256.0]))
+@settings(max_examples=60, deadline=None)
+def test_sizes_are_multiples_of_64_and_the_focal_length_is_the_networks(
+    camera: Camera, focal_px: float
+) -> None:
+    grid = NetworkGrid(camera, focal_px)
+    assert grid.camera.width % 64 == grid.camera.height % 64 == 0
+    # A pixel of the grid, or half of the source's where that is coarser; 1 % where the source may stay.
+    for focal, length, scale in (
+        (grid.camera.fx, camera.width * focal_px / camera.fx, focal_px / camera.fx),
+        (grid.camera.fy, camera.height * focal_px / camera.fy, focal_px / camera.fy),
+    ):
+        assert abs(focal / focal_px - 1) <= max(0.01, max(1, scale / 2) / (length - 4))
+
+
+@given(camera=cameras, focal_px=st.sampled_from([64.0, 128.0, 256.0]))
+@settings(max_examples=60, deadline=None)
+def test_the_grid_of_a_grid_is_the_identity(camera: Camera, focal_px: float) -> None:
+    assume(min(camera.width / camera.fx, camera.height / camera.fy) * focal_px >= 64)
+    camera = NetworkGrid(camera, focal_px).camera
+    grid = NetworkGrid(camera, focal_px)
+    image = np.zeros((camera.height, camera.width, 3), np.uint8)
+    assert grid.camera == camera
+    assert grid.image(image) is image
+    assert grid.valid.all()
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=NAMES)
+def test_a_plane_comes_back_to_the_source_where_it_was(camera: Camera) -> None:
+    slope = (10.0, 2.0, 3.0)
+    grid = NetworkGrid(camera, 256)
+    back, truth = grid.to_source(grid_plane(grid, slope)), source_plane(camera, slope)
+    seen = np.isfinite(back)
+    # The outermost half cell repeats its neighbour; 1/32 of a cell is OpenCV's step in a remap.
+    inner_cells = cv2.erode(grid.valid.astype(np.float32), np.ones((3, 3)), borderValue=0)
+    inner = grid.to_source(inner_cells, "nearest") == 1
+    cell = 3.0 * 4 / 256
+    assert np.abs(back - truth)[seen & inner].max() < cell / 8
+    assert np.abs(back - truth)[seen].max() < 1.5 * cell
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=NAMES)
+def test_a_picture_is_on_the_grid_where_its_camera_says(camera: Camera) -> None:
+    slope = (128.0, 60.0, 50.0)
+    grid = NetworkGrid(camera, 200)
+    image = np.repeat(source_plane(camera, slope).clip(0, 255).round().astype(np.uint8)[..., None], 3, axis=2)
+    rays = grid.camera.rays()
+    truth = (slope[0] + slope[1] * rays[..., 0] + slope[2] * rays[..., 1]).clip(0, 255)
+    valid = np.kron(grid.valid, np.ones((4, 4), bool))
+    valid = cv2.erode(valid.astype(np.uint8), np.ones((9, 9), np.uint8)).astype(bool)
+    error = np.abs(grid.image(image)[..., 1].astype(float) - truth)[valid]
+    assert error.mean() < 0.5
+    assert error.max() < 2
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=NAMES)
+def test_a_constant_map_stays_constant(camera: Camera) -> None:
+    grid = NetworkGrid(camera, 128)
+    back = grid.to_source(np.full(grid.valid.shape, 7.0, np.float32))
+    assert back.dtype == np.float32
+    assert back.shape == (camera.height, camera.width)
+    assert set(np.unique(back[np.isfinite(back)])) == {np.float32(7.0)}
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=NAMES)
+def test_nan_stays_where_it_is_nearest_and_leaves_its_neighbours_alone(camera: Camera) -> None:
+    grid = NetworkGrid(camera, 256)
+    h, w = grid.valid.shape
+    holed = np.full((h, w), 5.0, np.float32)
+    holed[h // 2, w // 2] = np.nan
+    back, nearest = grid.to_source(holed), grid.to_source(holed, "nearest")
+    assert np.array_equal(np.isnan(back), np.isnan(nearest))
+    assert np.isnan(back).any()
+    assert back[np.isfinite(back)] == pytest.approx(5.0)
+
+
+def test_one_nan_cell_covers_as_many_source_pixels_as_the_cell() -> None:
+    grid = NetworkGrid(KARMA, 256)
+    holed = np.zeros(grid.valid.shape, np.float32)
+    holed[20, 40] = np.nan
+    cell_px = 4 * KARMA.fx / 256
+    assert np.isnan(grid.to_source(holed)).sum() == pytest.approx(cell_px**2, rel=0.2)
+
+
+def test_padding_never_reaches_the_source() -> None:
+    grid = NetworkGrid(KARMA, 128)
+    marked = np.where(grid.valid, np.float32(1), np.float32(-1e6))
+    assert (grid.to_source(marked) == 1).all()
+
+
+def test_the_karma_picture_is_320_by_192() -> None:
+    grid = NetworkGrid(KARMA, 256)
+    assert (grid.camera.width, grid.camera.height) == (320, 192)
+    assert grid.valid.sum(axis=0).max() == 180 // 4
+
+
+def test_a_square_90_degree_picture_is_its_own_grid() -> None:
+    assert NetworkGrid(Camera.from_fov(256, 256, 90), 128).camera == Camera.from_fov(256, 256, 90)
+
+
+def test_padding_repeats_the_border() -> None:
+    image = np.zeros((180, 320, 3), np.uint8)
+    image[0], image[-1] = 50, 200
+    out = NetworkGrid(Camera(320, 180, 256.0, 256.0, 159.5, 89.5), 256).image(image)
+    assert out.shape == (192, 320, 3)
+    assert (out[:5] == 50).all()
+    assert (out[184:] == 200).all()
+
+
+def test_shrinking_averages_a_checkerboard_away() -> None:
+    rows, columns = np.indices((512, 512))
+    board = np.repeat((((rows + columns) % 2) * 255).astype(np.uint8)[..., None], 3, axis=2)
+    for focal_px in (128.0, 100.0, 90.0, 64.0):
+        out = NetworkGrid(Camera.from_fov(512, 512, 90), focal_px).image(board)
+        assert np.abs(out.astype(int) - 127).max() <= 2
+
+
+def test_shrinking_leaves_under_half_the_aliasing_of_bilinear_sampling() -> None:
+    wave = 127 + 100 * np.sin(np.arange(854) * 2 * math.pi / 3.4)  # too fine for a shrink to 0.38
+    image = np.repeat(np.broadcast_to(wave, (480, 854)).astype(np.uint8)[..., None], 3, axis=2)
+    ours = NetworkGrid(KARMA, 256).image(image)[20:-20, 20:-20].astype(float)
+    bilinear = cv2.resize(image, (322, 181), interpolation=cv2.INTER_LINEAR).astype(float)
+    assert ours.std() < 0.5 * bilinear.std()
+
+
+def test_a_wide_fisheye_is_shown_up_to_60_degrees() -> None:
+    camera = Camera(800, 800, 250.0, 250.0, 399.5, 399.5, (), "fisheye")  # 180 degrees across
+    grid = NetworkGrid(camera, 64)
+    reach = (grid.camera.width / 2) / grid.camera.fx
+    assert math.tan(math.radians(60)) <= reach < math.tan(math.radians(60)) + 0.6
+    back = grid.to_source(np.ones(grid.valid.shape, np.float32))
+    assert np.isnan(back[0, 0])
+    assert back[400, 400] == 1
+
+
+def test_where_a_lens_model_folds_back_nothing_is_valid() -> None:
+    # r (1 - 0.5 r^2) turns round at r = 0.82: rays beyond it fall into the picture again.
+    camera = Camera(400, 400, 400.0, 400.0, 199.5, 199.5, (-0.5, 0.0, 0.0, 0.0))
+    grid = NetworkGrid(camera, 128)
+    h, w = grid.valid.shape
+    radius = np.linalg.norm(grid.camera.resized(w, h).rays()[..., :2], axis=-1)
+    assert not grid.valid[radius > 0.83].any()
+    assert grid.valid[radius < 0.5].all()
+
+
+def test_a_narrow_picture_is_warned_of() -> None:
+    warning = NetworkGrid(KARMA, 128).warning
+    assert warning is not None
+    assert "160 px across (854x480 at focal length 678 px, scaled to 128 px)" in warning
+
+
+def test_a_picture_wide_enough_is_not_warned_of() -> None:
+    assert NetworkGrid(KARMA, 256).warning is None
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((480, 853, 3), np.uint8),
+        np.zeros((480, 854), np.uint8),
+        np.zeros((480, 854, 4), np.uint8),
+        np.zeros((480, 854, 3), np.float32),
+        [[0]],
+    ],
+    ids=["size", "grey", "rgba", "float", "list"],
+)
+def test_a_wrong_picture_is_refused(image: np.ndarray) -> None:
+    with pytest.raises(BadInput, match=r"expected uint8 RGB \[480, 854, 3\]"):
+        NetworkGrid(KARMA, 256).image(image)
+
+
+def test_a_view_smaller_than_one_cell_is_refused() -> None:
+    with pytest.raises(BadInput, match="at least 4 px"):
+        NetworkGrid(Camera(10, 100, 1000.0, 1000.0, 5.0, 50.0), 128)

@@ -1,0 +1,193 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import flightdepth.runtimes.network as network_module
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.runtimes.network import Network, load_network, nearest_network, networks
+from tests_networks import difference_card
+
+SQUARE = Camera.from_fov(64, 64, 90)
+WIDE = Camera.from_fov(200, 120, 70)
+
+
+class Difference:
+    """The hand-made network in numpy: depth = 100 - 10 |current - previous| / 51, averaged over 4x4 px."""
+
+    description = "numpy"
+    calls = 0
+
+    def __call__(self, pairs: np.ndarray) -> np.ndarray:
+        self.calls += 1
+        n, height, width, _ = pairs.shape
+        change = np.abs(pairs[..., 3:].astype(np.float32) - pairs[..., :3]).mean(axis=3) / 51
+        cells = change.reshape(n, height // 4, 4, width // 4, 4).mean(axis=(2, 4))
+        return np.asarray((100 - 10 * cells).clip(0, 100), dtype=np.float32)
+
+
+def grey(camera: Camera, level: int) -> np.ndarray:
+    return np.full((camera.height, camera.width, 3), level, np.uint8)
+
+
+@pytest.fixture
+def network() -> Network:
+    return Network(difference_card(), Difference())
+
+
+def test_a_file_gives_the_numbers_made_by_hand(save_difference_network: Callable[..., Path]) -> None:
+    network = load_network(save_difference_network())
+    # 51 levels: 90 m at D0 = 0.3 m; the displacement is 0.6 m, so 180 m.
+    depth = network.depth(grey(WIDE, 100), grey(WIDE, 151), [0.0, 0.6, 0.0], WIDE)
+    assert depth.shape == (120, 200)
+    assert depth == pytest.approx(np.full((120, 200), 180.0), rel=1e-5)
+
+
+def test_numpy_and_the_file_agree(save_difference_network: Callable[..., Path], network: Network) -> None:
+    rng = np.random.default_rng(0)
+    previous, current = rng.integers(0, 256, (2, 120, 200, 3)).astype(np.uint8)
+    loaded = load_network(save_difference_network(), threads=1)
+    expected = network.depth(previous, current, 0.3, WIDE)
+    assert loaded.depth(previous, current, 0.3, WIDE) == pytest.approx(expected, rel=1e-4)
+
+
+@given(scale=st.floats(1e-3, 1e3))
+@settings(max_examples=20, deadline=None)
+def test_depth_scales_with_the_displacement(scale: float) -> None:
+    network = Network(difference_card(), Difference())
+    once = network.depth(grey(WIDE, 9), grey(WIDE, 70), 0.3, WIDE)
+    scaled = network.depth(grey(WIDE, 9), grey(WIDE, 70), 0.3 * scale, WIDE)
+    assert scaled == pytest.approx(once * scale, rel=1e-5)
+
+
+def test_a_vector_counts_by_its_length(network: Network) -> None:
+    images = (grey(WIDE, 9), grey(WIDE, 70))
+    assert np.array_equal(network.depth(*images, [2.0, 3.0, 6.0], WIDE), network.depth(*images, 7.0, WIDE))
+
+
+def test_no_displacement_is_unknown(network: Network) -> None:
+    assert np.isnan(network.depth(grey(WIDE, 9), grey(WIDE, 70), 0.0, WIDE)).all()
+
+
+def test_beta_is_the_share_of_the_largest_depth(network: Network) -> None:
+    prediction = network.predict([grey(SQUARE, 100)], grey(SQUARE, 151), [0.6], SQUARE)
+    assert prediction.beta == pytest.approx(np.full((1, 16, 16), 0.9))
+    assert prediction.depth_m == pytest.approx(network.card.alpha * 0.6 * prediction.beta)
+    assert prediction.sigma_m is None
+
+
+def test_pairs_keep_their_order_and_their_displacements(network: Network) -> None:
+    previous = [grey(SQUARE, level) for level in (100, 49, 151)]
+    prediction = network.predict(previous, grey(SQUARE, 151), [0.3, 0.0, 0.6], SQUARE)
+    means = prediction.depth_m.mean(axis=(1, 2))
+    assert means[[0, 2]] == pytest.approx([90.0, 200.0])
+    assert np.isnan(prediction.depth_m[1]).all()
+    assert prediction.beta[1] == pytest.approx(np.full((16, 16), 0.8))
+
+
+def test_previous_comes_first_and_channels_keep_their_order() -> None:
+    seen: list[np.ndarray] = []
+
+    class Recorder(Difference):
+        def __call__(self, pairs: np.ndarray) -> np.ndarray:
+            seen.append(pairs)
+            return super().__call__(pairs)
+
+    previous = np.arange(64 * 64 * 3, dtype=np.uint8).reshape(64, 64, 3)
+    current = previous[::-1]
+    Network(difference_card(), Recorder()).predict([previous], current, [1.0], SQUARE)
+    assert np.array_equal(seen[0][0, ..., :3], previous)
+    assert np.array_equal(seen[0][0, ..., 3:], current)
+
+
+def test_n_pairs_are_one_call(network: Network) -> None:
+    network.predict([grey(WIDE, 1)] * 4, grey(WIDE, 2), [1.0] * 4, WIDE)
+    assert isinstance(network.runtime, Difference)
+    assert network.runtime.calls == 1
+
+
+def test_a_camera_has_one_grid(network: Network) -> None:
+    assert network.grid(WIDE) is network.grid(Camera.from_fov(200, 120, 70))
+
+
+def test_many_cameras_keep_few_grids(network: Network) -> None:
+    for width in range(100, 130):
+        network.grid(Camera.from_fov(width, 100, 70))
+    assert len(network._grids) == network_module.GRIDS_KEPT
+
+
+def test_frames_that_are_on_the_grid_already_give_the_same_maps(network: Network) -> None:
+    grid = network.grid(WIDE)
+    rng = np.random.default_rng(3)
+    previous, current = rng.integers(0, 256, (2, 120, 200, 3)).astype(np.uint8)
+    direct = network.predict([previous], current, [1.0], WIDE)
+    staged = network.predict([grid.image(previous)], grid.image(current), [1.0], grid.camera)
+    assert np.array_equal(direct.depth_m, staged.depth_m)
+
+
+def test_warming_up_runs_every_batch_size(network: Network) -> None:
+    network.warm_up(WIDE, pairs=3)
+    assert isinstance(network.runtime, Difference)
+    assert network.runtime.calls == 3
+
+
+@pytest.mark.parametrize(
+    "displacement", [float("nan"), float("inf"), -0.1, [1.0, float("nan"), 0.0], [1.0, 2.0], [[1.0]], []]
+)
+def test_a_displacement_that_is_none_is_refused(network: Network, displacement: object) -> None:
+    with pytest.raises(BadInput, match="displacements"):
+        network.depth(grey(WIDE, 1), grey(WIDE, 2), displacement, WIDE)  # type: ignore[arg-type]
+
+
+def test_as_many_displacements_as_pictures(network: Network) -> None:
+    with pytest.raises(BadInput, match="2 lengths or 2 vectors of 3"):
+        network.predict([grey(WIDE, 1)] * 2, grey(WIDE, 2), [1.0, 2.0, 3.0], WIDE)
+
+
+def test_no_pair_at_all_is_refused(network: Network) -> None:
+    with pytest.raises(BadInput, match="at least one"):
+        network.predict([], grey(WIDE, 2), [], WIDE)
+
+
+def test_a_picture_of_another_camera_is_refused(network: Network) -> None:
+    with pytest.raises(BadInput, match="previous image: expected uint8 RGB"):
+        network.depth(grey(SQUARE, 1), grey(WIDE, 2), 1.0, WIDE)
+
+
+def test_an_unknown_name_is_answered_with_the_names() -> None:
+    with pytest.raises(BadInput, match="network: expected a path to an ONNX file or one of"):
+        load_network("depthnet-255")
+
+
+def test_every_shipped_network_has_a_valid_card() -> None:
+    for name in networks():
+        assert load_network(name).card.name == name
+
+
+def test_the_nearest_focal_length_wins_by_ratio(
+    save_difference_network: Callable[..., Path], tmp_path: Path
+) -> None:
+    save_difference_network(name="short", focal_px=128.0)
+    save_difference_network(name="long", focal_px=512.0)
+    # 300 px is nearer to 128 by difference, but nearer to 512 by ratio.
+    assert nearest_network(Camera(640, 480, 300.0, 300.0, 320.0, 240.0), tmp_path) == "long"
+    assert nearest_network(Camera(640, 480, 250.0, 250.0, 320.0, 240.0), tmp_path) == "short"
+
+
+def test_of_equal_focal_lengths_the_smaller_network_wins(
+    save_difference_network: Callable[..., Path], tmp_path: Path
+) -> None:
+    save_difference_network(name="a-wide", base_width=32)
+    save_difference_network(name="b-tiny", base_width=16)
+    assert nearest_network(WIDE, tmp_path) == "b-tiny"
+
+
+def test_no_network_at_all_is_said(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="Give --network FILE"):
+        nearest_network(WIDE, tmp_path)

@@ -1,0 +1,74 @@
+"""A network made by hand, so that no test of the way from pixels to metres waits for training."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flightdepth.weights.card import NetworkCard
+
+
+def difference_onnx(depth_min_m: float = 0.0, depth_max_m: float = 100.0, slope_m: float = 10.0) -> bytes:
+    """An ONNX file that keeps the contract: depth = max - slope * mean over 4x4 px of |current - previous|.
+
+    The difference is taken after normalisation, (x / 255 - 0.5) / 0.2, so 51 grey levels are worth 1.
+    """
+    onnx = pytest.importorskip("onnx")
+    from onnx import TensorProto, helper, numpy_helper
+
+    constants = {
+        "levels": np.float32(255),
+        "middle": np.float32(0.5),
+        "spread": np.float32(0.2),
+        "slope": np.float32(-slope_m),
+        "low": np.float32(depth_min_m),
+        "high": np.float32(depth_max_m),
+        "colour": np.array([3], dtype=np.int64),
+        "halves": np.array([3, 3], dtype=np.int64),
+        "one": np.array([1], dtype=np.int64),
+    }
+    node = helper.make_node
+    graph = helper.make_graph(
+        [
+            node("Cast", ["pairs"], ["raw"], to=TensorProto.FLOAT),
+            node("Div", ["raw", "levels"], ["unit"]),
+            node("Sub", ["unit", "middle"], ["centred"]),
+            node("Div", ["centred", "spread"], ["normal"]),
+            node("Split", ["normal", "halves"], ["previous", "current"], axis=3),
+            node("Sub", ["current", "previous"], ["change"]),
+            node("Abs", ["change"], ["size"]),
+            node("ReduceMean", ["size", "colour"], ["grey"], keepdims=1),
+            node("Transpose", ["grey"], ["planes"], perm=[0, 3, 1, 2]),
+            node("AveragePool", ["planes"], ["cells"], kernel_shape=[4, 4], strides=[4, 4]),
+            node("Mul", ["cells", "slope"], ["nearer"]),
+            node("Add", ["nearer", "high"], ["metres"]),
+            node("Clip", ["metres", "low", "high"], ["clipped"]),
+            node("Squeeze", ["clipped", "one"], ["depth_m"]),
+        ],
+        "difference",
+        [helper.make_tensor_value_info("pairs", TensorProto.UINT8, ["n", "H", "W", 6])],
+        [helper.make_tensor_value_info("depth_m", TensorProto.FLOAT, ["n", "h", "w"])],
+        [numpy_helper.from_array(np.asarray(value), name) for name, value in constants.items()],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9)
+    onnx.checker.check_model(model)
+    return bytes(model.SerializeToString())
+
+
+def difference_card(**changes: object) -> NetworkCard:
+    """The card of `difference_onnx`, as of a network trained at focal length 32 px on 64x64 px pictures."""
+    facts: dict[str, object] = {
+        "name": "difference",
+        "architecture": "DepthNet",
+        "base_width": 32,
+        "activation": "elu+1",
+        "nominal_shift": 3,
+        "D0_m": 0.3,
+        "depth_min_m": 0.0,
+        "depth_max_m": 100.0,
+        "focal_px": 32.0,
+        "width": 64,
+        "height": 64,
+        "samples": 0,
+    }
+    return NetworkCard.model_validate(facts | changes)
