@@ -1,0 +1,20 @@
+"""Video and telemetry of a flight: frames, velocities and attitudes on one clock."""
+
+from flightdepth.flight.open import Flight, open_flight
+from flightdepth.flight.records import AttitudeSample, Frame, GyroscopeTrack, Telemetry, VelocitySample
+from flightdepth.flight.steadiness import Steadiness, TurnRate
+from flightdepth.flight.telemetry_csv import read_csv, write_csv
+
+__all__ = [
+    "AttitudeSample",
+    "Flight",
+    "Frame",
+    "GyroscopeTrack",
+    "Steadiness",
+    "Telemetry",
+    "TurnRate",
+    "VelocitySample",
+    "open_flight",
+    "read_csv",
+    "write_csv",
+]

@@ -1,0 +1,120 @@
+"""Camera calibrations as they are commonly stored.
+
+Supported: OpenCV's calibration files (YAML, XML or JSON, as cv2.FileStorage writes them), ROS
+camera_info YAML, and JSON with this package's own names: width, height, fx, fy, cx, cy, distortion, model.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from flightdepth.camera import Camera, Model
+from flightdepth.errors import BadInput
+from flightdepth.motion import Vector
+
+EXPECTED = "an OpenCV calibration, a ROS camera_info YAML or JSON with width, height, fx, fy, cx, cy"
+MATRIX_NAMES = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "K")
+DISTORTION_NAMES = ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "D")
+FISHEYE_MODELS = ("equidistant", "fisheye")
+OWN_FIELDS = {"width", "height", "fx", "fy", "cx", "cy", "distortion", "model"}
+
+
+def read_camera(path: Path) -> Camera:
+    """Read a calibration; a file without a focal length is refused."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise BadInput(f"camera {path}", expected=EXPECTED, got="a binary file") from error
+    except OSError as error:
+        raise BadInput(f"camera {path}", expected=EXPECTED, got=error.strerror or str(error)) from error
+    own = _own_fields(path, text)
+    return _from_own(path, own) if own is not None else _from_storage(path, text)
+
+
+def _own_fields(path: Path, text: str) -> dict[str, Any] | None:
+    """The JSON object of a file with this package's names, or None for any other file."""
+    if not text.lstrip().startswith("{"):
+        return None
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise BadInput(f"camera {path}", expected=EXPECTED, got=f"broken JSON ({error})") from error
+    return value if not set(value) & {*MATRIX_NAMES, "opencv_storage"} else None
+
+
+def _from_own(path: Path, fields: dict[str, Any]) -> Camera:
+    if "fx" not in fields or "fy" not in fields:
+        raise _no_focal_length(path)
+    unknown, missing = set(fields) - OWN_FIELDS, OWN_FIELDS - {"distortion", "model"} - set(fields)
+    if unknown or missing:
+        got = f"unknown {sorted(unknown)}" if unknown else f"no {', '.join(sorted(missing))}"
+        raise BadInput(f"camera {path}", expected=EXPECTED, got=got)
+    try:
+        fx, fy, cx, cy = (float(fields[name]) for name in ("fx", "fy", "cx", "cy"))
+        distortion = tuple(float(value) for value in fields.get("distortion", ()))
+        width, height = int(fields["width"]), int(fields["height"])
+    except (TypeError, ValueError, OverflowError) as error:
+        raise BadInput(f"camera {path}", expected="numbers", got=str(error)) from error
+    return Camera(width, height, fx, fy, cx, cy, distortion, fields.get("model", "pinhole"))
+
+
+def _from_storage(path: Path, text: str) -> Camera:
+    # ROS writes plain YAML; OpenCV reads it once it carries OpenCV's first line.
+    marked = text if text.lstrip().startswith(("%YAML", "<?xml", "{")) else f"%YAML:1.0\n---\n{text}"
+    try:
+        storage = cv2.FileStorage(marked, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        return _from_nodes(path, storage.root())
+    except (cv2.error, SystemError, TypeError, ValueError, OverflowError) as error:
+        reason = "broken file" if isinstance(error, cv2.error | SystemError) else error
+        raise BadInput(f"camera {path}", expected=EXPECTED, got=f"something else ({reason})") from error
+
+
+def _from_nodes(path: Path, root: Any) -> Camera:
+    matrix = _numbers(root, MATRIX_NAMES)
+    if matrix is None:
+        raise _no_focal_length(path)
+    width, height = (int(_real(root.getNode(name), name)) for name in ("image_width", "image_height"))
+    if len(matrix) != 9:
+        raise BadInput(f"camera {path}", expected="a 3x3 camera matrix", got=f"{len(matrix)} numbers")
+    distortion = _numbers(root, DISTORTION_NAMES)
+    coefficients = () if distortion is None else tuple(distortion.tolist())
+    fx, fy, cx, cy = (float(matrix[i]) for i in (0, 4, 2, 5))
+    return Camera(width, height, fx, fy, cx, cy, distortion=coefficients, model=_model(root))
+
+
+def _model(root: Any) -> Model:
+    node = root.getNode("distortion_model")
+    if node.isString() and node.string() in FISHEYE_MODELS:
+        return "fisheye"
+    flag = root.getNode("fisheye_model")
+    return "fisheye" if flag.isInt() and flag.real() != 0 else "pinhole"
+
+
+def _numbers(root: Any, names: tuple[str, ...]) -> Vector | None:
+    """Numbers of the first node with one of `names`: OpenCV's matrix, ROS's {rows, cols, data} or a list."""
+    for name in names:
+        node = root.getNode(name)
+        if not node.getNode("dt").empty():  # only OpenCV's own matrices say their type
+            return np.asarray(node.mat(), dtype=np.float64).ravel()
+        if node.isMap():
+            node = node.getNode("data")
+        if node.isSeq():
+            return np.array([_real(node.at(i), name) for i in range(node.size())])
+    return None
+
+
+def _real(node: Any, name: str) -> float:
+    # real() of something else gives the largest double, silently.
+    if not (node.isInt() or node.isReal()):
+        raise ValueError(f"{name} is not a number")
+    return float(node.real())
+
+
+def _no_focal_length(path: Path) -> BadInput:
+    mend = "Give --hfov DEGREES instead."
+    return BadInput(f"camera {path}", expected=EXPECTED, got="no focal length", mend=mend)

@@ -1,0 +1,123 @@
+"""Telemetry from the GPMF track inside a video: a Karma drone's velocity, the camera's gyroscope."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from av.error import FFmpegError
+from av.stream import Discard
+
+from flightdepth.errors import BadInput
+from flightdepth.flight.clock import Interval, Stamps, on_video_clock, spread
+from flightdepth.flight.gpmf import GpmfError, Stream, streams
+from flightdepth.flight.records import NS_PER_S, GyroscopeTrack, Telemetry, VelocitySample
+from flightdepth.flight.video import open_container
+from flightdepth.motion import Vector
+
+TimedStream = tuple[Interval, Stream]
+GYROSCOPE = "GYRO"
+
+
+def read_gpmf(path: Path) -> Telemetry | None:
+    """What the GPMF track of a video says, or None where there is no such track or no velocity in it."""
+    counts: Counter[str] = Counter()
+    wanted = frozenset([*VELOCITIES, GYROSCOPE])
+    found: dict[str, list[TimedStream]] = {}
+    for interval, payload in payloads(path):
+        try:
+            parsed = streams(payload, wanted)
+        except GpmfError:
+            counts["damaged telemetry payloads"] += 1
+            continue
+        for stream in parsed:
+            found.setdefault(stream.key, []).append((interval, stream))
+    for key, read_velocity in VELOCITIES.items():
+        if key in found:
+            return _telemetry(found[key], read_velocity, found.get(GYROSCOPE, []), counts)
+    return None
+
+
+def payloads(path: Path) -> Iterator[tuple[Interval, bytes]]:
+    """The payloads of the first GPMF track, with the time each spans since the first picture."""
+    with open_container(path) as container:
+        tracks = [stream for stream in container.streams if stream.type == "data"]
+        for stream in container.streams:
+            if stream not in tracks:
+                stream.discard = Discard.all  # the pictures are skipped, not read
+        videos = container.streams.video
+        zero = videos[0].start_time * videos[0].time_base if videos and videos[0].start_time else Fraction(0)
+        chosen = None
+        for packet in _packets(container, tracks):
+            data = bytes(packet)
+            if chosen is None and data[:4] == b"DEVC":
+                chosen = packet.stream
+            if packet.stream is chosen and packet.pts is not None:
+                yield _interval(packet, zero), data
+
+
+def _packets(container: Any, tracks: list[Any]) -> Iterator[Any]:
+    try:
+        yield from (packet for packet in container.demux(tracks) if packet.size)
+    except FFmpegError:
+        return  # a file cut off: the payloads before the cut are good
+
+
+def _interval(packet: Any, zero: Fraction) -> Interval:
+    start = packet.pts * packet.time_base - zero
+    end = start + (packet.duration or 0) * packet.time_base
+    return Interval(int(start * NS_PER_S), int(end * NS_PER_S))
+
+
+def _telemetry(
+    parts: list[TimedStream],
+    read: Callable[[Stream], Vector],
+    gyroscope: list[TimedStream],
+    counts: Counter[str],
+) -> Telemetry:
+    first = parts[0][1]
+    stamps = sample_times(parts)
+    velocities = np.concatenate([read(stream) for _, stream in parts])
+    kept, previous_ns = [], None
+    for stamp_ns, velocity in zip(stamps.tolist(), velocities, strict=True):
+        if not np.isfinite(velocity).all():
+            counts["velocities that are not numbers"] += 1
+        elif previous_ns is not None and stamp_ns <= previous_ns:
+            counts["velocities not later than the one before"] += 1
+        else:
+            kept.append(VelocitySample(stamp_ns, velocity))
+            previous_ns = stamp_ns
+    name = f"GPMF in the video: {first.name} of {first.device}, {len(kept)} velocities"
+    if not kept:
+        raise BadInput(name, expected="at least one velocity that is a number", got="none")
+    return Telemetry(name, tuple(kept), dict(counts), _gyroscope(gyroscope))
+
+
+def sample_times(parts: list[TimedStream]) -> Stamps:
+    """Time of each sample: by its own clock if the first column is in s, else spread over its payload."""
+    if all(stream.units[:1] == ("s",) for _, stream in parts):
+        return on_video_clock(
+            [stream.values[:, 0] for _, stream in parts], [interval for interval, _ in parts]
+        )
+    return np.concatenate([spread(len(stream.values), interval) for interval, stream in parts])
+
+
+def _gyroscope(parts: list[TimedStream]) -> GyroscopeTrack | None:
+    """The camera's gyroscope. Models order its axes differently; the angle turned does not depend on it."""
+    sound = [(interval, s) for interval, s in parts if s.values.shape[1] == 3 and np.isfinite(s.values).all()]
+    if not sound:
+        return None
+    return GyroscopeTrack(sample_times(sound), np.concatenate([stream.values for _, stream in sound]))
+
+
+def local_position_ned(stream: Stream) -> Vector:
+    """Velocity [n, 3] north-east-down, m/s, of LNED: time, position (3), velocity (3)."""
+    return stream.values[:, -3:]
+
+
+# A source of velocity more is a key and a function more.
+VELOCITIES: dict[str, Callable[[Stream], Vector]] = {"LNED": local_position_ned}

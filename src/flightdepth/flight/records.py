@@ -1,0 +1,125 @@
+"""What a flight consists of: pictures, velocities, attitudes and turn rates, each with its time.
+
+Every `stamp_ns` is int nanoseconds since the first picture of the video.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.errors import BadInput
+from flightdepth.motion import Vector, unit_quaternion
+
+VelocityFrame = Literal["world", "camera"]
+NS_PER_S = 1_000_000_000
+
+
+def seconds(stamp_ns: int) -> str:
+    """A time as people read it, to the millisecond: 1.234 s."""
+    return f"{stamp_ns / NS_PER_S:.3f} s"
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One picture: uint8 RGB [H, W, 3]. `index` counts the delivered pictures from 0."""
+
+    index: int
+    stamp_ns: int
+    image: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        if self.image.dtype != np.uint8 or self.image.ndim != 3 or self.image.shape[2] != 3:
+            got = f"{self.image.dtype} {list(self.image.shape)}"
+            raise BadInput(f"frame {self.index}", expected="uint8 RGB [H, W, 3]", got=got)
+
+
+@dataclass(frozen=True, eq=False)
+class VelocitySample:
+    """Velocity of the camera, m/s, shape (3,): north-east-down ("world") or right-down-forward ("camera").
+
+    `sigma` is the standard deviation of each component, m/s, or None where nobody tells.
+    """
+
+    stamp_ns: int
+    velocity: Vector
+    frame: VelocityFrame = "world"
+    sigma: float | None = None
+
+    def __post_init__(self) -> None:
+        velocity = np.asarray(self.velocity, dtype=np.float64)
+        if velocity.shape != (3,) or not np.isfinite(velocity).all():
+            got = str(velocity.tolist())
+            raise BadInput(f"velocity at {seconds(self.stamp_ns)}", expected="three finite m/s", got=got)
+        if self.frame not in ("world", "camera"):
+            raise BadInput("velocity frame", expected="world or camera", got=repr(self.frame))
+        if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma >= 0):
+            expected = "a finite number of m/s, 0 or more"
+            raise BadInput(f"sigma at {seconds(self.stamp_ns)}", expected=expected, got=str(self.sigma))
+        object.__setattr__(self, "velocity", velocity)
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudeSample:
+    """Attitude of the camera: unit quaternion (w, x, y, z), world (NED) from camera (x right, y down)."""
+
+    stamp_ns: int
+    world_from_camera: Vector
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "world_from_camera", unit_quaternion(self.world_from_camera))
+
+
+Sample = VelocitySample | AttitudeSample
+
+
+@dataclass(frozen=True, eq=False)
+class GyroscopeTrack:
+    """Turn rates of the camera: stamps int64 [n], rising; rates rad/s [n, 3], axes in any fixed order."""
+
+    stamps_ns: NDArray[np.int64]
+    rates_rad_s: Vector
+
+    def __post_init__(self) -> None:
+        if self.rates_rad_s.shape != (len(self.stamps_ns), 3) or not np.isfinite(self.rates_rad_s).all():
+            got = f"{len(self.stamps_ns)} stamps and rates {list(self.rates_rad_s.shape)}"
+            raise BadInput("gyroscope", expected="a finite rate [3] for each stamp", got=got)
+
+    def turn_rad(self, start_ns: int, end_ns: int) -> float | None:
+        """Angle turned from `start_ns` to `end_ns` (small angles: the mean rate's length times the time)."""
+        first, last = np.searchsorted(self.stamps_ns, [start_ns, end_ns])
+        if first == last:
+            return None
+        mean_rate = self.rates_rad_s[first:last].mean(axis=0)
+        return float(np.linalg.norm(mean_rate)) * (end_ns - start_ns) / NS_PER_S
+
+
+@dataclass(frozen=True, eq=False)
+class Telemetry:
+    """All that one log says about a flight, in time order, on the video's clock.
+
+    `name` is a line for people; `counts` says how much of the log was dropped, and why.
+    """
+
+    name: str
+    samples: tuple[Sample, ...]
+    counts: dict[str, int] = field(default_factory=dict)
+    gyroscope: GyroscopeTrack | None = None
+
+    def __post_init__(self) -> None:
+        stamps = [sample.stamp_ns for sample in self.samples]
+        if stamps != sorted(stamps):
+            raise BadInput(
+                f"telemetry {self.name}", expected="samples in time order", got="an earlier one after a later"
+            )
+        if not any(isinstance(sample, VelocitySample) for sample in self.samples):
+            raise BadInput(f"telemetry {self.name}", expected="at least one velocity", got="none")
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Stamps of the first and the last velocity."""
+        stamps = [sample.stamp_ns for sample in self.samples if isinstance(sample, VelocitySample)]
+        return stamps[0], stamps[-1]

@@ -1,0 +1,188 @@
+"""Telemetry as a CSV file: one header line, then one line for each time.
+
+Columns, in any order:
+
+    stamp_ns  or  time_s                                since the video's first picture (int ns, or seconds)
+    vn_m_s, ve_m_s, vd_m_s                              velocity north, east, down (world), or
+    vx_camera_m_s, vy_camera_m_s, vz_camera_m_s         velocity right, down, forward (camera)
+    sigma_m_s                                           optional: its standard deviation
+    qw, qx, qy, qz                                      optional: attitude, world (NED) from camera
+
+Other columns are ignored, and the telemetry's name says which. Times must rise from line to line.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from flightdepth.errors import BadInput
+from flightdepth.files import write_atomic
+from flightdepth.flight.records import (
+    NS_PER_S,
+    AttitudeSample,
+    Sample,
+    Telemetry,
+    VelocityFrame,
+    VelocitySample,
+    seconds,
+)
+from flightdepth.motion import Vector
+
+STAMP, TIME, SIGMA = "stamp_ns", "time_s", "sigma_m_s"
+VELOCITY: dict[VelocityFrame, tuple[str, str, str]] = {
+    "world": ("vn_m_s", "ve_m_s", "vd_m_s"),
+    "camera": ("vx_camera_m_s", "vy_camera_m_s", "vz_camera_m_s"),
+}
+ATTITUDE = ("qw", "qx", "qy", "qz")
+CHOICES = " or ".join(", ".join(names) for names in VELOCITY.values())
+MEND = f"The columns are {STAMP} or {TIME}, then {CHOICES}."
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Which columns a file has, checked: one of time, one set of velocity."""
+
+    time: Literal["stamp_ns", "time_s"]
+    frame: VelocityFrame
+    sigma: bool
+    attitude: bool
+    ignored: tuple[str, ...]
+
+    @classmethod
+    def of(cls, what: str, header: Sequence[str]) -> Columns:
+        """Recognise the header line of the file `what`."""
+        if len(set(header)) != len(header):
+            raise BadInput(f"{what}, line 1", expected="each column once", got=", ".join(header))
+        times = [name for name in (STAMP, TIME) if name in header]
+        frames = [frame for frame, names in VELOCITY.items() if _all_or_none(what, header, names)]
+        if len(times) != 1 or len(frames) != 1:
+            expected = "one time column and one set of velocity columns"
+            raise BadInput(f"{what}, line 1", expected=expected, got=", ".join(header)[:200], mend=MEND)
+        attitude = _all_or_none(what, header, ATTITUDE)
+        known = {times[0], *VELOCITY[frames[0]], SIGMA, *ATTITUDE}
+        ignored = tuple(name for name in header if name not in known)
+        return cls(
+            "stamp_ns" if times[0] == STAMP else "time_s", frames[0], SIGMA in header, attitude, ignored
+        )
+
+
+def read_csv(path: Path) -> Telemetry:
+    """Read a telemetry CSV; anything wrong is named with its line."""
+    what = f"telemetry {path}"
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            return _read(what, path.name, csv.reader(file, skipinitialspace=True))
+    except OSError as error:
+        got = error.strerror or str(error)
+        raise BadInput(what, expected="a CSV file that can be read", got=got) from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise BadInput(what, expected="a CSV file", got=f"something else ({error})", mend=MEND) from error
+
+
+def write_csv(path: Path, samples: Iterable[Sample]) -> None:
+    """Write velocities of one frame, and attitudes that share their stamps; `read_csv` gives them back."""
+    ordered = list(samples)
+    velocities = [sample for sample in ordered if isinstance(sample, VelocitySample)]
+    attitudes = {s.stamp_ns: s.world_from_camera for s in ordered if isinstance(s, AttitudeSample)}
+    frames = {velocity.frame for velocity in velocities}
+    what = f"telemetry {path}"
+    if len(frames) != 1:
+        raise BadInput(what, expected="velocities of one frame", got=str(sorted(frames)))
+    if attitudes and set(attitudes) != {velocity.stamp_ns for velocity in velocities}:
+        raise BadInput(what, expected="an attitude at each velocity's stamp, or none", got="some")
+    has_sigma = any(velocity.sigma is not None for velocity in velocities)
+    optional = [*([SIGMA] if has_sigma else []), *(ATTITUDE if attitudes else [])]
+    lines = [",".join([STAMP, *VELOCITY[frames.pop()], *optional])]
+    lines += [_line(velocity, has_sigma, attitudes.get(velocity.stamp_ns)) for velocity in velocities]
+    write_atomic(path, ("\n".join(lines) + "\n").encode())
+
+
+def _line(velocity: VelocitySample, has_sigma: bool, attitude: Vector | None) -> str:
+    cells = [str(velocity.stamp_ns), *map(repr, velocity.velocity.tolist())]
+    if has_sigma:
+        cells.append("" if velocity.sigma is None else repr(float(velocity.sigma)))
+    if attitude is not None:
+        cells.extend(map(repr, attitude.tolist()))
+    return ",".join(cells)
+
+
+def _read(what: str, name: str, rows: Iterable[list[str]]) -> Telemetry:
+    iterator = iter(rows)
+    header = [cell.strip() for cell in next(iterator, [])]
+    if not any(header):
+        raise BadInput(
+            what, expected="a header line and a line for each time", got="an empty file", mend=MEND
+        )
+    columns = Columns.of(what, header)
+    samples: list[Sample] = []
+    for line, row in enumerate(iterator, start=2):
+        if not any(cell.strip() for cell in row):
+            continue
+        where = f"{what}, line {line}"
+        new = _samples(where, columns, _cells(where, header, row))
+        if samples and new[0].stamp_ns <= samples[-1].stamp_ns:
+            expected = f"a time after {seconds(samples[-1].stamp_ns)}"
+            raise BadInput(where, expected=expected, got=seconds(new[0].stamp_ns))
+        samples.extend(new)
+    if not samples:
+        raise BadInput(what, expected="a line for each time", got="only the header")
+    ignored = f", ignored columns: {', '.join(columns.ignored)}" if columns.ignored else ""
+    return Telemetry(f"CSV {name}: {columns.frame} velocity{ignored}", tuple(samples))
+
+
+def _cells(where: str, header: Sequence[str], row: Sequence[str]) -> dict[str, str]:
+    if len(row) != len(header):
+        raise BadInput(where, expected=f"{len(header)} cells", got=str(len(row)))
+    return dict(zip(header, row, strict=True))
+
+
+def _samples(where: str, columns: Columns, cells: dict[str, str]) -> list[Sample]:
+    stamp_ns = _stamp(where, columns.time, cells)
+    velocity = _numbers(where, cells, VELOCITY[columns.frame])
+    sigma = _number(where, cells, SIGMA) if columns.sigma and cells[SIGMA].strip() else None
+    try:
+        samples: list[Sample] = [VelocitySample(stamp_ns, velocity, columns.frame, sigma)]
+        if columns.attitude:
+            samples.append(AttitudeSample(stamp_ns, _numbers(where, cells, ATTITUDE)))
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from error
+    return samples
+
+
+def _stamp(where: str, column: str, cells: dict[str, str]) -> int:
+    if column == TIME:
+        return round(_number(where, cells, TIME) * NS_PER_S)
+    try:
+        return int(cells[STAMP])
+    except ValueError as error:
+        raise BadInput(where, expected=f"{STAMP} as a whole number", got=repr(cells[STAMP])) from error
+
+
+def _numbers(where: str, cells: dict[str, str], names: Sequence[str]) -> Vector:
+    return np.array([_number(where, cells, name) for name in names])
+
+
+def _number(where: str, cells: dict[str, str], name: str) -> float:
+    try:
+        number = float(cells[name])
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise BadInput(where, expected=f"a finite number for {name}", got=repr(cells[name].strip()))
+    return number
+
+
+def _all_or_none(what: str, header: Sequence[str], names: Sequence[str]) -> bool:
+    missing = [name for name in names if name not in header]
+    if missing and len(missing) < len(names):
+        raise BadInput(
+            f"{what}, line 1", expected=f"all of {', '.join(names)}", got=f"no {', '.join(missing)}"
+        )
+    return not missing

@@ -1,0 +1,256 @@
+"""Pictures of a video file, with the times that the container gives them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import chain
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import av
+import numpy as np
+from av.error import FFmpegError
+from numpy.typing import NDArray
+
+from flightdepth.errors import BadInput
+from flightdepth.flight.records import NS_PER_S, Frame, seconds
+
+VIDEO_EXPECTED = "a video such as MP4, MOV or MKV"
+SNIFFED_BYTES = 4096
+
+
+def open_container(path: Path) -> Any:
+    """Open a video file with FFmpeg; what cannot be one is refused with the reason."""
+    refuse_non_video(path)
+    try:
+        return av.open(str(path))
+    except (FFmpegError, OSError, ValueError) as error:
+        raise BadInput(f"video {path}", expected=VIDEO_EXPECTED, **_explain(path, error)) from error
+
+
+def refuse_non_video(path: Path) -> None:
+    """Refuse missing, empty and text files; FFmpeg draws some texts as pictures or follows links in them."""
+    if not path.is_file():
+        got = "a folder" if path.is_dir() else "no such file"
+        raise BadInput(f"video {path}", expected=VIDEO_EXPECTED, got=got)
+    if not (head := _read_head(path)):
+        raise BadInput(f"video {path}", expected=VIDEO_EXPECTED, got="an empty file")
+    if is_text(head):
+        raise BadInput(
+            f"video {path}", expected=VIDEO_EXPECTED, got="a text file", mend="A log goes to --telemetry."
+        )
+
+
+def is_text(head: bytes) -> bool:
+    """Whether the first bytes of a file are UTF-8 text; a character cut at the end is allowed."""
+    try:
+        text = head.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if error.start < len(head) - 3:
+            return False
+        text = head[: error.start].decode("utf-8-sig")
+    return all(character.isprintable() or character in "\t\r\n\f" for character in text)
+
+
+class Video:
+    """One pass over the pictures of a video file. Times are container times, relative to the stream's start.
+
+    A packet or picture that is damaged, has no time, or is not later than the one before is left out and
+    counted in `counts`. Pictures are turned upright where the file says that the camera was held sideways.
+    `duration_ns` is what the file claims, 0 where it does not say; `frame_count_hint` is about how many
+    pictures will be delivered, for progress bars, None where the file does not say.
+    """
+
+    def __init__(self, path: Path, *, start_s: float | None = None, end_s: float | None = None) -> None:
+        self.path = path
+        self.start_ns, self.end_ns = _interval(start_s, end_s)
+        self.counts: Counter[str] = Counter()
+        self._container = open_container(path)
+        if not self._container.streams.video:
+            self.close()
+            raise BadInput(f"video {path}", expected="a video stream", got="only sound or data")
+        self._stream = self._container.streams.video[0]
+        self._stream.thread_type = "AUTO"
+        self._origin = self._find_origin()
+        self.duration_ns = self._find_duration_ns()
+        self.frame_count_hint = self._guess_frame_count()
+        self._chosen = self._between()
+        first = next(self._chosen, None)
+        if first is None:
+            self.close()
+            raise self._no_frame()
+        self._first = first
+
+    def __enter__(self) -> Video:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._container.close()
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the upright pictures."""
+        picture = self._first[1]
+        turned = quarter_turns(picture) % 2
+        return (picture.height, picture.width) if turned else (picture.width, picture.height)
+
+    def _find_duration_ns(self) -> int:
+        if self._stream.duration is not None:
+            return self._nanoseconds(self._stream.duration)
+        return int((self._container.duration or 0) * NS_PER_S // av.time_base)
+
+    def _guess_frame_count(self) -> int | None:
+        rate = self._stream.average_rate
+        if rate is None or not self.duration_ns:
+            return self._stream.frames or None
+        end_ns = self.duration_ns if self.end_ns is None else min(self.end_ns, self.duration_ns)
+        return max(0, round((end_ns - self.start_ns) / NS_PER_S * float(rate)))
+
+    def frames(self) -> Iterator[Frame]:
+        """The pictures from `start_s` (included) to `end_s` (left out), in time order; call once."""
+        index, size = 0, (self._first[1].width, self._first[1].height)
+        for stamp_ns, picture in chain([self._first], self._chosen):
+            if (picture.width, picture.height) != size:
+                self.counts["frames of another size than the first"] += 1
+                continue
+            yield Frame(index, stamp_ns, upright(picture))
+            index += 1
+
+    def _between(self) -> Iterator[tuple[int, Any]]:
+        for stamp_ns, picture in self._pictures():
+            if self.end_ns is not None and stamp_ns >= self.end_ns:
+                break
+            if stamp_ns >= self.start_ns:
+                yield stamp_ns, picture
+
+    def _pictures(self) -> Iterator[tuple[int, Any]]:
+        """Sound pictures with strictly rising times, from the key frame before the start on."""
+        last_ns = -1
+        for picture in self._decoded():
+            if picture.pts is None:
+                self.counts["frames without a time"] += 1
+            elif picture.is_corrupt:
+                self.counts["damaged frames"] += 1
+            elif (stamp_ns := self._nanoseconds(picture.pts - self._origin)) <= last_ns:
+                self.counts["frames not later than the one before"] += 1
+            else:
+                last_ns = stamp_ns
+                yield stamp_ns, picture
+
+    def _decoded(self) -> Iterator[Any]:
+        self._seek()
+        read = given = 0
+        for packet in self._packets():
+            read += packet.size > 0
+            try:
+                pictures = packet.decode()
+            except FFmpegError:
+                self.counts["damaged video packets"] += 1
+                continue
+            given += len(pictures)
+            yield from pictures
+        if self.start_ns == 0:  # after a seek, packets may rightly give no picture
+            self._count_lost(read, given)
+
+    def _count_lost(self, read: int, given: int) -> None:
+        lost = read - given - self.counts.get("damaged video packets", 0)
+        if lost > 0:
+            self.counts["video packets that gave no picture"] = lost
+        # FFmpeg ends a cut MP4 without a word, but the index at its front tells how much there should be.
+        if read < self._stream.frames:
+            self.counts["frames missing at the end of the file"] = self._stream.frames - read
+
+    def _packets(self) -> Iterator[Any]:
+        try:
+            yield from self._container.demux(self._stream)
+        except FFmpegError:
+            self.counts["read errors (the rest of the video is lost)"] += 1
+
+    def _find_origin(self) -> int:
+        """Time of the first picture, ticks; some containers tell it only with the first packet."""
+        if self._stream.start_time is not None:
+            return int(self._stream.start_time)
+        try:
+            packet = next(self._container.demux(self._stream))
+            self._container.seek(0)
+        except FFmpegError:
+            return 0
+        return int(packet.pts or 0)
+
+    def _seek(self) -> None:
+        if self.start_ns == 0:
+            return
+        offset = self._origin + int(Fraction(self.start_ns, NS_PER_S) / self._stream.time_base)
+        try:
+            self._container.seek(offset, stream=self._stream)
+        except FFmpegError:
+            return  # not seekable: decoding from the beginning gives the same frames, later
+
+    def _nanoseconds(self, ticks: int) -> int:
+        return int(ticks * self._stream.time_base * NS_PER_S)
+
+    def _no_frame(self) -> BadInput:
+        if self.start_ns == 0 and self.end_ns is None:
+            return BadInput(
+                f"video {self.path}", expected="at least one picture that can be decoded", got="none"
+            )
+        end = "the end" if self.end_ns is None else seconds(self.end_ns)
+        return BadInput(
+            f"video {self.path}",
+            expected=f"pictures between {seconds(self.start_ns)} and {end}",
+            got=f"a video of {seconds(self.duration_ns)}",
+            mend="Change --start or --end.",
+        )
+
+
+def upright(picture: Any) -> NDArray[np.uint8]:
+    """RGB [H, W, 3] of a decoded picture, turned by the multiple of 90 degrees that the file asks for."""
+    image: NDArray[np.uint8] = picture.to_ndarray(format="rgb24")
+    turns = quarter_turns(picture)
+    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
+
+
+def quarter_turns(picture: Any) -> int:
+    """How often a picture is to be turned by 90 degrees, anticlockwise, 0..3."""
+    return int(round(picture.rotation / 90) % 4)
+
+
+def _interval(start_s: float | None, end_s: float | None) -> tuple[int, int | None]:
+    for name, value in (("--start", start_s), ("--end", end_s)):
+        if value is not None and not (math.isfinite(value) and value >= 0):
+            raise BadInput(name, expected="seconds since the video's start", got=str(value))
+    start_ns = 0 if start_s is None else round(start_s * NS_PER_S)
+    end_ns = None if end_s is None else round(end_s * NS_PER_S)
+    if end_ns is not None and end_ns <= start_ns:
+        raise BadInput("--end", expected=f"more than {seconds(start_ns)}", got=seconds(end_ns))
+    return start_ns, end_ns
+
+
+def _read_head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(SNIFFED_BYTES)
+    except OSError as error:
+        raise BadInput(
+            f"video {path}", expected="a readable file", got=error.strerror or str(error)
+        ) from error
+
+
+def _explain(path: Path, error: Exception) -> dict[str, str]:
+    if _read_head(path)[4:8] == b"ftyp":
+        return {
+            "got": "an MP4 without a usable index, so it was cut off",
+            "mend": "Copy it again or repair it.",
+        }
+    reason = getattr(error, "strerror", None) or str(error)
+    return {"got": f"a file that cannot be read as one ({reason})"}

@@ -1,0 +1,129 @@
+"""Small flight files for tests: videos through PyAV, GPMF bytes, and a GPMF track put into an MP4 by hand."""
+
+import struct
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+
+IDENTITY = (0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 0x40000000)
+
+
+def make_video(
+    path: Path, stamps_ms, *, width=96, height=64, codec="libx264", colour=lambda index: index, options=None
+):
+    """One plain picture for each time; its grey value is `colour(index)`."""
+    with av.open(str(path), "w", options=options or {}) as container:
+        stream = container.add_stream(codec, rate=30)
+        stream.width, stream.height = width, height
+        stream.pix_fmt = "rgb24" if codec == "png" else "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for index, stamp in enumerate(stamps_ms):
+            image = np.full((height, width, 3), colour(index), np.uint8)
+            image[: height // 4, : width // 4] = 250  # a mark in the top left corner
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame.pts, frame.time_base = stamp, Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def make_sound(path: Path):
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("aac", rate=48000)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+        frame.sample_rate, frame.pts = 48000, 0
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def klv(key: str, kind: str, size: int, repeat: int, data: bytes) -> bytes:
+    return struct.pack(">4sBBH", key.encode(), ord(kind), size, repeat) + data + bytes(-len(data) % 4)
+
+
+def nest(key: str, *parts: bytes) -> bytes:
+    data = b"".join(parts)
+    return klv(key, "\0", 1, len(data), data)
+
+
+def lned_payload(rows, *, clock=True) -> bytes:
+    """A Karma payload: rows of (own time ms, velocity north, east, down)."""
+    layout, unit, scale = ("L", ["s"], [1000]) if clock else ("", [], [])
+    layout, unit, scale = layout + "ffffff", [*unit, *["m"] * 3, *["m/s"] * 3], [*scale, *[1] * 6]
+    packed = [
+        (struct.pack(">L", ms) if clock else b"") + struct.pack(">6f", 0, 0, 0, *velocity)
+        for ms, *velocity in rows
+    ]
+    return nest(
+        "DEVC",
+        klv("DVID", "L", 4, 1, b"\0\0\0\1"),
+        klv("DVNM", "c", 1, 5, b"Karma"),
+        nest(
+            "STRM",
+            klv("STNM", "c", 1, 18, b"Local Position NED"),
+            klv("UNIT", "c", 3, len(unit), b"".join(u.encode().ljust(3, b"\0") for u in unit)),
+            klv("TYPE", "c", 1, len(layout), layout.encode()),
+            klv("SCAL", "l", 4, len(scale), struct.pack(f">{len(scale)}l", *scale)),
+            klv("LNED", "?", 4 * len(layout), len(rows), b"".join(packed)),
+        ),
+    )
+
+
+def gyro_payload(rates, scale=1000) -> bytes:
+    raw = np.round(np.asarray(rates) * scale).astype(">i2")
+    return nest(
+        "DEVC",
+        klv("DVNM", "c", 1, 6, b"Camera"),
+        nest(
+            "STRM",
+            klv("SCAL", "s", 2, 1, struct.pack(">h", scale)),
+            klv("GYRO", "s", 6, len(raw), raw.tobytes()),
+        ),
+    )
+
+
+def box(kind: str, *parts: bytes) -> bytes:
+    data = b"".join(parts)
+    return struct.pack(">L4s", len(data) + 8, kind.encode()) + data
+
+
+def full_box(kind: str, *parts: bytes) -> bytes:
+    return box(kind, bytes(4), *parts)
+
+
+def add_gpmf(path: Path, payloads, duration_ms=1000) -> Path:
+    """Append a GPMF track to an MP4 whose index is its last box; each payload lasts `duration_ms`."""
+    data = path.read_bytes()
+    moov = data.rindex(b"moov") - 4
+    assert moov + int.from_bytes(data[moov : moov + 4], "big") == len(data)
+    shift = len(_trak(payloads, 0, duration_ms))
+    trak = _trak(payloads, len(data) + shift + 8, duration_ms)
+    path.write_bytes(data[:moov] + box("moov", data[moov + 8 :], trak) + box("mdat", *payloads))
+    return path
+
+
+def _trak(payloads, offset, duration_ms) -> bytes:
+    total, count = duration_ms * len(payloads), len(payloads)
+    matrix = struct.pack(">9L", *IDENTITY)
+    tkhd = full_box("tkhd", struct.pack(">5L", 0, 0, 9, 0, total), bytes(16), matrix, bytes(8))
+    mdhd = full_box("mdhd", struct.pack(">4L", 0, 0, 1000, total), bytes(4))
+    hdlr = full_box("hdlr", b"mhlrmeta", bytes(12), b"GoPro MET\0")
+    dinf = box("dinf", full_box("dref", struct.pack(">L", 1), box("url ", b"\0\0\0\1")))
+    stsd = full_box("stsd", struct.pack(">L", 1), box("gpmd", bytes(6), b"\0\1", bytes(4)))
+    stts = full_box("stts", struct.pack(">3L", 1, count, duration_ms))
+    stsc = full_box("stsc", struct.pack(">4L", 1, 1, count, 1))
+    stsz = full_box("stsz", struct.pack(f">{count + 2}L", 0, count, *map(len, payloads)))
+    stco = full_box("stco", struct.pack(">2L", 1, offset))
+    stbl = box("stbl", stsd, stts, stsc, stsz, stco)
+    return box("trak", tkhd, box("mdia", mdhd, hdlr, box("minf", full_box("nmhd"), dinf, stbl)))
+
+
+def turn_video(path: Path) -> Path:
+    """Say in the MP4 that its pictures are to be shown turned by 90 degrees clockwise."""
+    clockwise = (0, 0x10000, 0, 0xFFFF0000, 0, 0, 0, 0, 0x40000000)
+    data = path.read_bytes()
+    at = data.index(struct.pack(">9L", *IDENTITY), data.index(b"tkhd"))
+    path.write_bytes(data[:at] + struct.pack(">9L", *clockwise) + data[at + 36 :])
+    return path

@@ -1,0 +1,104 @@
+import json
+import random
+from dataclasses import asdict
+
+import cv2
+import numpy as np
+import pytest
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.flight.camera_file import read_camera
+
+CAMERA = Camera(640, 480, 500.5, 501.0, 320.0, 240.0, (0.1, -0.2, 0.0, 0.0, 0.01))
+ROS = """image_width: 640
+image_height: 480
+camera_name: front
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [500.5, 0.0, 320, 0.0, 501.0, 240.0, 0.0, 0.0, 1.0]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [0.1, -0.2, 0, 0, 0.01]
+"""
+
+
+def read(tmp_path, text):
+    path = tmp_path / "camera.yaml"
+    path.write_text(text)
+    return read_camera(path)
+
+
+@pytest.mark.parametrize("ending", ["yaml", "xml", "json"])
+def test_opencvs_own_files_are_read(tmp_path, ending):
+    path = tmp_path / f"camera.{ending}"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", 640)
+    storage.write("image_height", 480)
+    storage.write("camera_matrix", CAMERA.matrix)
+    storage.write("distortion_coefficients", np.array([CAMERA.distortion]).T)
+    storage.release()
+    assert read_camera(path) == CAMERA
+
+
+def test_ros_camera_info_is_read(tmp_path):
+    assert read(tmp_path, ROS) == CAMERA
+
+
+def test_rosequidistant_is_a_fisheye(tmp_path):
+    text = ROS.replace("plumb_bob", "equidistant").replace("[0.1, -0.2, 0, 0, 0.01]", "[0.1, 0, 0, 0]")
+    assert read(tmp_path, text).model == "fisheye"
+
+
+def test_json_of_a_camera_is_read_back(tmp_path):
+    assert read(tmp_path, json.dumps(asdict(CAMERA))) == CAMERA
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "no focal length.*--hfov"),
+        ("image_width: 3\nimage_height: 4\n", "no focal length.*--hfov"),
+        ('{"width": 3}', "no focal length.*--hfov"),
+        ("hello world\n", "something else"),
+        ('{"width": ', "broken JSON"),
+        ('{"a":' * 5000, "broken JSON"),
+        (json.dumps({**asdict(CAMERA), "fx": "wide"}), "expected numbers"),
+        (json.dumps({**asdict(CAMERA), "zoom": 2}), "unknown"),
+        (json.dumps({"fx": 1, "fy": 1, "cx": 0, "cy": 0, "width": 5}), "no height"),
+        (ROS.replace("500.5, 0.0,", ""), "3x3"),
+        (ROS.replace("500.5", "wide"), "not a number"),
+        (ROS.replace("480", "high"), "not a number"),
+        (ROS.replace("500.5", "0.0"), "focal length"),
+        (ROS.replace("[0.1, -0.2,", "["), "coefficients, got 3"),
+    ],
+)
+def test_what_is_no_calibration_is_refused(tmp_path, text, said):
+    with pytest.raises(BadInput, match=said):
+        read(tmp_path, text)
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="No such file"):
+        read_camera(tmp_path / "none.yaml")
+
+
+def test_a_binary_file_is_refused(tmp_path):
+    path = tmp_path / "camera.yaml"
+    path.write_bytes(bytes(range(256)))
+    with pytest.raises(BadInput, match="binary"):
+        read_camera(path)
+
+
+def test_cut_and_trashed_files_read_or_refuse(tmp_path, capfd):
+    rng = random.Random(0)
+    for size in range(len(ROS)):
+        text = list(ROS[: size + 1])
+        text[rng.randrange(len(text))] = chr(rng.randrange(32, 127))
+        try:
+            assert read(tmp_path, "".join(text)).width > 0
+        except BadInput:
+            continue

@@ -1,0 +1,138 @@
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flightdepth.errors import BadInput
+from flightdepth.flight.records import AttitudeSample, VelocitySample
+from flightdepth.flight.telemetry_csv import read_csv, write_csv
+
+WORLD = "time_s,vn_m_s,ve_m_s,vd_m_s\n"
+GOOD = WORLD + "0,1,2,3\n0.5,4,5,6\n"
+
+
+def read(tmp_path, text):
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    return read_csv(path)
+
+
+number = st.floats(-100, 100)
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 10**12), number, number, number), min_size=1, unique_by=lambda row: row[0]
+    ),
+    st.sampled_from(["world", "camera"]),
+    st.one_of(st.none(), st.floats(0, 10)),
+    st.booleans(),
+)
+def test_what_is_written_is_read_back(tmp_path_factory, rows, frame, sigma, has_attitude):
+    samples = []
+    for stamp_ns, *velocity in sorted(rows):
+        samples.append(VelocitySample(stamp_ns, velocity, frame, sigma))
+        if has_attitude:
+            samples.append(AttitudeSample(stamp_ns, [1, *velocity]))
+    path = tmp_path_factory.getbasetemp() / "round.csv"
+    write_csv(path, samples)
+    back = read_csv(path).samples
+    assert [sample.stamp_ns for sample in back] == [sample.stamp_ns for sample in samples]
+    for new, old in zip(back, samples, strict=True):
+        if isinstance(old, VelocitySample):
+            assert (new.velocity == old.velocity).all()
+            assert (new.frame, new.sigma) == (old.frame, old.sigma)
+        else:
+            assert np.allclose(new.world_from_camera, old.world_from_camera, atol=1e-15)
+
+
+def test_seconds_become_nanoseconds(tmp_path):
+    assert [sample.stamp_ns for sample in read(tmp_path, GOOD).samples] == [0, 500_000_000]
+
+
+def test_columns_may_stand_in_any_order(tmp_path):
+    sample = read(tmp_path, "vd_m_s, vn_m_s ,stamp_ns,ve_m_s\n3,1,77,2\n").samples[0]
+    assert (sample.stamp_ns, sample.velocity.tolist(), sample.frame) == (77, [1, 2, 3], "world")
+
+
+def test_camera_columns_give_camera_velocity(tmp_path):
+    sample = read(tmp_path, "time_s,vx_camera_m_s,vy_camera_m_s,vz_camera_m_s\n1,0,0,5\n").samples[0]
+    assert (sample.frame, sample.velocity.tolist()) == ("camera", [0, 0, 5])
+
+
+def test_an_empty_sigma_is_none(tmp_path):
+    samples = read(tmp_path, "time_s,vn_m_s,ve_m_s,vd_m_s,sigma_m_s\n0,1,2,3,\n1,1,2,3,0.5\n").samples
+    assert [sample.sigma for sample in samples] == [None, 0.5]
+
+
+def test_ignored_columns_are_named(tmp_path):
+    assert "ignored columns: note" in read(tmp_path, WORLD.replace("\n", ",note\n") + "0,1,2,3,hello\n").name
+
+
+def test_blank_lines_and_a_byte_order_mark_do_not_matter(tmp_path):
+    assert len(read(tmp_path, "\ufeff" + GOOD + "\n\n").samples) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "an empty file"),
+        (WORLD, "only the header"),
+        ("a,b\n1,2\n", "one time column"),
+        ("time_s,stamp_ns,vn_m_s,ve_m_s,vd_m_s\n", "one time column"),
+        ("time_s,vn_m_s,ve_m_s\n0,1,2\n", "no vd_m_s"),
+        (WORLD.replace("\n", ",qw,qx,qy\n"), "no qz"),
+        ("time_s,time_s,vn_m_s,ve_m_s,vd_m_s\n", "each column once"),
+        (GOOD + "1,2,3\n", "line 4.*4 cells.*got 3"),
+        (GOOD + "1,nan,3,4\n", "line 4.*finite number for vn_m_s.*'nan'"),
+        (GOOD + "1,,3,4\n", "line 4.*vn_m_s"),
+        (GOOD + "1,inf,3,4\n", "line 4.*vn_m_s"),
+        (GOOD + "0.5,1,2,3\n", r"line 4.*a time after 0\.500 s"),
+        (GOOD + "0.4,1,2,3\n", r"line 4.*after 0\.500 s, got 0\.400 s"),
+        (GOOD.replace("time_s", "stamp_ns"), "line 3.*whole number"),
+        (WORLD.replace("\n", ",sigma_m_s\n") + "0,1,2,3,-1\n", "line 2.*sigma"),
+        (WORLD.replace("\n", ",qw,qx,qy,qz\n") + "0,1,2,3,0,0,0,0\n", "line 2.*quaternion"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(tmp_path, text, said):
+    with pytest.raises(BadInput, match=said):
+        read(tmp_path, text)
+
+
+def test_a_missing_log_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="No such file"):
+        read_csv(tmp_path / "none.csv")
+
+
+def test_a_binary_log_is_refused(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_bytes(bytes(range(256)))
+    with pytest.raises(BadInput, match="a CSV file"):
+        read_csv(path)
+
+
+def test_cut_and_trashed_logs_read_or_refuse(tmp_path):
+    path = tmp_path / "log.csv"
+    rng = random.Random(0)
+    for size in range(len(GOOD)):
+        data = bytearray(GOOD.encode()[: size + 1])
+        data[rng.randrange(len(data))] = rng.randrange(256)
+        path.write_bytes(data)
+        try:
+            assert len(read_csv(path).samples) <= 4
+        except BadInput:
+            continue
+
+
+def test_two_frames_cannot_be_written(tmp_path):
+    samples = [VelocitySample(0, [0, 0, 1], "world"), VelocitySample(1, [0, 0, 1], "camera")]
+    with pytest.raises(BadInput, match="one frame"):
+        write_csv(tmp_path / "log.csv", samples)
+
+
+def test_an_attitude_without_its_velocity_cannot_be_written(tmp_path):
+    samples = [VelocitySample(0, [0, 0, 1]), AttitudeSample(1, [1, 0, 0, 0])]
+    with pytest.raises(BadInput, match="an attitude at each"):
+        write_csv(tmp_path / "log.csv", samples)

@@ -1,0 +1,151 @@
+import json
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from flight_files import add_gpmf, lned_payload, make_video
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.flight import AttitudeSample, Frame, VelocitySample, open_flight, write_csv
+from flightdepth.flight.open import merged
+
+MS = 1_000_000
+
+
+@pytest.fixture
+def video(tmp_path):
+    return make_video(tmp_path / "v.mp4", range(0, 2000, 40))
+
+
+def log(tmp_path, stamps_ms, *, attitude=False):
+    path = tmp_path / "log.csv"
+    samples = []
+    for stamp in stamps_ms:
+        samples.append(VelocitySample(stamp * MS, [1.0, 2.0, 3.0]))
+        if attitude:
+            samples.append(AttitudeSample(stamp * MS, [1, 0, 0, 0]))
+    write_csv(path, samples)
+    return path
+
+
+def frame(stamp):
+    return Frame(0, stamp, np.zeros((2, 2, 3), np.uint8))
+
+
+def velocity(stamp):
+    return VelocitySample(stamp, [0, 0, 1])
+
+
+def order(items):
+    return [(type(item).__name__[0], item.stamp_ns) for item in items]
+
+
+def test_each_frame_follows_the_first_velocity_at_or_after_it():
+    found = merged(
+        iter([frame(0), frame(5), frame(10), frame(12)]), (velocity(3), velocity(10), velocity(20))
+    )
+    assert order(found) == [("V", 3), ("F", 0), ("V", 10), ("F", 5), ("F", 10), ("V", 20), ("F", 12)]
+
+
+def test_an_attitude_with_the_velocitys_stamp_comes_before_the_frame():
+    samples = (velocity(3), AttitudeSample(3, [1, 0, 0, 0]), velocity(9))
+    assert order(merged(iter([frame(1)]), samples)) == [("V", 3), ("A", 3), ("F", 1)]
+
+
+def test_frames_after_the_last_velocity_still_come():
+    assert order(merged(iter([frame(1), frame(9)]), (velocity(3),))) == [("V", 3), ("F", 1), ("F", 9)]
+
+
+def test_no_sample_comes_twice_or_is_left_out():
+    samples = tuple(velocity(stamp) for stamp in range(0, 100, 7))
+    found = list(merged((frame(stamp) for stamp in range(0, 90, 4)), samples))
+    assert [item for item in found if isinstance(item, VelocitySample)] == list(samples[:14])
+
+
+def test_a_flight_with_a_log(video, tmp_path):
+    with open_flight(video, log(tmp_path, range(0, 2100, 100), attitude=True), hfov_deg=60) as flight:
+        items = list(flight)
+    assert sum(isinstance(item, Frame) for item in items) == 50
+    assert sum(isinstance(item, AttitudeSample) for item in items) == 21
+    assert flight.counts == {}
+    assert "log.csv" in flight.telemetry_name
+
+
+def test_a_flight_with_its_telemetry_inside(video):
+    rows = [(5000 + 250 * k, 1.0, 0.0, 0.0) for k in range(8)]
+    with open_flight(
+        add_gpmf(video, [lned_payload(rows[:4]), lned_payload(rows[4:])]), hfov_deg=60
+    ) as flight:
+        assert "GPMF" in flight.telemetry_name
+        assert sum(isinstance(item, VelocitySample) for item in flight) == 8
+
+
+def test_a_flight_at_constant_speed(video):
+    with open_flight(video, speed_m_s=7.5, hfov_deg=60) as flight:
+        items = list(flight)
+        assert "7.5 m/s" in flight.telemetry_name
+    assert order(items)[:4] == [("V", 0), ("F", 0), ("V", 40 * MS), ("F", 40 * MS)]
+    assert items[0].velocity.tolist() == [0, 0, 7.5]
+    assert items[0].frame == "camera"
+
+
+def test_a_speed_stands_above_telemetry_inside(video):
+    add_gpmf(video, [lned_payload([(5000, 1.0, 0.0, 0.0)])])
+    with open_flight(video, speed_m_s=3, hfov_deg=60) as flight:
+        assert "constant speed" in flight.telemetry_name
+
+
+def test_a_part_of_a_flight(video, tmp_path):
+    path = log(tmp_path, range(0, 2100, 100))
+    with open_flight(video, path, hfov_deg=60, start_s=0.5, end_s=1.0) as flight:
+        stamps = [item.stamp_ns // MS for item in flight if isinstance(item, Frame)]
+    assert (stamps[0], stamps[-1]) == (520, 960)
+
+
+def test_the_field_of_view_gives_the_camera(video):
+    with open_flight(video, speed_m_s=1, hfov_deg=60) as flight:
+        assert flight.camera == Camera.from_fov(96, 64, 60)
+
+
+def test_a_calibration_is_brought_to_the_videos_size(video, tmp_path):
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps(asdict(Camera.from_fov(960, 640, 60))))
+    with open_flight(video, speed_m_s=1, camera=path) as flight:
+        assert flight.camera == Camera.from_fov(960, 640, 60).resized(96, 64)
+
+
+def test_hints_for_progress(video):
+    with open_flight(video, speed_m_s=1, hfov_deg=60) as flight:
+        assert flight.duration_s == pytest.approx(2.0, abs=0.1)
+        assert flight.frame_count_hint == pytest.approx(50, abs=2)
+        assert flight.gyroscope is None
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"hfov_deg": 60}, "--telemetry LOG or --speed"),
+        ({"speed_m_s": 1}, "--hfov"),
+        ({"speed_m_s": -1, "hfov_deg": 60}, "--speed"),
+        ({"speed_m_s": float("nan"), "hfov_deg": 60}, "--speed"),
+        ({"speed_m_s": 1, "telemetry": "log.csv", "hfov_deg": 60}, "both"),
+        ({"speed_m_s": 1, "hfov_deg": 60, "camera": Camera.from_fov(96, 64, 60)}, "both"),
+        ({"speed_m_s": 1, "camera": Camera.from_fov(64, 96, 60)}, "96x64"),
+        ({"speed_m_s": 1, "hfov_deg": 0}, "field of view"),
+        ({"telemetry": "none.csv", "hfov_deg": 60}, "No such file"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused(video, options, said):
+    with pytest.raises(BadInput, match=said):
+        open_flight(video, **options)
+
+
+def test_a_log_of_another_time_is_refused_with_both_spans(video, tmp_path):
+    with pytest.raises(BadInput, match=r"0\.000 s to (1\.9|2\.0).*got 5\.000 s to 6\.000 s"):
+        open_flight(video, log(tmp_path, [5000, 6000]), hfov_deg=60)
+
+
+def test_a_log_before_the_chosen_part_is_refused(video, tmp_path):
+    with pytest.raises(BadInput, match=r"1\.000 s to"):
+        open_flight(video, log(tmp_path, [0, 500]), hfov_deg=60, start_s=1)

@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+
+from flightdepth.errors import BadInput
+from flightdepth.flight.records import AttitudeSample, Frame, GyroscopeTrack, Telemetry, VelocitySample
+
+
+@pytest.mark.parametrize(
+    "image", [np.zeros((4, 5), np.uint8), np.zeros((4, 5, 3)), np.zeros((4, 5, 4), np.uint8)]
+)
+def test_a_frame_is_uint8_rgb(image):
+    with pytest.raises(BadInput, match="uint8 RGB"):
+        Frame(0, 0, image)
+
+
+@pytest.mark.parametrize("velocity", [[0, 0, float("nan")], [0, 0], [float("inf"), 0, 0]])
+def test_a_velocity_is_three_finite_numbers(velocity):
+    with pytest.raises(BadInput, match=r"velocity at 1\.500 s"):
+        VelocitySample(1_500_000_000, velocity)
+
+
+@pytest.mark.parametrize("sigma", [-1.0, float("nan")])
+def test_sigma_is_not_negative(sigma):
+    with pytest.raises(BadInput, match="sigma"):
+        VelocitySample(0, [1, 2, 3], "world", sigma)
+
+
+def test_a_velocity_frame_is_known():
+    with pytest.raises(BadInput, match="world or camera"):
+        VelocitySample(0, [1, 2, 3], "body")
+
+
+def test_an_attitude_is_made_a_unit_quaternion():
+    assert np.allclose(AttitudeSample(0, [2, 0, 0, 0]).world_from_camera, [1, 0, 0, 0])
+
+
+def test_a_zero_attitude_is_refused():
+    with pytest.raises(BadInput, match="quaternion"):
+        AttitudeSample(0, [0, 0, 0, 0])
+
+
+def test_telemetry_is_in_time_order():
+    with pytest.raises(BadInput, match="time order"):
+        Telemetry("log", (VelocitySample(5, [0, 0, 1]), VelocitySample(4, [0, 0, 1])))
+
+
+def test_telemetry_without_a_velocity_is_refused():
+    with pytest.raises(BadInput, match="at least one velocity"):
+        Telemetry("log", (AttitudeSample(0, [1, 0, 0, 0]),))
+
+
+def test_the_span_is_that_of_the_velocities():
+    samples = (AttitudeSample(1, [1, 0, 0, 0]), VelocitySample(3, [0, 0, 1]), VelocitySample(9, [0, 0, 1]))
+    assert Telemetry("log", samples).span_ns == (3, 9)
+
+
+def gyroscope(rates):
+    return GyroscopeTrack(np.arange(len(rates)) * 10_000_000, np.asarray(rates, dtype=float))
+
+
+def test_the_turn_is_rate_times_time():
+    track = gyroscope([[0.3, 0.0, 0.4]] * 100)
+    assert track.turn_rad(100_000_000, 300_000_000) == pytest.approx(0.5 * 0.2)
+
+
+def test_vibration_is_no_turn():
+    track = gyroscope([[1.0, 0, 0], [-1.0, 0, 0]] * 50)
+    assert track.turn_rad(100_000_000, 300_000_000) == pytest.approx(0.0)
+
+
+def test_the_turn_is_unknown_outside_the_track():
+    assert gyroscope([[0.1, 0, 0]] * 10).turn_rad(200_000_000, 300_000_000) is None
+
+
+def test_a_gyroscope_rate_is_finite():
+    with pytest.raises(BadInput, match="gyroscope"):
+        gyroscope([[float("nan"), 0, 0]])

@@ -1,0 +1,149 @@
+import cv2
+import numpy as np
+import pytest
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.flight.records import GyroscopeTrack
+from flightdepth.flight.steadiness import MAX_TURN_RAD, Steadiness, follow, normalised, verdict
+
+CAMERA = Camera.from_fov(320, 192, 64.0)
+STEP_NS = 33_366_667  # 29.97 frames/s
+
+
+def texture(seed=0):
+    noise = np.random.default_rng(seed).uniform(0, 255, (192 * 2, 320 * 2, 3)).astype(np.float32)
+    smooth = sum(cv2.GaussianBlur(noise, (0, 0), sigma) * sigma for sigma in (2, 5, 12))
+    return cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+
+
+TEXTURE = texture()
+
+
+def view(warp):
+    """The texture's middle, seen through a homography of picture coordinates (from the unmoved picture's)."""
+    centred = np.array([[1, 0, -160], [0, 1, -96], [0, 0, 1.0]])
+    return cv2.warpPerspective(TEXTURE, warp @ centred, (320, 192))
+
+
+def panned(yaw_rad):
+    """The picture after the camera turned right."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    now_from_before = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+    return view(CAMERA.matrix @ now_from_before @ np.linalg.inv(CAMERA.matrix))
+
+
+def shifted(pixels):
+    """The picture after the camera flew sideways along a wall that it faces."""
+    return view(np.array([[1, 0, -pixels], [0, 1, 0], [0, 0, 1.0]]))
+
+
+def zoomed(factor):
+    """The picture after the camera flew straight at a wall."""
+    return view(np.array([[factor, 0, 159.5 * (1 - factor)], [0, factor, 95.5 * (1 - factor)], [0, 0, 1.0]]))
+
+
+def judge(pictures, gyroscope=None, step_ns=STEP_NS):
+    steadiness = Steadiness(CAMERA, gyroscope)
+    return [steadiness.add(index * step_ns, picture) for index, picture in enumerate(pictures)]
+
+
+def test_a_hovering_camera_is_steady():
+    rates = judge([panned(0)] * 6)
+    assert all(rate.usable and rate.rad_s < 1e-3 for rate in rates)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_pan_is_unusable_and_its_rate_is_told(direction):
+    last = judge([panned(direction * 0.015 * k) for k in range(6)])[-1]
+    assert not last.usable
+    assert last.rad_s == pytest.approx(0.015 / 0.0333667, rel=0.15)
+    assert "degrees" in last.reason
+
+
+def test_flying_at_a_wall_is_steady():
+    assert all(rate.usable for rate in judge([zoomed(1.01**k) for k in range(8)]))
+
+
+def test_flying_along_a_wall_is_steady():
+    assert all(rate.usable for rate in judge([shifted(1.5 * k) for k in range(8)]))
+
+
+def test_a_pan_is_over_one_pair_after_it_stops():
+    rates = judge([panned(0.015 * min(k, 5)) for k in range(12)])
+    assert not rates[5].usable
+    assert all(rate.usable for rate in rates[8:])
+
+
+def test_a_cut_is_unusable():
+    last = judge([panned(0)] * 4 + [texture(seed=9)[:192, :320]])[-1]
+    assert not last.usable
+
+
+def test_the_first_picture_is_usable():
+    assert judge([panned(0)])[0].usable
+
+
+def test_a_picture_without_texture_cannot_be_judged():
+    last = judge([np.full((192, 320, 3), 90, np.uint8)] * 3)[-1]
+    assert last.usable
+    assert np.isnan(last.rad_s)
+    assert "texture" in last.reason
+
+
+def test_without_texture_the_gyroscope_tells():
+    gyroscope = GyroscopeTrack(np.arange(200) * 2_500_000, np.tile([0.0, 0.3, 0.0], (200, 1)))
+    last = judge([np.full((192, 320, 3), 90, np.uint8)] * 5, gyroscope)[-1]
+    assert not last.usable
+    assert last.rad_s == pytest.approx(0.3)
+    assert "gyroscope" in last.reason
+
+
+def test_with_texture_the_pictures_tell_because_they_may_be_stabilised():
+    gyroscope = GyroscopeTrack(np.arange(200) * 2_500_000, np.tile([0.0, 0.3, 0.0], (200, 1)))
+    assert judge([panned(0)] * 5, gyroscope)[-1].usable
+
+
+def test_the_rate_does_not_depend_on_the_frame_rate():
+    slow = judge([panned(0.02 * k) for k in range(5)], step_ns=50_000_000)[-1]
+    fast = judge([panned(0.01 * k) for k in range(9)], step_ns=25_000_000)[-1]
+    assert slow.rad_s == pytest.approx(fast.rad_s, rel=0.15)
+
+
+def test_the_limit_is_half_a_degree_or_so_in_a_pair():
+    assert verdict(MAX_TURN_RAD, 0.1, "the picture").usable
+    assert not verdict(1.01 * MAX_TURN_RAD, 0.1, "the picture").usable
+
+
+def test_stamps_must_rise():
+    with pytest.raises(BadInput, match="stamp"):
+        judge([panned(0)] * 2, step_ns=0)
+
+
+def test_a_picture_of_another_size_is_refused():
+    with pytest.raises(BadInput, match="320x192"):
+        judge([np.zeros((100, 320, 3), np.uint8)])
+
+
+def test_corners_are_followed_to_where_they_went():
+    before = cv2.cvtColor(shifted(0), cv2.COLOR_RGB2GRAY)
+    after = cv2.cvtColor(shifted(4), cv2.COLOR_RGB2GRAY)
+    start, end, found = follow(before, after)
+    assert len(start) > 0.8 * found
+    assert np.median(end - start, axis=0) == pytest.approx([-4, 0], abs=0.05)
+
+
+@pytest.mark.parametrize("camera", [CAMERA, Camera(320, 192, 250, 251, 150, 99, (-0.2, 0.05, 0.001, 0.0))])
+def test_normalised_points_project_back(camera):
+    pixels = np.array([[10.0, 20.0], [160.0, 96.0], [300.0, 150.0]])
+    rays = np.c_[normalised(pixels, camera), np.ones(3)]
+    back, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.distortion))
+    assert np.allclose(back[:, 0], pixels, atol=1e-2)
+
+
+def test_normalised_fisheye_points_project_back():
+    camera = Camera(320, 192, 150, 150, 159.5, 95.5, (0.05, -0.01, 0.0, 0.0), "fisheye")
+    pixels = np.array([[10.0, 20.0], [160.0, 96.0], [300.0, 150.0]])
+    plane = normalised(pixels, camera).reshape(-1, 1, 2)
+    back = cv2.fisheye.distortPoints(plane, camera.matrix, np.array(camera.distortion))
+    assert np.allclose(back[:, 0], pixels, atol=1e-3)

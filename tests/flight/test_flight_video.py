@@ -1,0 +1,208 @@
+import random
+
+import numpy as np
+import pytest
+from flight_files import make_sound, make_video, turn_video
+
+from flightdepth.errors import BadInput
+from flightdepth.flight.video import Video
+
+UNEVEN_MS = [0, 33, 67, 140, 200, 1000, 1033]
+
+
+@pytest.fixture
+def uneven(tmp_path):
+    return make_video(tmp_path / "uneven.mp4", UNEVEN_MS)
+
+
+def read(path, **part):
+    with Video(path, **part) as video:
+        return list(video.frames())
+
+
+def test_times_are_the_containers(uneven):
+    assert [frame.stamp_ns for frame in read(uneven)] == [ms * 1_000_000 for ms in UNEVEN_MS]
+
+
+def test_a_video_that_starts_late_starts_at_zero(tmp_path):
+    path = make_video(tmp_path / "late.mkv", [500, 540, 580])
+    assert [frame.stamp_ns for frame in read(path)] == [0, 40_000_000, 80_000_000]
+
+
+def test_pictures_come_in_the_files_order(tmp_path):
+    path = make_video(tmp_path / "v.mp4", range(0, 400, 40), colour=lambda index: 20 * index)
+    greys = [float(frame.image[40:, 40:].mean()) for frame in read(path)]
+    assert np.allclose(greys, np.arange(10) * 20, atol=4)
+
+
+def test_start_is_included_and_end_is_not(uneven):
+    assert [f.stamp_ns // 1_000_000 for f in read(uneven, start_s=0.067, end_s=1.0)] == [67, 140, 200]
+
+
+def test_a_part_has_the_same_pictures_as_the_whole(tmp_path):
+    path = make_video(tmp_path / "v.mp4", range(0, 2000, 40), colour=lambda index: 4 * index)
+    whole = {frame.stamp_ns: frame.image for frame in read(path)}
+    part = read(path, start_s=1.2)
+    assert len(part) == 20
+    assert all(np.array_equal(frame.image, whole[frame.stamp_ns]) for frame in part)
+
+
+def test_index_counts_from_zero_in_a_part(uneven):
+    assert [frame.index for frame in read(uneven, start_s=0.1)] == [0, 1, 2, 3]
+
+
+def test_a_sideways_video_is_turned_upright(tmp_path):
+    path = turn_video(make_video(tmp_path / "v.mp4", [0, 40], colour=lambda _: 60))
+    with Video(path) as video:
+        assert video.size == (64, 96)
+        image = next(video.frames()).image
+    assert image.shape == (96, 64, 3)
+    assert image[4, -4].min() > 200  # clockwise: the mark moves from top left to top right
+    assert image[4, 4].max() < 100
+
+
+def test_duration_and_count_are_hinted(tmp_path):
+    with Video(make_video(tmp_path / "v.mp4", range(0, 2000, 40))) as video:
+        assert video.duration_ns == pytest.approx(2e9, abs=1e8)
+        assert video.frame_count_hint == pytest.approx(50, abs=2)
+
+
+def test_the_hint_counts_the_chosen_part(tmp_path):
+    path = make_video(tmp_path / "v.mp4", range(0, 2000, 40))
+    with Video(path, start_s=0.5, end_s=1.5) as video:
+        assert video.frame_count_hint == pytest.approx(25, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (None, "no such file"),
+        (b"", "an empty file"),
+        (b"time,x\n1,2\n" * 9, "a text file"),
+        (bytes(5000), "cannot"),
+    ],
+)
+def test_what_is_no_video_is_refused(tmp_path, content, said):
+    path = tmp_path / "x.mp4"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(BadInput, match=said):
+        Video(path)
+
+
+def test_text_cut_within_a_character_is_still_text(tmp_path):
+    path = tmp_path / "x.txt"
+    path.write_bytes(b"a" + ("é" * 3000).encode())  # byte 4096 is half a character
+    with pytest.raises(BadInput, match="a text file"):
+        Video(path)
+
+
+def test_a_folder_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="a folder"):
+        Video(tmp_path)
+
+
+def test_sound_alone_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="only sound"):
+        Video(make_sound(tmp_path / "x.mp4"))
+
+
+def test_an_mp4_without_its_index_is_named(uneven):
+    data = uneven.read_bytes()
+    uneven.write_bytes(data[: data.index(b"moov") - 4])
+    with pytest.raises(BadInput, match="cut off"):
+        Video(uneven)
+
+
+def test_pictures_missing_from_a_cut_video_are_counted(tmp_path):
+    path = make_video(tmp_path / "v.mp4", range(0, 2000, 40), options={"movflags": "faststart"})
+    data = path.read_bytes()
+    path.write_bytes(data[: (data.index(b"mdat") + len(data)) // 2])
+    with Video(path) as video:
+        delivered = len(list(video.frames()))
+    assert 0 < delivered < 50
+    assert sum(video.counts.values()) == 50 - delivered
+
+
+def test_a_whole_video_misses_nothing(uneven):
+    with Video(uneven) as video:
+        list(video.frames())
+    assert dict(video.counts) == {}
+
+
+def test_hints_outlive_the_file(uneven):
+    with Video(uneven) as video:
+        pass
+    assert video.duration_ns > 0
+    assert video.size == (96, 64)
+
+
+def test_pictures_of_another_size_are_left_out(tmp_path):
+    path = tmp_path / "v.ts"
+    small = make_video(tmp_path / "a.ts", range(0, 400, 40))
+    large = make_video(tmp_path / "b.ts", range(400, 800, 40), width=128)
+    path.write_bytes(small.read_bytes() + large.read_bytes())
+    with Video(path) as video:
+        frames = list(video.frames())
+    assert {frame.image.shape for frame in frames} == {(64, 96, 3)}
+    assert video.counts["frames of another size than the first"] > 0
+    assert [frame.index for frame in frames] == list(range(len(frames)))
+
+
+def test_a_part_after_the_end_is_refused(uneven):
+    with pytest.raises(BadInput, match=r"--start"):
+        Video(uneven, start_s=30)
+
+
+@pytest.mark.parametrize("part", [{"start_s": -1}, {"start_s": float("nan")}, {"start_s": 2, "end_s": 1}])
+def test_a_part_that_is_none_is_refused(uneven, part):
+    with pytest.raises(BadInput):
+        Video(uneven, **part)
+
+
+def test_a_video_without_a_sound_picture_is_refused(uneven):
+    data = bytearray(uneven.read_bytes())
+    start, end = data.index(b"mdat") + 4, data.index(b"moov") - 4
+    data[start:end] = bytes(end - start)
+    uneven.write_bytes(data)
+    with pytest.raises(BadInput, match="at least one picture"):
+        Video(uneven)
+
+
+def test_damaged_packets_are_counted_and_the_rest_is_read(tmp_path):
+    path = make_video(tmp_path / "v.mov", range(0, 2000, 40), codec="png")
+    data = bytearray(path.read_bytes())
+    at = data.index(b"\x89PNG", len(data) // 2)
+    data[at : at + 8] = bytes(8)
+    path.write_bytes(data)
+    with Video(path) as video:
+        frames = list(video.frames())
+        assert dict(video.counts) == {"damaged video packets": 1}
+    assert len(frames) == 49
+
+
+def test_cut_anywhere_it_reads_or_refuses(tmp_path):
+    whole = make_video(tmp_path / "v.mkv", range(0, 400, 40)).read_bytes()
+    path = tmp_path / "cut.mkv"
+    for size in range(0, len(whole), max(1, len(whole) // 60)):
+        path.write_bytes(whole[:size])
+        try:
+            assert len(read(path)) <= 10
+        except BadInput:
+            continue
+
+
+def test_trash_anywhere_it_reads_or_refuses(uneven, tmp_path):
+    whole = uneven.read_bytes()
+    path = tmp_path / "trash.mp4"
+    for seed in range(60):
+        rng = random.Random(seed)
+        data = bytearray(whole)
+        for _ in range(20):
+            data[rng.randrange(len(data))] = rng.randrange(256)
+        path.write_bytes(data)
+        try:
+            stamps = [frame.stamp_ns for frame in read(path)]
+        except BadInput:
+            continue
+        assert stamps == sorted(set(stamps))
