@@ -1,0 +1,63 @@
+"""The camera's orientation at any time, from time-ordered quaternions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.ranges.timeline import Rows, Stamps
+
+Vector = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Between two samples farther apart nothing is interpolated. GPS-class logs come at 1 Hz with some jitter.
+MAX_GAP_S = 1.5
+# Past the last sample its value is held this long: two periods of a 4 Hz log. A drone that brakes with
+# 2 m/s^2 meanwhile puts the position 0.25 m off.
+HOLD_S = 0.5
+
+
+def rotations_from_quaternions(quaternions_k4: Vector) -> Vector:
+    """Rotation matrices [k, 3, 3] of unit quaternions (w, x, y, z) [k, 4]."""
+    w, x, y, z = quaternions_k4.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def neighbours(stamps_ns: Stamps, at_ns: Stamps) -> tuple[NDArray[np.intp], Vector, Vector, Flags]:
+    """Where each of `at_ns` [k] lies among the samples [m >= 1]: (before, elapsed_s, share, known).
+
+    `before` is the sample at or before it, `elapsed_s` the time since, `share` 0..1 the way to the next
+    sample (0 where that is missing or beyond a gap), `known` whether the value there may be used.
+    """
+    before = np.searchsorted(stamps_ns, at_ns, "right") - 1
+    started = before >= 0
+    before = np.maximum(before, 0)
+    after = np.minimum(before + 1, len(stamps_ns) - 1)
+    step_s = (stamps_ns[after] - stamps_ns[before]) * 1e-9
+    elapsed_s = np.asarray((at_ns - stamps_ns[before]) * 1e-9, dtype=np.float64)
+    inside = (step_s > 0) & (step_s <= MAX_GAP_S)
+    share: Vector = np.where(inside, elapsed_s / np.where(inside, step_s, 1.0), 0.0)
+    return before, elapsed_s, share, started & (inside | (elapsed_s <= HOLD_S))
+
+
+def orientations(stamps_ns: Stamps, quaternions: Rows, at_ns: Stamps) -> tuple[Vector, Flags]:
+    """Rotations [k, 3, 3] at the times `at_ns` [k] and whether each is known; unknown ones are the identity.
+
+    Normalised linear interpolation: between samples 0.2 rad apart it is within 0.0001 rad of slerp.
+    """
+    if not len(stamps_ns):
+        return np.broadcast_to(np.eye(3), (len(at_ns), 3, 3)), np.zeros(len(at_ns), dtype=np.bool_)
+    before, _, share, known = neighbours(stamps_ns, at_ns)
+    start, end = quaternions[before], quaternions[np.minimum(before + 1, len(quaternions) - 1)]
+    # q and -q are the same rotation; interpolate along the shorter way.
+    end = np.where(np.sum(start * end, axis=1, keepdims=True) < 0, -end, end)
+    mixed = start + share[:, None] * (end - start)
+    mixed /= np.linalg.norm(mixed, axis=1, keepdims=True)
+    rotations = rotations_from_quaternions(mixed)
+    rotations[~known] = np.eye(3)
+    return rotations, known

@@ -1,0 +1,187 @@
+"""Where the camera was: positions from integrated velocities, or from poses that replace them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flightdepth.errors import BadInput
+from flightdepth.motion import quaternion_from_rotation, unit_quaternion
+from flightdepth.ranges.attitude import MAX_GAP_S, Flags, Vector, neighbours, orientations
+from flightdepth.ranges.timeline import Rows, Stamps, Timeline
+
+VelocityFrame = Literal["world", "camera"]
+
+# A drone hardly accelerates by more; a lone sample that jumps farther is a glitch.
+MAX_ACCELERATION_M_S2 = 30.0
+SPEED_NOISE_M_S = 1.0
+
+
+@dataclass(frozen=True)
+class States:
+    """The camera at k times.
+
+    position_m         [k, 3]     world frame, comparable only within one segment
+    segment            [k]        int; -1 where the position is unknown
+    world_from_camera  [k, 3, 3]  the identity where the attitude is unknown
+    oriented           [k]        whether the attitude is known
+    """
+
+    position_m: Vector
+    segment: NDArray[np.int64]
+    world_from_camera: Vector
+    oriented: Flags
+
+
+def integrate(stamps_ns: Stamps, velocity: Rows, at_ns: Stamps) -> tuple[Vector, NDArray[np.int64]]:
+    """Positions [k, 3] (m) and segments [k] at `at_ns`, from world velocities [m, 3] (m/s).
+
+    Velocity runs straight from sample to sample, so the trapezoid rule is exact between samples as well.
+    A gap longer than MAX_GAP_S starts a new segment; past a segment's end its last velocity holds for HOLD_S.
+    """
+    step_s = np.diff(stamps_ns) * 1e-9
+    gap = step_s > MAX_GAP_S
+    steps = np.where(gap, 0.0, step_s)[:, None] * (velocity[1:] + velocity[:-1]) / 2
+    position = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    segment = np.concatenate([[0], np.cumsum(gap)])
+    before, elapsed_s, share, known = neighbours(stamps_ns, at_ns)
+    after = np.minimum(before + 1, len(velocity) - 1)
+    reached = velocity[before] + share[:, None] * (velocity[after] - velocity[before])
+    at = position[before] + elapsed_s[:, None] * (velocity[before] + reached) / 2
+    return at, np.where(known, segment[before], -1)
+
+
+def interpolate(stamps_ns: Stamps, position: Rows, at_ns: Stamps) -> tuple[Vector, NDArray[np.int64]]:
+    """Positions [k, 3] and segments [k] at `at_ns`, straight between measured positions [m, 3] (m).
+
+    Poses share one world, so all known ones are one segment. Past the last the last speed holds for HOLD_S.
+    """
+    before, elapsed_s, _, known = neighbours(stamps_ns, at_ns)
+    step_s = np.diff(stamps_ns)[:, None] * 1e-9
+    speeds = np.where(step_s <= MAX_GAP_S, np.diff(position, axis=0) / step_s, 0.0)
+    speeds = np.concatenate([speeds, speeds[-1:] if len(speeds) else np.zeros((1, 3))])
+    return position[before] + elapsed_s[:, None] * speeds[before], np.where(known, 0, -1)
+
+
+class Trajectory:
+    """Collects velocities, attitudes and poses; answers where the camera was at given times.
+
+    Samples may come ahead of the frames; each must come after the one before of its kind, or it is dropped
+    and counted in `dropped`. A velocity that jumps away by more than MAX_ACCELERATION_M_S2 waits for the next
+    one: agreed with, both count; alone, it is dropped.
+    """
+
+    def __init__(self) -> None:
+        self.dropped: Counter[str] = Counter()
+        self.frame: VelocityFrame | None = None
+        self.sigma_m_s: float = 0.0
+        self._velocities = Timeline(3)
+        self._attitudes = Timeline(4)
+        self._poses = Timeline(7)
+        self._suspect: tuple[int, Vector] | None = None
+
+    @property
+    def from_poses(self) -> bool:
+        """Whether positions are measured, not integrated."""
+        return len(self._poses) > 0
+
+    @property
+    def non_rotating(self) -> bool:
+        """Whether camera-frame velocities are summed as if the camera never turned, for want of attitudes."""
+        return self.frame == "camera" and not self.knows_attitude
+
+    @property
+    def knows_attitude(self) -> bool:
+        """Whether any attitude or pose was given."""
+        return len(self._attitudes) > 0 or self.from_poses
+
+    def add_velocity(
+        self, stamp_ns: int, velocity: ArrayLike, *, frame: VelocityFrame, sigma: float | None
+    ) -> None:
+        """Velocity (m/s, shape (3,)) in `frame`, with its standard deviation per axis (m/s)."""
+        v = np.asarray(velocity, dtype=np.float64)
+        if v.shape != (3,) or not np.isfinite(v).all():
+            raise BadInput("velocity", expected="three finite numbers in m/s", got=str(v.tolist()))
+        if frame not in ("world", "camera"):
+            raise BadInput("velocity frame", expected="world or camera", got=repr(frame))
+        if self.frame not in (None, frame):
+            raise BadInput("velocity frame", expected=f"{self.frame}, as before", got=frame)
+        if sigma is not None and not (np.isfinite(sigma) and sigma >= 0):
+            raise BadInput("velocity sigma", expected="0 or more m/s", got=str(sigma))
+        self.frame = frame
+        self.sigma_m_s = sigma or 0.0
+        self._take_velocity(stamp_ns, v)
+
+    def add_attitude(self, stamp_ns: int, quaternion: ArrayLike) -> None:
+        """`world_from_camera` as a quaternion (w, x, y, z)."""
+        self._count(self._attitudes.add(stamp_ns, unit_quaternion(quaternion)), "attitude")
+
+    def add_pose(self, stamp_ns: int, world_from_camera: ArrayLike) -> None:
+        """`world_from_camera` as a 4x4 matrix: position and attitude, in place of integration."""
+        pose = np.asarray(world_from_camera, dtype=np.float64)
+        rigid = pose.shape == (4, 4) and bool(np.isfinite(pose).all())
+        if rigid:
+            turn = pose[:3, :3]
+            rigid = bool(np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0)
+        if not rigid or not np.allclose(pose[3], [0, 0, 0, 1]):
+            raise BadInput("pose", expected="a rigid 4x4 matrix world_from_camera", got=str(pose.tolist()))
+        row = np.concatenate([pose[:3, 3], quaternion_from_rotation(pose[:3, :3])])
+        self._count(self._poses.add(stamp_ns, row), "pose")
+
+    def at(self, at_ns: Stamps) -> States:
+        """The camera at the rising times `at_ns`, shape (k,), k >= 1."""
+        first, last = int(at_ns[0]), int(at_ns[-1])
+        position, segment = self._positions(first, last, at_ns)
+        return States(position, segment, *self._orientations(first, last, at_ns))
+
+    def forget(self, before_ns: int) -> None:
+        """Drop what times from `before_ns` on do not need."""
+        for timeline in (self._velocities, self._attitudes, self._poses):
+            timeline.forget(before_ns)
+
+    def _positions(self, first: int, last: int, at_ns: Stamps) -> tuple[Vector, NDArray[np.int64]]:
+        if self.from_poses:
+            stamps, rows = self._poses.between(first, last)
+            return interpolate(stamps, rows[:, :3], at_ns)
+        stamps, velocity = self._velocities.between(first, last)
+        if self.frame == "camera" and not self.non_rotating:
+            turns, known = self._orientations(first, last, stamps)
+            stamps, velocity = stamps[known], np.einsum("kij,kj->ki", turns[known], velocity[known])
+        if not len(stamps):
+            return np.zeros((len(at_ns), 3)), np.full(len(at_ns), -1)
+        return integrate(stamps, velocity, at_ns)
+
+    def _orientations(self, first: int, last: int, at_ns: Stamps) -> tuple[Vector, Flags]:
+        if self.from_poses:
+            stamps, rows = self._poses.between(first, last)
+            return orientations(stamps, rows[:, 3:], at_ns)
+        return orientations(*self._attitudes.between(first, last), at_ns)
+
+    def _take_velocity(self, stamp_ns: int, velocity: Vector) -> None:
+        newest = self._suspect[0] if self._suspect else self._velocities.newest_ns
+        if newest is None or stamp_ns <= newest:
+            self._count(newest is None and self._velocities.add(stamp_ns, velocity), "velocity")
+            return
+        if self._suspect and _plausible(*self._suspect, stamp_ns, velocity):
+            self._velocities.add(*self._suspect)
+        elif self._suspect:
+            self.dropped["velocity glitch"] += 1
+        self._suspect = None
+        if _plausible(*self._velocities.newest, stamp_ns, velocity):
+            self._velocities.add(stamp_ns, velocity)
+        else:
+            self._suspect = stamp_ns, velocity
+
+    def _count(self, kept: bool, kind: str) -> None:
+        if not kept:
+            self.dropped[f"{kind} not after the one before"] += 1
+
+
+def _plausible(from_ns: int, start: Vector, to_ns: int, end: Vector) -> bool:
+    """Whether a drone can change its velocity from `start` to `end` in that time."""
+    allowed = SPEED_NOISE_M_S + MAX_ACCELERATION_M_S2 * (to_ns - from_ns) * 1e-9
+    return float(np.linalg.norm(end - start)) <= allowed

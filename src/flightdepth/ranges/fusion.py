@@ -1,0 +1,143 @@
+"""n depth maps of the same frame, seen through n displacements, to one (paper, section IV.B)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.ranges.network import Map
+from flightdepth.weights.card import NetworkCard
+
+BETA_MIN = 0.1
+BETA_MEAN = 0.4
+BETA_MAX = 0.9
+EPSILON = 1e-3
+# How near to the lower end of its range an output counts as lying at it: an L1-trained network
+# approaches its clip values without reaching them. At the upper end BETA_MAX serves.
+LOWER_MARGIN = 0.02
+# Two ranges contradict each other when no depth is within this factor of what both say.
+TOLERANCE = 1.5
+NOTHING, AT_MOST, MEASURED, AT_LEAST = range(4)  # what a range says of a pixel
+
+
+class Fusion(Enum):
+    """`PAPER`: each output is a measurement. `SATURATION`: one at an end of the range is a bound, and ranges
+    that contradict each other know nothing.
+    """
+
+    PAPER = "paper"
+    SATURATION = "saturation"
+
+
+@dataclass(frozen=True)
+class Fused:
+    """Maps [h, w] at the network's output size, metres, NaN = unknown.
+
+    depth_m         weighted mean of the ranges that measured the pixel
+    confidence      0..1: the largest weight among the ranges, as a share of the largest possible. 1: one
+                    range saw the pixel at beta_mean, where the network is best; near 0: all saw it near an
+                    end of their range; exactly 0: no range measured it, and depth is NaN.
+    farther_than_m  where depth is NaN: largest "at least" of the ranges that say so
+    nearer_than_m   where depth is NaN: smallest "at most" of the ranges that say so
+    sigma_m         weighted mean of the ranges' deviations, None where the network does not tell. The ranges
+                    share the current frame, so their errors are taken as fully correlated.
+    """
+
+    depth_m: Map
+    confidence: Map
+    farther_than_m: Map
+    nearer_than_m: Map
+    sigma_m: Map | None
+
+
+def weight(beta: Map) -> Map:
+    """f of the paper: 0 up to beta_min, rises to 1 at beta_mean, falls to 0 at beta_max. Any shape."""
+    rising = (beta - np.float32(BETA_MIN)) / np.float32(BETA_MEAN - BETA_MIN)
+    falling = (np.float32(BETA_MAX) - beta) / np.float32(BETA_MAX - BETA_MEAN)
+    return np.asarray(np.clip(np.minimum(rising, falling), 0, 1), dtype=np.float32)
+
+
+def fuse(
+    beta: Map,
+    displacements_m: NDArray[np.float64],
+    card: NetworkCard,
+    *,
+    fusion: Fusion = Fusion.SATURATION,
+    sigma_m: Map | None = None,
+    seen: NDArray[np.bool_] | None = None,
+) -> Fused:
+    """Fuse beta [n, h, w], 0..1, of pairs `displacements_m` [n] apart (D*, really flown, metres).
+
+    zeta_i = alpha D*_i beta_i; w_i = epsilon + f(beta_i); depth = sum_i w_i zeta_i / sum_i w_i (paper,
+    equations 5 and 6). With `Fusion.SATURATION` an output at an end of the network's range has weight 0 and
+    becomes a bound, and where the ranges contradict each other nothing is known. `seen` [n, h, w] marks what
+    both frames of the pair show; elsewhere the weight is 0.
+    """
+    usable = np.isfinite(beta) if seen is None else np.isfinite(beta) & seen
+    reach_m = (card.alpha * displacements_m).astype(np.float32)[:, None, None]
+    lower, upper = _ends(card) if fusion is Fusion.SATURATION else (-np.inf, np.inf)
+    said = _said(beta, usable, lower, upper)
+    if fusion is Fusion.SATURATION:
+        said = np.where(_agree(said, beta, reach_m, lower, upper), said, NOTHING)
+    low, high, measured = said == AT_MOST, said == AT_LEAST, said == MEASURED
+    w = np.where(measured, np.float32(EPSILON) + weight(beta), np.float32(0))
+    total = w.sum(axis=0)
+    unknown = total == 0
+    share = np.asarray(w / np.where(unknown, 1, total), dtype=np.float32)
+    depth = _mean(share, np.where(measured, reach_m * beta, 0), unknown)
+    sigma = None if sigma_m is None else _mean(share, np.where(measured, sigma_m, 0), unknown)
+    farther, nearer = _bounds(low, high, reach_m, unknown, (lower, upper))
+    return Fused(depth, w.max(axis=0) / np.float32(1 + EPSILON), farther, nearer, sigma)
+
+
+def _ends(card: NetworkCard) -> tuple[float, float]:
+    """At or beyond these, beta is a bound."""
+    return card.beta_min + LOWER_MARGIN, BETA_MAX
+
+
+def _said(beta: Map, usable: NDArray[np.bool_], lower: float, upper: float) -> NDArray[np.int8]:
+    """What each range says of each pixel: `NOTHING`, `AT_MOST`, `MEASURED` or `AT_LEAST`, [n, h, w]."""
+    inside = np.where(beta <= lower, AT_MOST, np.where(beta >= upper, AT_LEAST, MEASURED))
+    return np.where(usable, inside, NOTHING).astype(np.int8)
+
+
+def _agree(said: NDArray[np.int8], beta: Map, reach_m: Map, lower: float, upper: float) -> NDArray[np.bool_]:
+    """Whether some depth is within `TOLERANCE` of what every range says, bool [h, w].
+
+    Where nothing can be matched (sky, bare walls) a network answers with what is usual, whatever the
+    displacement: zeta then grows with D instead of staying the same, and would ask for ever longer ones.
+    """
+    least = np.select([said == MEASURED, said == AT_LEAST], [beta, np.float32(upper)], np.float32(0))
+    most = np.select([said == MEASURED, said == AT_MOST], [beta, np.float32(lower)], np.float32(np.inf))
+    at_least_m = (least * reach_m).max(axis=0) / np.float32(TOLERANCE)
+    at_most_m = (most * reach_m).min(axis=0) * np.float32(TOLERANCE)
+    return np.asarray(at_least_m <= at_most_m)
+
+
+def _mean(share: Map, value: NDArray[Any], unknown: NDArray[np.bool_]) -> Map:
+    mean = np.asarray(np.einsum("nhw,nhw->hw", share, value), dtype=np.float32)
+    mean[unknown] = np.nan
+    return mean
+
+
+def _bounds(
+    low: NDArray[np.bool_],
+    high: NDArray[np.bool_],
+    reach_m: Map,
+    unknown: NDArray[np.bool_],
+    ends: tuple[float, float],
+) -> tuple[Map, Map]:
+    """Largest "at least" and smallest "at most" where depth is unknown; neither where they contradict."""
+    if not unknown.any():
+        nothing = np.full(unknown.shape, np.nan, dtype=np.float32)
+        return nothing, nothing
+    farther = np.where(high, reach_m * np.float32(ends[1]), -np.inf).max(axis=0)
+    nearer = np.where(low, reach_m * np.float32(ends[0]), np.inf).min(axis=0)
+    told = unknown & (farther <= nearer)
+    farther = np.where(told & np.isfinite(farther), farther, np.nan).astype(np.float32)
+    nearer = np.where(told & np.isfinite(nearer), nearer, np.nan).astype(np.float32)
+    return farther, nearer

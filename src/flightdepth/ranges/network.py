@@ -1,0 +1,54 @@
+"""What the estimator asks of a network; `flightdepth.runtimes` provides it, the tests an oracle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.runtimes.prediction import Prediction
+from flightdepth.weights.card import NetworkCard
+
+Image = NDArray[np.uint8]
+Map = NDArray[np.float32]
+Vector = NDArray[np.float64]
+
+
+class FrameGrid(Protocol):
+    """How one source camera is brought to the network's focal length and size, and back."""
+
+    @property
+    def camera(self) -> Camera:
+        """Ideal pinhole of the prepared images: focal length of the card, sides multiples of 64 px."""
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """[h, w] at the output size: the pixel shows the scene, not padding."""
+
+    def image(self, image: Image, /) -> Image:
+        """Source image [H, W, 3] uint8 RGB to the prepared one: undistorted, scaled, padded."""
+
+    def to_source(self, map_hw: Map, /, interpolation: Literal["bilinear", "nearest"] = "bilinear") -> Map:
+        """Map [h, w] float32 at the output size, at the source's pixels [H, W]; NaN where NaN is nearest.
+
+        The caller owns the result.
+        """
+
+
+class DepthNetwork(Protocol):
+    """A network that takes n pairs sharing their current frame."""
+
+    @property
+    def card(self) -> NetworkCard:
+        """How it was trained: alpha and the ends of its range."""
+
+    def grid(self, camera: Camera, /) -> FrameGrid:
+        """The grid for one source camera."""
+
+    def predict(
+        self, previous_n: Sequence[Image], current: Image, displacements_n3: Vector, camera: Camera, /
+    ) -> Prediction:
+        """One batch of n pairs; displacements in metres [n, 3]."""

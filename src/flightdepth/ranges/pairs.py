@@ -1,0 +1,179 @@
+"""The frame buffer, how far the camera flew since each buffered frame, and which frames to pair."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flightdepth.ranges.attitude import Flags, Vector
+from flightdepth.ranges.displacement import Trajectory
+from flightdepth.ranges.network import Image
+
+MAX_FRAMES = 128
+# Less than this is no baseline: a stabiliser leaves a good part of it, and a flight controller drifts by it.
+MIN_BASELINE_M = 0.05
+# An integrated displacement must stand out from the velocity's own noise: 0.1 m/s where no sigma is given.
+MIN_SPEED_M_S = 0.1
+SPEED_OVER_SIGMA = 3.0
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A prepared image [h64, w64, 3] with its place in the sequence of frames given and its time."""
+
+    index: int
+    stamp_ns: int
+    image: Image
+
+
+class FrameBuffer:
+    """At most MAX_FRAMES frames of the last `span_s` seconds.
+
+    One MAX_FRAMES-th of the span must lie between two kept frames (of faster video only every second, third,
+    ... is kept), so long displacements stay within reach however fast the camera is.
+    """
+
+    def __init__(self, span_s: float) -> None:
+        self._least_step_ns = span_s * 1e9 / MAX_FRAMES
+        self._frames: deque[Frame] = deque(maxlen=MAX_FRAMES)
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """Oldest first."""
+        return tuple(self._frames)
+
+    def expire(self, before_ns: int) -> None:
+        """Drop what is older than `before_ns`."""
+        while self._frames and self._frames[0].stamp_ns < before_ns:
+            self._frames.popleft()
+
+    def add(self, frame: Frame) -> None:
+        """Keep `frame` for later, unless it follows the last one too closely."""
+        if not self._frames or frame.stamp_ns - self._frames[-1].stamp_ns >= self._least_step_ns:
+            self._frames.append(frame)
+
+    def clear(self) -> None:
+        """Drop every frame: nothing before now can be paired with what comes."""
+        self._frames.clear()
+
+
+@dataclass(frozen=True)
+class Baselines:
+    """From each of k buffered frames to the current one.
+
+    displacement_m         [k, 3]     current camera's orientation where both attitudes are known, else world
+    length_m               [k]
+    current_from_previous  [k, 3, 3]  the identity where an attitude is unknown
+    turn_rad               [k]
+    usable                 [k]        whether a depth can come from this pair
+    reason                            why none is usable, None when one is
+    """
+
+    displacement_m: Vector
+    length_m: Vector
+    current_from_previous: Vector
+    turn_rad: Vector
+    usable: Flags
+    reason: str | None
+
+
+def baselines(
+    trajectory: Trajectory, frames: Sequence[Frame], stamp_ns: int, max_turn_rad: float
+) -> Baselines:
+    """How far the camera flew and turned from each of `frames` (oldest first) until `stamp_ns`."""
+    stamps = np.array([frame.stamp_ns for frame in frames] + [stamp_ns], dtype=np.int64)
+    states = trajectory.at(stamps)
+    world = states.position_m[-1] - states.position_m[:-1]
+    turn = np.einsum("ji,kjl->kil", states.world_from_camera[-1], states.world_from_camera[:-1])
+    oriented = states.oriented[:-1] & states.oriented[-1]
+    turn[~oriented] = np.eye(3)
+    in_camera = world @ states.world_from_camera[-1]
+    length: Vector = np.linalg.norm(world, axis=1)
+    turn_rad = np.arccos(np.clip((np.trace(turn, axis1=1, axis2=2) - 1) / 2, -1, 1))
+    connected = (states.segment[:-1] == states.segment[-1]) & (states.segment[-1] >= 0)
+    steady = turn_rad <= max_turn_rad
+    seconds = np.asarray((stamp_ns - stamps[:-1]) * 1e-9, dtype=np.float64)
+    moved = _moved(trajectory, length, seconds)
+    current = stamp_ns, int(states.segment[-1])
+    reason = _reason(frames, current, length, (connected, steady, moved))
+    displacement = np.where(oriented[:, None], in_camera, world)
+    return Baselines(displacement, length, turn, turn_rad, connected & steady & moved, reason)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """An earlier frame chosen for the current one.
+
+    displacement_m (3,) as in Baselines, length_m its length, shift in frames, depth_m the depth that asked
+    for it, current_from_previous (3, 3), turn_rad its angle.
+    """
+
+    previous: Frame
+    displacement_m: Vector
+    length_m: float
+    shift: int
+    depth_m: float
+    current_from_previous: Vector
+    turn_rad: float
+
+
+def pick(
+    lines: Baselines, frames: Sequence[Frame], current_index: int, wanted_m: Vector, depths_m: Vector
+) -> tuple[Pair, ...]:
+    """For each wanted displacement [m] the closest usable one; shortest shift first.
+
+    `depths_m` [m] are the depths that ask for them. Equal frames are merged, the first to ask keeps it. Of
+    two equally close the younger frame is taken, which shares more of the picture.
+    """
+    usable = np.flatnonzero(lines.usable)[::-1]
+    chosen: dict[int, float] = {}
+    for wanted, depth in zip(wanted_m, depths_m, strict=True):
+        nearest = int(usable[np.argmin(np.abs(lines.length_m[usable] - wanted))])
+        chosen.setdefault(nearest, float(depth))
+    return tuple(
+        Pair(
+            previous=frames[k],
+            displacement_m=lines.displacement_m[k],
+            length_m=float(lines.length_m[k]),
+            shift=current_index - frames[k].index,
+            depth_m=chosen[k],
+            current_from_previous=lines.current_from_previous[k],
+            turn_rad=float(lines.turn_rad[k]),
+        )
+        for k in sorted(chosen, reverse=True)
+    )
+
+
+def _moved(trajectory: Trajectory, length_m: Vector, seconds: Vector) -> Flags:
+    """Whether each displacement is a baseline; a measured position has no drift that grows with time."""
+    slowest = 0.0 if trajectory.from_poses else max(MIN_SPEED_M_S, SPEED_OVER_SIGMA * trajectory.sigma_m_s)
+    return np.asarray((length_m >= MIN_BASELINE_M) & (length_m >= slowest * seconds))
+
+
+def _reason(
+    frames: Sequence[Frame],
+    current: tuple[int, int],
+    lengths_m: Vector,
+    conditions: tuple[Flags, Flags, Flags],
+) -> str | None:
+    """Which condition (connected, steady, moved), each [k], leaves no frame; `current`: stamp and segment."""
+    connected, steady, moved = conditions
+    if current[1] < 0:
+        return "no motion known: no velocity or pose near this frame's time"
+    if not frames:
+        return "first frame: no earlier one to pair it with"
+    if not connected.any():
+        return "gap in the motion: no earlier frame is connected to this one"
+    if not (connected & steady).any():
+        return "the camera turned away from all that earlier frames saw"
+    if (connected & steady & moved).any():
+        return None
+    span_s = (current[0] - frames[int(np.argmax(connected))].stamp_ns) * 1e-9
+    farthest_m = float(lengths_m[connected & steady].max())
+    return f"hovering: flown {farthest_m:.2f} m in {span_s:.1f} s, no baseline"

@@ -1,0 +1,47 @@
+"""Rotating an earlier frame into the current one's orientation: a homography, no depth needed."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.ranges.network import Image
+
+Vector = NDArray[np.float64]
+
+# A turn that moves no pixel by more than this is left alone: resampling would cost more than it mends.
+UNSEEN_PX = 0.25
+
+
+def homography(current_from_previous: Vector, camera: Camera) -> Vector:
+    """K R K^-1, shape (3, 3): pixels of the previous frame to where the current orientation sees them."""
+    return np.asarray(camera.matrix @ current_from_previous @ np.linalg.inv(camera.matrix))
+
+
+def is_visible(angle_rad: float, camera: Camera) -> bool:
+    """Whether a turn of `angle_rad` moves the picture measurably."""
+    return angle_rad * max(camera.fx, camera.width / 2) > UNSEEN_PX
+
+
+def turned(image: Image, current_from_previous: Vector, camera: Camera) -> Image:
+    """`image` [H, W, 3] of an ideal pinhole, seen in the current orientation; edges replicated."""
+    warp = homography(current_from_previous, camera)
+    size = (image.shape[1], image.shape[0])
+    border = cv2.BORDER_REPLICATE
+    return np.asarray(
+        cv2.warpPerspective(image, warp, size, flags=cv2.INTER_LINEAR, borderMode=border), dtype=np.uint8
+    )
+
+
+def in_view(current_from_previous: Vector, camera: Camera, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Which pixels of an [h, w] map the previous picture showed too, before the turn, far things assumed."""
+    height, width = shape
+    # v @ R is R^T v for each row vector: from the current orientation into the previous one.
+    rays = camera.resized(width, height).rays() @ current_from_previous
+    ahead = np.where(rays[..., 2] > 0, rays[..., 2], np.nan)
+    x = camera.fx * rays[..., 0] / ahead + camera.cx
+    y = camera.fy * rays[..., 1] / ahead + camera.cy
+    inside = (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
+    return np.asarray(inside)

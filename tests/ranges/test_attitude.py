@@ -1,0 +1,47 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flightdepth.motion import (
+    quaternion_from_rotation,
+    rotation_angle_rad,
+    rotation_from_euler,
+    rotation_from_quaternion,
+    slerp,
+)
+from flightdepth.ranges.attitude import HOLD_S, MAX_GAP_S, orientations, rotations_from_quaternions
+
+S = 1_000_000_000
+angles = st.floats(-3, 3)
+
+
+@given(angles, angles, angles)
+def test_many_rotations_at_once_are_those_of_motion(roll, pitch, yaw) -> None:
+    q = quaternion_from_rotation(rotation_from_euler(roll, pitch, yaw))
+    both = rotations_from_quaternions(np.array([q, -q]))
+    np.testing.assert_allclose(both[0], rotation_from_quaternion(q), atol=1e-12)
+    np.testing.assert_allclose(both[1], both[0], atol=1e-12)
+
+
+@given(st.floats(0, 1), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.sampled_from([1, -1]))
+def test_between_samples_it_is_close_to_slerp(share, pitch, yaw, sign) -> None:
+    ends = [quaternion_from_rotation(rotation_from_euler(0, k * pitch, k * yaw)) for k in (0, 1)]
+    found, known = orientations(
+        np.array([0, S]), np.array([ends[0], sign * ends[1]]), np.array([round(share * S)])
+    )
+    truth = rotation_from_quaternion(slerp(*ends, share))
+    assert known[0]
+    assert rotation_angle_rad(found[0].T @ truth) < 1e-4
+
+
+def test_without_samples_nothing_is_known() -> None:
+    found, known = orientations(np.empty(0, dtype=np.int64), np.empty((0, 4)), np.array([0, 1]))
+    assert not known.any()
+    np.testing.assert_array_equal(found, [np.eye(3)] * 2)
+
+
+def test_known_times_are_those_near_samples() -> None:
+    stamps = np.array([0, S, round(S * (1 + MAX_GAP_S + 1))])
+    at = np.array([-1, S // 2, S + round(HOLD_S * S), S + round(HOLD_S * S) + 1000, stamps[-1]])
+    known = orientations(stamps, np.tile([1.0, 0, 0, 0], (3, 1)), at)[1]
+    np.testing.assert_array_equal(known, [False, True, True, False, True])

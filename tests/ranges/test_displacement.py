@@ -1,0 +1,174 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flightdepth.errors import BadInput
+from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
+from flightdepth.ranges.attitude import HOLD_S, MAX_GAP_S
+from flightdepth.ranges.displacement import Trajectory, integrate
+
+S = 1_000_000_000
+EPOCH = 1_700_000_000 * S  # stamps of a real clock must lose no precision
+
+
+def trajectory(*samples: tuple[float, tuple[float, float, float]], frame: str = "world") -> Trajectory:
+    made = Trajectory()
+    for seconds, velocity in samples:
+        made.add_velocity(EPOCH + round(seconds * S), velocity, frame=frame, sigma=None)
+    return made
+
+
+def displacement(track: Trajectory, start_s: float, end_s: float) -> np.ndarray | None:
+    """None where the two times are not connected."""
+    states = track.at(np.array([EPOCH + round(start_s * S), EPOCH + round(end_s * S)]))
+    if states.segment[0] != states.segment[1] or states.segment[0] < 0:
+        return None
+    return states.position_m[1] - states.position_m[0]
+
+
+speeds = st.floats(-15, 15)
+
+
+@given(st.tuples(speeds, speeds, speeds), st.floats(0, 3), st.floats(0, 0.9))
+def test_constant_velocity_flies_speed_times_time(velocity, start, length) -> None:
+    track = trajectory(*((0.25 * k, velocity) for k in range(20)))
+    flown = displacement(track, start, start + length)
+    np.testing.assert_allclose(np.linalg.norm(flown), np.linalg.norm(velocity) * length, atol=1e-7)
+
+
+@given(st.lists(st.tuples(speeds, speeds, speeds), min_size=3, max_size=20), st.floats(0, 1), st.floats(0, 1))
+def test_displacements_add_up(velocities, first, second) -> None:
+    stamps = np.arange(len(velocities), dtype=np.int64) * S // 4
+    middle, end = sorted(np.array([first, second]) * stamps[-1])
+    at = np.array([0, round(middle), round(end), stamps[-1]], dtype=np.int64)
+    position, _ = integrate(stamps, np.array(velocities), at)
+    np.testing.assert_allclose(np.diff(position, axis=0).sum(axis=0), position[-1] - position[0], atol=1e-9)
+    trapezoid = np.trapezoid(np.array(velocities), dx=0.25, axis=0)
+    np.testing.assert_allclose(position[-1] - position[0], trapezoid, atol=1e-9)
+
+
+def test_acceleration_is_exact_between_samples() -> None:
+    # v = 2 t: the way from 0.1 s to 0.9 s is 0.81 - 0.01 m, though no sample lies near either end.
+    track = trajectory(*((t, (2 * t, 0, 0)) for t in (0.0, 0.5, 1.0, 1.5)))
+    np.testing.assert_allclose(displacement(track, 0.1, 0.9), [0.8, 0, 0], atol=1e-8)
+
+
+def test_extra_samples_on_the_line_change_nothing() -> None:
+    coarse = trajectory((0, (1, 0, 0)), (1, (3, 0, 0)))
+    fine = trajectory((0, (1, 0, 0)), (0.3, (1.6, 0, 0)), (1, (3, 0, 0)))
+    np.testing.assert_allclose(displacement(coarse, 0.2, 0.7), displacement(fine, 0.2, 0.7), atol=1e-8)
+
+
+def test_the_last_velocity_holds_for_a_while() -> None:
+    track = trajectory((0, (2, 0, 0)), (0.25, (2, 0, 0)))
+    np.testing.assert_allclose(displacement(track, 0.25, 0.25 + HOLD_S), [2 * HOLD_S, 0, 0], atol=1e-8)
+
+
+def test_after_that_nothing_is_known() -> None:
+    track = trajectory((0, (2, 0, 0)), (0.25, (2, 0, 0)))
+    assert displacement(track, 0.25, 0.25 + HOLD_S + 0.01) is None
+
+
+def test_before_the_first_velocity_nothing_is_known() -> None:
+    assert displacement(trajectory((1, (2, 0, 0)), (2, (2, 0, 0))), 0.9, 1.5) is None
+
+
+def test_no_displacement_crosses_a_gap() -> None:
+    later = 1 + MAX_GAP_S + 0.01
+    track = trajectory((0, (2, 0, 0)), (1, (2, 0, 0)), (later, (2, 0, 0)), (later + 1, (2, 0, 0)))
+    assert displacement(track, 0.5, later + 0.5) is None
+
+
+def test_the_longest_allowed_gap_is_crossed() -> None:
+    later = 1 + MAX_GAP_S
+    track = trajectory((0, (2, 0, 0)), (1, (2, 0, 0)), (later, (2, 0, 0)))
+    np.testing.assert_allclose(displacement(track, 0.5, later), [2 * (later - 0.5), 0, 0], atol=1e-8)
+
+
+def test_both_sides_of_a_gap_are_known_within_themselves() -> None:
+    track = trajectory((0, (2, 0, 0)), (1, (2, 0, 0)), (9, (2, 0, 0)), (10, (2, 0, 0)))
+    np.testing.assert_allclose(displacement(track, 9.0, 9.5), [1, 0, 0], atol=1e-8)
+
+
+def test_camera_velocities_turn_with_the_attitude() -> None:
+    track = Trajectory()
+    for k in range(5):
+        yaw = quaternion_from_rotation(rotation_from_euler(0, 0, np.pi / 2))
+        track.add_attitude(EPOCH + k * S // 4, yaw)
+        track.add_velocity(EPOCH + k * S // 4, (2, 0, 0), frame="camera", sigma=None)
+    np.testing.assert_allclose(displacement(track, 0, 1), [0, 2, 0], atol=1e-8)
+    assert not track.non_rotating
+
+
+def test_camera_velocities_without_attitude_are_taken_as_non_rotating() -> None:
+    track = trajectory((0, (2, 0, 0)), (1, (2, 0, 0)), frame="camera")
+    np.testing.assert_allclose(displacement(track, 0, 1), [2, 0, 0], atol=1e-8)
+    assert track.non_rotating
+
+
+def test_camera_velocities_of_a_full_turn_come_back() -> None:
+    # A circle flown at constant camera-frame velocity, sampled at 100 Hz: the way closes.
+    track = Trajectory()
+    for k in range(101):
+        turn = rotation_from_euler(0, 0, 2 * np.pi * k / 100)
+        track.add_attitude(EPOCH + k * S // 100, quaternion_from_rotation(turn))
+        track.add_velocity(EPOCH + k * S // 100, (2, 0, 0), frame="camera", sigma=None)
+    np.testing.assert_allclose(displacement(track, 0, 1), [0, 0, 0], atol=1e-8)
+
+
+def test_poses_are_interpolated() -> None:
+    track = Trajectory()
+    for k in range(3):
+        pose = np.eye(4)
+        pose[0, 3] = 3.0 * k
+        track.add_pose(EPOCH + k * S, pose)
+    np.testing.assert_allclose(displacement(track, 0.5, 1.5), [3, 0, 0], atol=1e-8)
+
+
+def test_a_lone_glitch_is_dropped() -> None:
+    track = trajectory(
+        (0, (2, 0, 0)), (0.1, (2, 0, 0)), (0.2, (90, 0, 0)), (0.3, (2, 0, 0)), (0.4, (2, 0, 0))
+    )
+    np.testing.assert_allclose(displacement(track, 0, 0.4), [0.8, 0, 0], atol=1e-8)
+    assert track.dropped == {"velocity glitch": 1}
+
+
+def test_a_step_that_stays_is_believed() -> None:
+    track = trajectory((0, (0, 0, 0)), (0.1, (0, 0, 0)), (0.2, (9, 0, 0)), (0.3, (9, 0, 0)))
+    np.testing.assert_allclose(displacement(track, 0, 0.3), [1.35, 0, 0], atol=1e-8)
+    assert track.dropped == {}
+
+
+@pytest.mark.parametrize("seconds", [0.5, 1.0])
+def test_a_velocity_that_does_not_advance_is_dropped(seconds: float) -> None:
+    track = trajectory((0, (2, 0, 0)), (1, (2, 0, 0)))
+    track.add_velocity(EPOCH + round(seconds * S), (2.5, 0, 0), frame="world", sigma=None)
+    np.testing.assert_allclose(displacement(track, 0, 1), [2, 0, 0], atol=1e-8)
+    assert track.dropped == {"velocity not after the one before": 1}
+
+
+@pytest.mark.parametrize("velocity", [(1, 2), (1, 2, float("nan")), (1, 2, float("inf"))])
+def test_a_velocity_that_is_none_is_refused(velocity) -> None:
+    with pytest.raises(BadInput, match="velocity: expected three finite numbers in m/s, got"):
+        Trajectory().add_velocity(0, velocity, frame="world", sigma=None)
+
+
+@pytest.mark.parametrize("frame", ["body", "NED"])
+def test_an_unknown_frame_is_refused(frame: str) -> None:
+    with pytest.raises(BadInput, match="velocity frame: expected world or camera"):
+        Trajectory().add_velocity(0, (1, 0, 0), frame=frame, sigma=None)
+
+
+def test_frames_are_not_mixed() -> None:
+    track = trajectory((0, (2, 0, 0)))
+    with pytest.raises(BadInput, match="expected world, as before, got camera"):
+        track.add_velocity(EPOCH + S, (2, 0, 0), frame="camera", sigma=None)
+
+
+@pytest.mark.parametrize(
+    "pose", [np.eye(3), 2 * np.eye(4), np.diag([1.0, 1, -1, 1]), np.full((4, 4), np.nan)]
+)
+def test_a_pose_that_is_not_rigid_is_refused(pose) -> None:
+    with pytest.raises(BadInput, match="pose: expected a rigid 4x4 matrix"):
+        Trajectory().add_pose(0, pose)

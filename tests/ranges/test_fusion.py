@@ -1,0 +1,169 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from range_oracle import CLAMPED, card
+
+from flightdepth.ranges.fusion import BETA_MAX, EPSILON, LOWER_MARGIN, Fusion, fuse, weight
+
+CARD = card()
+betas = arrays(np.float32, (3, 4, 5), elements=st.floats(0, 1, width=32))
+both = pytest.mark.parametrize("fusion", list(Fusion))
+
+
+def one(*beta: float) -> np.ndarray:
+    """n ranges of a single pixel."""
+    return np.array(beta, dtype=np.float32).reshape(-1, 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("beta", "expected"),
+    [(0, 0), (0.1, 0), (0.25, 0.5), (0.4, 1), (0.65, 0.5), (0.9, 0), (1, 0)],
+)
+def test_the_weight_is_the_papers(beta: float, expected: float) -> None:
+    np.testing.assert_allclose(weight(np.float32([beta])), [expected], atol=1e-6)
+
+
+def test_the_papers_fusion_by_hand() -> None:
+    # alpha 1000/3; 0.3 m sees beta 0.25 (25 m, f 0.5), 0.1 m sees beta 0.65 (21.67 m, f 0.5).
+    depth = fuse(one(0.25, 0.65), np.array([0.3, 0.1]), CARD, fusion=Fusion.PAPER).depth_m
+    np.testing.assert_allclose(depth, [[(25 + 65 / 3) / 2]], rtol=1e-5)
+
+
+def test_epsilon_decides_when_every_range_is_off() -> None:
+    depth = fuse(one(0.95, 0.05), np.array([0.3, 0.9]), CARD, fusion=Fusion.PAPER).depth_m
+    np.testing.assert_allclose(depth, [[(95 + 15) / 2]], rtol=1e-5)
+
+
+@both
+@given(arrays(np.float32, (4, 5), elements=st.floats(0.0625, 0.875, width=32)), st.integers(1, 4))
+def test_identical_maps_fuse_to_themselves(fusion: Fusion, beta: np.ndarray, n: int) -> None:
+    fused = fuse(np.repeat(beta[None], n, axis=0), np.full(n, 0.3), CARD, fusion=fusion)
+    np.testing.assert_allclose(fused.depth_m, 100 * beta, rtol=1e-5)
+
+
+@both
+@given(betas, st.floats(0.01, 100))
+def test_scaling_the_displacements_scales_the_depth(fusion: Fusion, beta: np.ndarray, scale: float) -> None:
+    lengths = np.array([0.1, 0.3, 1.0])
+    plain = fuse(beta, lengths, CARD, fusion=fusion)
+    scaled = fuse(beta, lengths * scale, CARD, fusion=fusion)
+    # A micrometre: below it float32 has no four digits left.
+    np.testing.assert_allclose(scaled.depth_m, plain.depth_m * scale, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(scaled.farther_than_m, plain.farther_than_m * scale, rtol=1e-4)
+    np.testing.assert_array_equal(scaled.confidence, plain.confidence)
+
+
+@both
+@given(betas, st.permutations(range(3)))
+def test_the_order_of_the_ranges_is_of_no_account(fusion: Fusion, beta: np.ndarray, order: list[int]) -> None:
+    lengths = np.array([0.1, 0.3, 1.0])
+    plain = fuse(beta, lengths, CARD, fusion=fusion)
+    other = fuse(beta[order], lengths[order], CARD, fusion=fusion)
+    np.testing.assert_allclose(other.depth_m, plain.depth_m, rtol=1e-5, atol=1e-6)
+    np.testing.assert_array_equal(other.confidence, plain.confidence)
+    np.testing.assert_array_equal(other.nearer_than_m, plain.nearer_than_m)
+
+
+@given(betas)
+def test_confidence_is_zero_exactly_where_depth_is_unknown(beta: np.ndarray) -> None:
+    fused = fuse(beta, np.array([0.1, 0.3, 1.0]), CARD)
+    np.testing.assert_array_equal(fused.confidence == 0, np.isnan(fused.depth_m))
+    assert fused.confidence.max() <= 1
+
+
+@given(betas)
+def test_depth_lies_between_those_of_the_ranges(beta: np.ndarray) -> None:
+    lengths = np.array([0.1, 0.3, 1.0])
+    depths = CARD.alpha * lengths[:, None, None] * beta
+    fused = fuse(beta, lengths, CARD).depth_m
+    known = np.isfinite(fused)
+    assert (fused[known] <= depths.max(axis=0)[known] * 1.0001).all()
+    assert (fused[known] >= depths.min(axis=0)[known] * 0.9999).all()
+
+
+def test_full_confidence_at_the_best_output() -> None:
+    np.testing.assert_allclose(fuse(one(0.4), np.array([0.3]), CARD).confidence, 1, rtol=1e-6)
+
+
+def test_least_confidence_just_inside_the_range() -> None:
+    confidence = fuse(one(0.05), np.array([0.3]), CARD).confidence
+    np.testing.assert_allclose(confidence, EPSILON / (1 + EPSILON), rtol=1e-4)
+
+
+def test_a_saturated_range_has_no_say() -> None:
+    fused = fuse(one(1.0, 0.2), np.array([0.3, 3.0]), CARD)
+    np.testing.assert_allclose(fused.depth_m, 200.0, rtol=1e-5)
+    assert np.isnan(fused.farther_than_m).all()
+
+
+def test_all_far_gives_the_largest_lower_bound() -> None:
+    fused = fuse(one(1.0, 0.95), np.array([0.3, 3.0]), CARD)
+    assert np.isnan(fused.depth_m).all()
+    np.testing.assert_allclose(fused.farther_than_m, 1000 * BETA_MAX, rtol=1e-5)
+    assert np.isnan(fused.nearer_than_m).all()
+
+
+def test_all_near_gives_the_smallest_upper_bound() -> None:
+    # The clamped network starts at 10 m of 60 m; at 0.5 m of displacement that is 10 m, at 0.1 m 2 m.
+    fused = fuse(one(1 / 6, 1 / 6), np.array([0.5, 0.1]), CLAMPED)
+    assert np.isnan(fused.depth_m).all()
+    np.testing.assert_allclose(fused.nearer_than_m, 2 + 120 * 0.1 * LOWER_MARGIN, rtol=1e-5)
+    assert np.isnan(fused.farther_than_m).all()
+
+
+def test_between_two_ranges_both_bounds_stand() -> None:
+    fused = fuse(one(1.0, 1 / 6), np.array([0.1, 5.0]), CLAMPED)
+    np.testing.assert_allclose(fused.farther_than_m, 10.8, rtol=1e-5)
+    np.testing.assert_allclose(fused.nearer_than_m, 112, rtol=1e-5)
+
+
+def test_contradicting_bounds_are_no_bounds() -> None:
+    fused = fuse(one(1 / 6, 1.0), np.array([0.1, 5.0]), CLAMPED)
+    assert np.isnan([fused.depth_m, fused.farther_than_m, fused.nearer_than_m]).all()
+
+
+def test_what_one_frame_did_not_show_has_no_say() -> None:
+    seen = np.array([True, False]).reshape(2, 1, 1)
+    fused = fuse(one(0.2, 0.4), np.array([0.3, 0.3]), CARD, seen=seen)
+    np.testing.assert_allclose(fused.depth_m, 20.0, rtol=1e-5)
+
+
+def test_what_no_frame_showed_is_unknown_without_a_bound() -> None:
+    fused = fuse(one(1.0), np.array([0.3]), CARD, seen=np.zeros((1, 1, 1), dtype=np.bool_))
+    assert np.isnan([fused.depth_m, fused.farther_than_m, fused.nearer_than_m]).all()
+
+
+@both
+def test_an_output_that_is_no_number_is_no_measurement(fusion: Fusion) -> None:
+    fused = fuse(one(np.nan, 0.2), np.array([0.3, 0.3]), CARD, fusion=fusion)
+    np.testing.assert_allclose(fused.depth_m, 20.0, rtol=1e-5)
+
+
+def test_sigma_is_the_weighted_mean() -> None:
+    fused = fuse(one(0.25, 0.65), np.array([0.3, 0.1]), CARD, sigma_m=one(1.0, 3.0))
+    np.testing.assert_allclose(fused.sigma_m, 2.0, rtol=1e-5)
+
+
+def test_an_answer_that_ignores_the_displacement_is_not_believed():
+    """The network says the same beta at 0.3 m and at 3 m: one depth cannot look like that."""
+    fused = fuse(one(0.5, 0.5), np.array([0.3, 3.0]), CARD)
+    assert np.isnan(fused.depth_m).all()
+    assert (fused.confidence == 0).all()
+    assert np.isnan(fused.farther_than_m).all()
+    assert np.isnan(fused.nearer_than_m).all()
+
+
+def test_ranges_that_differ_by_less_than_the_tolerance_are_fused():
+    fused = fuse(one(0.6, 0.3), np.array([0.3, 0.45]), CARD)  # 60 m and 45 m
+    assert 45 < fused.depth_m.item() < 60
+
+
+def test_the_papers_fusion_believes_contradictions():
+    assert np.isfinite(fuse(one(0.5, 0.5), np.array([0.3, 3.0]), CARD, fusion=Fusion.PAPER).depth_m).all()
+
+
+def test_a_bound_that_contradicts_a_measurement_voids_it():
+    fused = fuse(one(0.95, 0.2), np.array([3.0, 0.3]), CARD)  # at least 900 m, and 20 m
+    assert np.isnan(fused.depth_m).all()

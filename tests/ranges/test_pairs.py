@@ -1,0 +1,96 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flightdepth.ranges.displacement import Trajectory
+from flightdepth.ranges.pairs import MAX_FRAMES, Frame, FrameBuffer, baselines, pick
+
+S = 1_000_000_000
+STEP = S // 30
+IMAGE = np.zeros((64, 64, 3), dtype=np.uint8)
+
+
+def frames(count: int) -> list[Frame]:
+    return [Frame(k, k * STEP, IMAGE) for k in range(count)]
+
+
+def straight(speed: float, count: int) -> Trajectory:
+    track = Trajectory()
+    for k in range(count + 1):
+        track.add_velocity(k * STEP, (speed, 0, 0), frame="world", sigma=None)
+    return track
+
+
+def picked(wanted: list[float], *, speed: float = 3.0, count: int = 60):
+    lines = baselines(straight(speed, count), frames(count), count * STEP, 0.3)
+    return pick(lines, frames(count), count, np.array(wanted), np.array(wanted) * 48)
+
+
+@given(st.floats(0.06, 6.2))
+def test_the_closest_displacement_is_taken(wanted: float) -> None:
+    (pair,) = picked([wanted])
+    assert abs(pair.length_m - wanted) <= 0.05 + 1e-9 or pair.shift in (1, 60)
+    np.testing.assert_allclose(pair.length_m, 0.1 * pair.shift, rtol=1e-6)
+    assert pair.previous.index == 60 - pair.shift
+
+
+@given(st.lists(st.floats(0.06, 20), min_size=1, max_size=4))
+def test_no_frame_is_taken_twice(wanted: list[float]) -> None:
+    shifts = [pair.shift for pair in picked(wanted)]
+    assert shifts == sorted(set(shifts))
+
+
+@given(st.permutations([0.3, 1.0, 3.0]))
+def test_the_order_of_the_wishes_is_of_no_account(wanted: list[float]) -> None:
+    assert [(p.shift, p.depth_m) for p in picked(wanted)] == [
+        (p.shift, p.depth_m) for p in picked([0.3, 1, 3])
+    ]
+
+
+def test_more_than_there_is_gives_the_longest() -> None:
+    assert picked([1e9])[0].shift == 60
+
+
+def test_equal_shifts_keep_the_first_depth() -> None:
+    (pair,) = picked([0.31, 0.29])
+    assert pair.shift == 3
+    np.testing.assert_allclose(pair.depth_m, 0.31 * 48)
+
+
+def test_of_two_equally_close_the_younger_is_taken() -> None:
+    # Out and back: at the turning point's mirror frames the displacement is the same.
+    track = Trajectory()
+    for k in range(61):
+        track.add_velocity(k * STEP, (3.0 if k < 30 else -3.0, 0, 0), frame="world", sigma=None)
+    lines = baselines(track, frames(60), 60 * STEP, 0.3)
+    (pair,) = pick(lines, frames(60), 60, np.array([1.0]), np.array([48.0]))
+    assert pair.shift < 30
+
+
+def test_the_displacement_points_from_previous_to_current() -> None:
+    (pair,) = picked([0.3])
+    np.testing.assert_allclose(pair.displacement_m, [0.3, 0, 0], atol=1e-8)
+
+
+def test_the_buffer_drops_what_is_old() -> None:
+    buffer = FrameBuffer(1.0)
+    for frame in frames(90):
+        buffer.expire(frame.stamp_ns - S)
+        buffer.add(frame)
+    assert buffer.frames[0].stamp_ns >= 88 * STEP - S
+    assert buffer.frames[-1].index == 89
+
+
+def test_the_buffer_of_a_fast_camera_still_spans_its_time() -> None:
+    buffer = FrameBuffer(4.0)
+    for k in range(4000):
+        buffer.expire(k * S // 500 - 4 * S)
+        buffer.add(Frame(k, k * S // 500, IMAGE))
+    assert len(buffer) <= MAX_FRAMES
+    assert buffer.frames[-1].stamp_ns - buffer.frames[0].stamp_ns > 3.9 * S
+
+
+def test_shifts_count_all_frames_of_a_fast_camera() -> None:
+    kept = frames(60)[::2]
+    lines = baselines(straight(3.0, 60), kept, 60 * STEP, 0.3)
+    assert pick(lines, kept, 60, np.array([0.6]), np.array([1.0]))[0].shift == 6

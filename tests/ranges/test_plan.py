@@ -1,0 +1,118 @@
+import numpy as np
+import pytest
+from range_oracle import CLAMPED, card
+
+from flightdepth.ranges.fusion import Fused
+from flightdepth.ranges.plan import MAX_PICTURE_SHIFT, SCOUT_EVERY_S, Planner
+
+S = 1_000_000_000
+ALL = np.ones((32, 32), dtype=np.bool_)
+USABLE = np.array([0.1, 0.4, 1.6, 6.4])
+
+
+def planner(ranges: int = 2, *, saturation: bool = True) -> Planner:
+    return Planner(CLAMPED, ranges, sides=2.0, memory_s=4.0, saturation=saturation)
+
+
+def fused(known: float, *, farther: float = np.nan, nearer: float = np.nan, share: float = 0.5) -> Fused:
+    """The lower `share` of the picture at depth `known`, the rest unknown with the given bounds."""
+    upper = np.arange(32)[:, None] < round(32 * (1 - share))
+    maps = [np.where(upper, value, np.nan) for value in (farther, nearer)]
+    depth = np.where(upper, np.nan, known)
+    full = [np.broadcast_to(m, (32, 32)).astype(np.float32) for m in (depth, depth, *maps)]
+    return Fused(full[0], np.nan_to_num(full[1]), full[2], full[3], None)
+
+
+def test_start_up_spreads_in_equal_ratios_inside_what_there_is() -> None:
+    wanted, depths = planner(2).wanted(0, USABLE)
+    np.testing.assert_allclose(wanted, [0.4, 1.6])
+    assert np.isnan(depths).all()
+
+
+def test_start_up_with_one_displacement_takes_it() -> None:
+    np.testing.assert_allclose(planner(3).wanted(0, np.array([0.2]))[0], [0.2] * 3)
+
+
+def test_a_learned_depth_chooses_the_displacement() -> None:
+    plan = planner(1)
+    plan.learn(0, fused(24.0, share=1.0), ALL)
+    wanted, depths = plan.wanted(1, USABLE)
+    np.testing.assert_allclose(wanted, [0.5])
+    np.testing.assert_allclose(depths, [24.0])
+
+
+def test_an_old_depth_is_forgotten() -> None:
+    plan = planner(1)
+    plan.learn(0, fused(24.0, share=1.0), ALL)
+    assert np.isnan(plan.wanted(5 * S, USABLE)[1]).all()
+
+
+def test_too_few_measured_pixels_start_over() -> None:
+    plan = planner(1)
+    plan.learn(0, fused(24.0, share=0.0), ALL)
+    assert np.isnan(plan.wanted(1, USABLE)[1]).all()
+
+
+def test_padding_is_left_out() -> None:
+    plan = planner(1)
+    shown = np.zeros((32, 32), dtype=np.bool_)
+    shown[31] = True
+    maps = fused(24.0, share=1.0)
+    maps.depth_m[:31] = 500.0
+    plan.learn(0, maps, shown)
+    np.testing.assert_allclose(plan.wanted(1, USABLE)[1], [24.0])
+
+
+def test_displacements_are_bounded_by_the_near_part_of_the_picture() -> None:
+    plan = Planner(card(), 2, sides=2.0, memory_s=4.0, saturation=False)
+    maps = fused(3.0, share=0.5)
+    maps.depth_m[:16] = 5000.0
+    plan.learn(0, maps, ALL)
+    np.testing.assert_allclose(plan.wanted(1, USABLE)[0].max(), MAX_PICTURE_SHIFT * 2.0 * 3.0)
+
+
+def test_a_sky_sends_a_scout_beyond_its_bound() -> None:
+    plan = planner(1)
+    plan.learn(0, fused(24.0, farther=54.0), ALL)
+    wanted, depths = plan.wanted(1, USABLE)
+    np.testing.assert_allclose(depths, [24, 54])
+    np.testing.assert_allclose(wanted, [0.5, 1.125])
+
+
+def test_something_too_near_sends_a_scout_closer() -> None:
+    plan = planner(1)
+    plan.learn(0, fused(24.0, nearer=9.0), ALL)
+    np.testing.assert_allclose(plan.wanted(1, USABLE)[1], [24, 4])
+
+
+def test_scouts_rest() -> None:
+    plan = planner(1)
+    counts = []
+    for k in range(30):
+        plan.learn(k * S // 30, fused(24.0, farther=54.0), ALL)
+        counts.append(len(plan.wanted(k * S // 30 + 1, USABLE)[0]))
+    assert sum(counts) - 30 == round(1 / SCOUT_EVERY_S)
+
+
+def test_the_papers_fusion_sends_no_scouts() -> None:
+    plan = planner(1, saturation=False)
+    plan.learn(0, fused(24.0, farther=54.0), ALL)
+    assert len(plan.wanted(1, USABLE)[0]) == 1
+
+
+@pytest.mark.parametrize(
+    ("bound", "step", "expected"),
+    [
+        ("farther", 2.25, [54, 121.5, 273.375, 54, 121.5]),  # 273 m wants 5.7 m, more than there is
+        ("nearer", 0.2, [24, 4.8, 0.96, 24, 4.8]),  # 0.96 m wants 0.02 m, less than there is
+    ],
+)
+def test_fruitless_scouts_go_on_then_start_over(bound: str, step: float, expected: list[float]) -> None:
+    plan = planner(1)
+    looked = []
+    for k in range(len(expected)):
+        plan.learn(k * S, fused(100.0, **{bound: 54.0}), ALL)
+        looked.append(plan.wanted(k * S + 1, np.array([0.09, 3.0]))[1][-1])
+        reached = step * looked[-1] * (2.25 if bound == "nearer" else 1)
+        plan.learn(k * S + 2, fused(100.0, **{bound: reached}), ALL)
+    np.testing.assert_allclose(looked, expected)

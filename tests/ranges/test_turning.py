@@ -1,0 +1,46 @@
+import numpy as np
+import pytest
+
+from flightdepth.camera import Camera
+from flightdepth.motion import rotation_from_euler
+from flightdepth.ranges.turning import homography, in_view, is_visible, turned
+
+CAMERA = Camera.from_fov(128, 128, 90)
+
+
+def smooth(camera: Camera, rotation: np.ndarray) -> np.ndarray:
+    """A smooth pattern on the sphere, as a camera of that orientation sees it."""
+    rays = camera.rays() @ rotation.T
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    return np.clip(128 + 100 * np.sin(4 * rays), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("angles", [(0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.3), (0.05, -0.08, 0.1)])
+def test_a_turned_picture_is_what_the_current_camera_sees(angles: tuple[float, float, float]) -> None:
+    previous = rotation_from_euler(*angles)
+    warped = turned(smooth(CAMERA, previous), previous, CAMERA)
+    truth = smooth(CAMERA, np.eye(3))
+    seen = in_view(previous, CAMERA, (128, 128))
+    assert 0.5 < seen.mean() < 1
+    assert np.abs(warped.astype(int) - truth.astype(int))[seen].max() <= 3
+
+
+def test_no_turn_changes_nothing() -> None:
+    image = smooth(CAMERA, np.eye(3))
+    np.testing.assert_array_equal(turned(image, np.eye(3), CAMERA), image)
+    assert in_view(np.eye(3), CAMERA, (32, 32)).all()
+
+
+def test_a_turn_and_its_inverse_cancel() -> None:
+    turn = rotation_from_euler(0.1, 0.2, -0.3)
+    both = homography(turn, CAMERA) @ homography(turn.T, CAMERA)
+    np.testing.assert_allclose(both / both[2, 2], np.eye(3), atol=1e-9)
+
+
+def test_what_lies_behind_is_not_in_view() -> None:
+    assert not in_view(rotation_from_euler(0, np.pi, 0), CAMERA, (32, 32)).any()
+
+
+@pytest.mark.parametrize(("angle_rad", "visible"), [(0.001, False), (0.01, True)])
+def test_a_quarter_pixel_is_visible(angle_rad: float, visible: bool) -> None:
+    assert is_visible(angle_rad, CAMERA) is visible
