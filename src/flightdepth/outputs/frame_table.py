@@ -1,0 +1,94 @@
+"""frames.csv: one row a frame, what was paired and how much depth came of it."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flightdepth.flight.records import Frame
+from flightdepth.ranges.result import RangedDepth
+
+COLUMNS = (
+    *("index", "stamp_ns", "shifts", "displacements_m", "centroids_m"),
+    *("valid_fraction", "latency_ms", "reason"),
+)
+
+
+@dataclass(frozen=True)
+class FrameRow:
+    """One frame.
+
+    index            names its files: depth/000012.png is frame 12
+    stamp_ns         time since the video's first picture
+    shifts           frames between the pictures of each pair; empty without depth, as the next two
+    displacements_m  metres flown between them
+    centroids_m      depths that chose the pairs; NaN where none was known yet
+    valid_fraction   share of the pixels with depth, 0..1
+    latency_ms       time that the depth took
+    reason           why there is no depth; empty where there is
+    """
+
+    index: int
+    stamp_ns: int
+    shifts: tuple[int, ...]
+    displacements_m: tuple[float, ...]
+    centroids_m: tuple[float, ...]
+    valid_fraction: float
+    latency_ms: float
+    reason: str
+
+    @classmethod
+    def of(cls, frame: Frame, result: RangedDepth) -> FrameRow:
+        """The row of a frame and its result."""
+        return cls(
+            index=frame.index,
+            stamp_ns=frame.stamp_ns,
+            shifts=tuple(int(shift) for shift in result.shifts),
+            displacements_m=tuple(float(length) for length in result.displacements_m),
+            centroids_m=tuple(float(depth) for depth in result.centroids_m),
+            valid_fraction=float(np.isfinite(result.depth_m).mean()),
+            latency_ms=result.latency_ms,
+            reason=result.reason or "",
+        )
+
+
+def csv_bytes(rows: Sequence[FrameRow]) -> bytes:
+    """The table; numbers of one cell are separated by spaces."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in rows:
+        writer.writerow(
+            [
+                row.index,
+                row.stamp_ns,
+                " ".join(map(str, row.shifts)),
+                " ".join(f"{length:.4f}" for length in row.displacements_m),
+                " ".join(f"{depth:.3f}" for depth in row.centroids_m),
+                f"{row.valid_fraction:.4f}",
+                f"{row.latency_ms:.2f}",
+                row.reason,
+            ]
+        )
+    return text.getvalue().encode()
+
+
+def rows_from_csv(text: str) -> list[FrameRow]:
+    """The rows of a table that `csv_bytes` wrote."""
+    return [
+        FrameRow(
+            index=int(cells["index"]),
+            stamp_ns=int(cells["stamp_ns"]),
+            shifts=tuple(int(shift) for shift in cells["shifts"].split()),
+            displacements_m=tuple(float(length) for length in cells["displacements_m"].split()),
+            centroids_m=tuple(float(depth) for depth in cells["centroids_m"].split()),
+            valid_fraction=float(cells["valid_fraction"]),
+            latency_ms=float(cells["latency_ms"]),
+            reason=cells["reason"],
+        )
+        for cells in csv.DictReader(io.StringIO(text))
+    ]

@@ -1,0 +1,102 @@
+"""Reading back what `flightdepth run` wrote."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from zipfile import BadZipFile
+
+import cv2
+import numpy as np
+from pydantic import ValidationError
+
+from flightdepth.errors import BadInput
+from flightdepth.outputs.encoding import Map, confidence_from_bytes, depth_from_centimetres
+from flightdepth.outputs.frame_table import FrameRow, rows_from_csv
+from flightdepth.outputs.record import FlightRecord
+from flightdepth.outputs.writer import CONFIDENCE, DEPTH, RECORD, TABLE
+
+
+def read_depth(path: Path) -> Map:
+    """Depth in metres, float32 [H, W], NaN = unknown, of a .png (whole centimetres) or .npz (float32)."""
+    if path.suffix == ".npz":
+        return _read_npz(path)
+    image = _read_png(path)
+    if image.dtype != np.uint16 or image.ndim != 2:
+        raise BadInput(
+            f"depth {path}", expected="a grey 16-bit PNG", got=f"{image.dtype} {list(image.shape)}"
+        )
+    return depth_from_centimetres(image)
+
+
+def read_confidence(path: Path) -> Map:
+    """Confidence 0..1, float32 [H, W], 0 = do not use."""
+    image = _read_png(path)
+    if image.dtype != np.uint8 or image.ndim != 2:
+        got = f"{image.dtype} {list(image.shape)}"
+        raise BadInput(f"confidence {path}", expected="a grey 8-bit PNG", got=got)
+    return confidence_from_bytes(image)
+
+
+class FlightFolder:
+    """An output folder: `record` (flight.json), `rows` (frames.csv), and the maps of each frame."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self.record = self._read_record()
+        self.rows = self._read_rows()
+
+    def depth_m(self, index: int) -> Map:
+        """Depth in metres, float32 [H, W], NaN = unknown, of the frame with this index."""
+        return read_depth(self.folder / DEPTH / f"{index:06d}.{self.record.depth.format}")
+
+    def confidence(self, index: int) -> Map:
+        """Confidence 0..1, float32 [H, W], of the frame with this index."""
+        return read_confidence(self.folder / CONFIDENCE / f"{index:06d}.png")
+
+    def _read_record(self) -> FlightRecord:
+        path = self.folder / RECORD
+        try:
+            return FlightRecord.model_validate_json(path.read_bytes())
+        except OSError as error:
+            raise _not_ours(path, error.strerror or str(error)) from error
+        except ValidationError as error:
+            raise _not_ours(path, error.errors()[0]["msg"]) from error
+
+    def _read_rows(self) -> list[FrameRow]:
+        path = self.folder / TABLE
+        try:
+            return rows_from_csv(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise _not_ours(path, error.strerror or str(error)) from error
+        except (csv.Error, KeyError, ValueError, AttributeError, TypeError) as error:
+            raise _not_ours(path, f"a broken table ({error})") from error
+
+
+def _read_png(path: Path) -> np.ndarray:
+    data = np.frombuffer(_read_bytes(path), np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    if image is None:
+        raise BadInput(f"map {path}", expected="a PNG", got="something else")
+    return image
+
+
+def _read_npz(path: Path) -> Map:
+    data = _read_bytes(path)
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            return np.asarray(arrays["depth_m"], dtype=np.float32)
+    except (BadZipFile, OSError, ValueError, KeyError, EOFError, TypeError, AttributeError) as error:
+        raise BadInput(f"map {path}", expected="an .npz with depth_m", got="something else") from error
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise BadInput(f"map {path}", expected="a file", got=error.strerror or str(error)) from error
+
+
+def _not_ours(path: Path, got: str) -> BadInput:
+    return BadInput(f"flight folder {path}", expected="what `flightdepth run` writes", got=got)

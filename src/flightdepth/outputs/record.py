@@ -1,0 +1,104 @@
+"""flight.json: which camera, network and settings the depth comes from, and what is missing from it."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from flightdepth.camera import Camera
+from flightdepth.outputs.encoding import FARTHEST, UNIT_M, UNKNOWN
+from flightdepth.outputs.frame_table import FrameRow
+from flightdepth.weights.card import NetworkCard
+
+DepthFormat = Literal["png", "npz"]
+NUMBER = re.compile(r"\d+(\.\d+)?")
+
+
+class Source(BaseModel):
+    """What was run: the flight, and with what."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    flight: str = Field(description="name of the video")
+    telemetry: str = Field(description="where the velocity comes from")
+    camera: Camera
+    network: NetworkCard
+    settings: dict[str, bool | int | float | str | None] = Field(default_factory=dict)
+
+
+class DepthScaleNote(BaseModel):
+    """How to read depth/*.png; float32 metres with NaN for unknown in depth/*.npz."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    format: DepthFormat
+    unit_m: float = UNIT_M
+    unknown: int = UNKNOWN
+    this_or_farther: int = FARTHEST
+
+
+class Counts(BaseModel):
+    """How much depth there is, and why not more. A reason's numbers stand as N."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    frames: int
+    frames_with_depth: int
+    frames_without_depth: dict[str, int] = Field(description="by reason")
+    dropped: dict[str, int] = Field(description="parts of the video and the log that could not be used")
+    pixels_at_655_m_or_farther: int
+
+    @classmethod
+    def of(cls, rows: Sequence[FrameRow], dropped: dict[str, int], saturated_pixels: int) -> Counts:
+        """Counts of a whole flight."""
+        missing = Counter(NUMBER.sub("N", row.reason) for row in rows if row.reason)
+        return cls(
+            frames=len(rows),
+            frames_with_depth=len(rows) - missing.total(),
+            frames_without_depth=dict(missing.most_common()),
+            dropped=dropped,
+            pixels_at_655_m_or_farther=saturated_pixels,
+        )
+
+
+class FlightRecord(BaseModel):
+    """The whole of flight.json."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    flightdepth: str = Field(description="version that wrote this")
+    source: Source
+    depth: DepthScaleNote
+    counts: Counts
+    notes: tuple[str, ...] = Field(default=(), description="assumptions behind the depth")
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A flight in a few figures, for people; medians are over the frames with depth, NaN without any."""
+
+    counts: Counts
+    notes: tuple[str, ...]
+    valid_fraction_median: float
+    latency_median_ms: float
+    latency_p95_ms: float
+
+    @classmethod
+    def of(cls, rows: Sequence[FrameRow], counts: Counts, notes: tuple[str, ...]) -> Summary:
+        """Figures of a whole flight."""
+        known = [row for row in rows if not row.reason]
+        latencies = [row.latency_ms for row in known] or [float("nan")]
+        fractions = [row.valid_fraction for row in known] or [float("nan")]
+        return cls(
+            counts=counts,
+            notes=notes,
+            valid_fraction_median=float(np.median(fractions)),
+            latency_median_ms=float(np.median(latencies)),
+            latency_p95_ms=float(np.percentile(latencies, 95)),
+        )

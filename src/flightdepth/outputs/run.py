@@ -1,0 +1,47 @@
+"""The frame loop: one flight through the estimator into its folder."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+
+from flightdepth.flight import AttitudeSample, Flight, Frame, Steadiness, VelocitySample
+from flightdepth.outputs.writer import FlightWriter
+from flightdepth.ranges import MultiRangeEstimator, RangedDepth
+
+Progress = Callable[[Frame, RangedDepth], None]
+
+
+def run_flight(
+    flight: Flight, estimator: MultiRangeEstimator, writer: FlightWriter, progress: Progress
+) -> None:
+    """Give every sample and frame of `flight` to `estimator`, and every result to `writer` and `progress`.
+
+    `writer.summary` is complete once the writer is closed.
+    """
+    for frame, result in depths(flight, estimator):
+        writer.add(frame, result)
+        progress(frame, result)
+    writer.note_dropped(Counter(flight.counts) + Counter(estimator.dropped))
+
+
+def depths(
+    flight: Flight,
+    estimator: MultiRangeEstimator,
+    *,
+    on_velocity: Callable[[VelocitySample], None] | None = None,
+) -> Iterator[tuple[Frame, RangedDepth]]:
+    """Give every sample and frame of `flight` to `estimator`; each frame with its result."""
+    steadiness = Steadiness(flight.camera, flight.gyroscope)
+    for event in flight:
+        match event:
+            case VelocitySample():
+                estimator.add_velocity(event.stamp_ns, event.velocity, frame=event.frame, sigma=event.sigma)
+                if on_velocity is not None:
+                    on_velocity(event)
+            case AttitudeSample():
+                estimator.add_attitude(event.stamp_ns, event.world_from_camera)
+            case Frame():
+                turn = steadiness.add(event.stamp_ns, event.image)
+                unusable = None if turn.usable else turn.reason
+                yield event, estimator.add_frame(event.stamp_ns, event.image, unusable=unusable)

@@ -1,0 +1,161 @@
+"""One flight's output folder: depth and confidence a frame, the table, the record, the preview."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from flightdepth.errors import BadInput
+from flightdepth.files import folder_in_progress, write_atomic
+from flightdepth.flight.records import Frame
+from flightdepth.outputs.background import Background
+from flightdepth.outputs.encoding import FARTHEST, Map, bytes_from_confidence, centimetres_from_depth, png
+from flightdepth.outputs.film import Film
+from flightdepth.outputs.frame_table import FrameRow, csv_bytes
+from flightdepth.outputs.preview import Preview
+from flightdepth.outputs.record import Counts, DepthFormat, DepthScaleNote, FlightRecord, Source, Summary
+from flightdepth.ranges.result import RangedDepth
+
+DEPTH, CONFIDENCE, TABLE, RECORD, PREVIEW = "depth", "confidence", "frames.csv", "flight.json", "preview.mp4"
+OWN_NAMES = frozenset({DEPTH, CONFIDENCE, TABLE, RECORD, PREVIEW})
+
+
+@dataclass(frozen=True, eq=False)
+class Item:
+    """A frame and what the estimator said about it."""
+
+    frame: Frame
+    result: RangedDepth
+
+
+class FlightWriter:
+    """Writes one flight into `target`, which appears when all of it stands; after an error nothing does.
+
+    Depth files and preview are encoded on a thread each, at most a few frames behind `add`. An older result
+    in `target` is replaced; a folder that holds anything else is refused.
+    """
+
+    def __init__(
+        self,
+        target: Path,
+        source: Source,
+        preview: Preview,
+        *,
+        depth_format: DepthFormat = "png",
+    ) -> None:
+        refuse_foreign_folder(target)
+        self._target, self._source, self._preview, self._format = target, source, preview, depth_format
+        self._rows: list[FrameRow] = []
+        self._notes: dict[str, None] = {}  # a set in order
+        self._dropped: dict[str, int] = {}
+        self._saturated_pixels = 0
+
+    def __enter__(self) -> FlightWriter:
+        with ExitStack() as stack:
+            self._folder = stack.enter_context(folder_in_progress(self._target))
+            for name in (DEPTH, CONFIDENCE):
+                (self._folder / name).mkdir()
+            self._film = Film(self._folder / PREVIEW, *self._preview.size)
+            self._threads = (
+                Background(self._write_maps, name="depth files"),
+                Background(self._write_picture, name="preview"),
+            )
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._stack:  # renames the folder, or removes it when an error passes through
+            if error is not None:
+                self._abandon()
+                raise error
+            try:
+                self._finish()
+            except BaseException:
+                self._abandon()
+                raise
+
+    @property
+    def summary(self) -> Summary:
+        """Figures of what was added so far."""
+        return Summary.of(self._rows, self._counts(), tuple(self._notes))
+
+    def add(self, frame: Frame, result: RangedDepth) -> None:
+        """Write one frame; its arrays must not change afterwards."""
+        self._rows.append(FrameRow.of(frame, result))
+        self._notes.update(dict.fromkeys(result.notes))
+        for thread in self._threads:
+            thread.put(Item(frame, result))
+
+    def note_dropped(self, dropped: Mapping[str, int]) -> None:
+        """Record how much of the input could not be used, by reason."""
+        self._dropped = dict(dropped)
+
+    def _write_maps(self, item: Item) -> None:
+        name = f"{item.frame.index:06d}"
+        confidence = png(bytes_from_confidence(item.result.confidence))
+        (self._folder / CONFIDENCE / f"{name}.png").write_bytes(confidence)
+        if self._format == "npz":
+            (self._folder / DEPTH / f"{name}.npz").write_bytes(npz(item.result.depth_m))
+            return
+        centimetres = centimetres_from_depth(item.result.depth_m)
+        self._saturated_pixels += int(np.count_nonzero(centimetres == FARTHEST))
+        (self._folder / DEPTH / f"{name}.png").write_bytes(png(centimetres))
+
+    def _write_picture(self, item: Item) -> None:
+        self._film.add(item.frame.stamp_ns, self._preview.draw(item.frame, item.result))
+
+    def _finish(self) -> None:
+        for thread in self._threads:
+            thread.finish()
+        self._film.close()
+        write_atomic(self._folder / TABLE, csv_bytes(self._rows))
+        record = FlightRecord(
+            flightdepth=version("flightdepth"),
+            source=self._source,
+            depth=DepthScaleNote(format=self._format),
+            counts=self._counts(),
+            notes=tuple(self._notes),
+        )
+        write_atomic(self._folder / RECORD, (record.model_dump_json(indent=2) + "\n").encode())
+
+    def _abandon(self) -> None:
+        for thread in self._threads:
+            thread.abandon()
+        self._film.abandon()
+
+    def _counts(self) -> Counts:
+        return Counts.of(self._rows, self._dropped, self._saturated_pixels)
+
+
+def npz(depth_m: Map) -> bytes:
+    """Depth float32 [H, W] under the key `depth_m`, not compressed: the last bits are noise."""
+    file = io.BytesIO()
+    np.savez(file, depth_m=depth_m)
+    return file.getvalue()
+
+
+def refuse_foreign_folder(target: Path) -> None:
+    """Refuse to replace a folder that holds anything but an older result."""
+    if not target.exists():
+        return
+    if not target.is_dir():
+        raise BadInput(
+            f"output folder {target}", expected="a folder", got="a file", mend="Give another --out."
+        )
+    foreign = sorted(entry.name for entry in target.iterdir() if entry.name not in OWN_NAMES)
+    if foreign:
+        raise BadInput(
+            f"output folder {target}",
+            expected="a new folder, an empty one or an older result",
+            got=f"one that holds {foreign[0]}",
+            mend="Give another --out, so that nothing of yours is replaced.",
+        )

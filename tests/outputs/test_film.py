@@ -1,0 +1,49 @@
+import av
+import numpy as np
+import pytest
+
+from flightdepth.errors import BadInput
+from flightdepth.outputs.film import Film
+
+
+def write(path, stamps_ns, width=64, height=48):
+    film = Film(path, width, height)
+    for i, stamp_ns in enumerate(stamps_ns):
+        film.add(stamp_ns, np.full((height, width, 3), (200, 40 + 10 * i, 30), np.uint8))
+    film.close()
+    with av.open(str(path)) as container:
+        return [(picture.time, picture.to_ndarray(format="rgb24")) for picture in container.decode(video=0)]
+
+
+def test_pictures_keep_their_times(tmp_path):
+    stamps_ns = [0, 33_366_667, 66_733_333, 500_000_000, 533_366_667]
+    times = [time for time, _ in write(tmp_path / "film.mp4", stamps_ns)]
+    assert times == pytest.approx([ns * 1e-9 for ns in stamps_ns], abs=1 / 90_000)
+
+
+def test_colours_come_back(tmp_path):
+    pictures = write(tmp_path / "film.mp4", [0, 40_000_000])
+    assert np.abs(pictures[1][1].mean(axis=(0, 1)) - (200, 50, 30)).max() < 5
+
+
+def test_two_pictures_at_nearly_one_time_are_both_kept(tmp_path):
+    assert len(write(tmp_path / "film.mp4", [0, 1_000, 2_000, 40_000_000])) == 4
+
+
+def test_it_is_h264_that_browsers_play(tmp_path):
+    write(tmp_path / "film.mp4", [0, 40_000_000])
+    with av.open(str(tmp_path / "film.mp4")) as container:
+        codec = container.streams.video[0].codec_context
+        assert (codec.name, codec.pix_fmt) == ("h264", "yuv420p")
+
+
+def test_an_odd_size_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="even"):
+        Film(tmp_path / "film.mp4", 63, 48)
+
+
+def test_a_picture_of_another_size_is_refused(tmp_path):
+    film = Film(tmp_path / "film.mp4", 64, 48)
+    with pytest.raises(BadInput, match="film picture"):
+        film.add(0, np.zeros((48, 62, 3), np.uint8))
+    film.abandon()

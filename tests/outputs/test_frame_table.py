@@ -1,0 +1,41 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from output_samples import HEIGHT, WIDTH, frame, known, unknown
+
+from flightdepth.outputs.frame_table import COLUMNS, FrameRow, csv_bytes, rows_from_csv
+
+
+def test_a_row_by_hand():
+    row = FrameRow(3, 100_100_000, (2, 9), (0.25, 1.5), (12.0, 40.5), 0.75, 6.5, "")
+    assert csv_bytes([row]).decode().splitlines() == [
+        "index,stamp_ns,shifts,displacements_m,centroids_m,valid_fraction,latency_ms,reason",
+        "3,100100000,2 9,0.2500 1.5000,12.000 40.500,0.7500,6.50,",
+    ]
+
+
+@given(st.text(st.characters(exclude_categories=("Cs", "Cc"))), st.integers(0, 2**62))
+def test_reasons_and_stamps_come_back(reason, stamp_ns):
+    row = FrameRow(0, stamp_ns, (), (), (), 0.0, 1.0, reason)
+    assert rows_from_csv(csv_bytes([row]).decode()) == [row]
+
+
+def test_a_depth_not_known_yet_comes_back_as_nan():
+    row = FrameRow(0, 0, (3,), (0.5,), (float("nan"),), 0.5, 1.0, "")
+    assert np.isnan(rows_from_csv(csv_bytes([row]).decode())[0].centroids_m[0])
+
+
+def test_the_row_of_a_frame_with_depth():
+    depth_m = np.where(np.arange(WIDTH) < WIDTH / 4, np.nan, 10) * np.ones((HEIGHT, 1))
+    row = FrameRow.of(frame(2), known(depth_m))
+    assert (row.index, row.stamp_ns, row.shifts, row.displacements_m) == (2, 66_733_334, (3, 7), (0.25, 1.5))
+    assert row.valid_fraction == 0.75
+
+
+def test_the_row_of_a_frame_without_depth_says_why():
+    row = FrameRow.of(frame(), unknown("hovering"))
+    assert (row.shifts, row.valid_fraction, row.reason) == ((), 0.0, "hovering")
+
+
+def test_one_column_for_each_field():
+    assert tuple(FrameRow.__dataclass_fields__) == COLUMNS

@@ -1,0 +1,91 @@
+from collections import Counter
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from output_samples import HEIGHT, SOURCE, WIDTH, known
+
+from flightdepth.camera import Camera
+from flightdepth.flight import AttitudeSample, Frame, VelocitySample
+from flightdepth.outputs import FlightFolder, FlightWriter, Preview, run_flight
+
+FRAME_NS = 33_366_667
+TEXTURE = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (HEIGHT, 600, 3), np.uint8), (0, 0), 1)
+
+
+class Recorder:
+    """An estimator that writes down what it was given."""
+
+    def __init__(self):
+        self.calls = []
+        self.dropped = Counter({"late velocities": 3})
+
+    def add_velocity(self, stamp_ns, velocity, *, frame, sigma):
+        self.calls.append(("velocity", stamp_ns, tuple(velocity), frame, sigma))
+
+    def add_attitude(self, stamp_ns, world_from_camera):
+        self.calls.append(("attitude", stamp_ns, tuple(world_from_camera)))
+
+    def add_frame(self, stamp_ns, image, *, unusable):
+        self.calls.append(("frame", stamp_ns, unusable))
+        return known(10)
+
+
+class FlightOf:
+    camera = Camera.from_fov(WIDTH, HEIGHT, 90)
+    gyroscope = None
+
+    def __init__(self, *events):
+        self.events = events
+        self.counts = {}
+
+    def __iter__(self):
+        yield from self.events
+        self.counts = {"damaged frames": 1}
+
+
+def picture(index, x=0):
+    return Frame(index, index * FRAME_NS, np.ascontiguousarray(TEXTURE[:, x : x + WIDTH]))
+
+
+@pytest.fixture
+def go(tmp_path):
+    def run(*events):
+        estimator, seen = Recorder(), []
+        with FlightWriter(tmp_path / "out", SOURCE, Preview(WIDTH, HEIGHT)) as writer:
+            run_flight(FlightOf(*events), estimator, writer, lambda frame, result: seen.append(frame.index))
+        return SimpleNamespace(calls=estimator.calls, seen=seen, folder=FlightFolder(tmp_path / "out"))
+
+    return run
+
+
+def test_samples_and_frames_reach_the_estimator_in_order(go):
+    done = go(
+        VelocitySample(0, np.array([1.0, 2, 3]), "camera", 0.1),
+        AttitudeSample(5, np.array([1.0, 0, 0, 0])),
+        picture(0),
+        picture(1),
+    )
+    assert done.calls == [
+        ("velocity", 0, (1, 2, 3), "camera", 0.1),
+        ("attitude", 5, (1, 0, 0, 0)),
+        ("frame", 0, None),
+        ("frame", FRAME_NS, None),
+    ]
+
+
+def test_every_frame_is_written_and_told(go):
+    done = go(picture(0), picture(1), picture(2))
+    assert done.seen == [row.index for row in done.folder.rows] == [0, 1, 2]
+
+
+def test_a_frame_that_cannot_be_followed_is_said_to_be_unusable(go):
+    done = go(picture(0), picture(1), picture(2, x=300))
+    assert [unusable is None for _, _, unusable in done.calls] == [True, True, False]
+    assert "too fast" in done.calls[2][2]
+
+
+def test_what_was_dropped_by_either_side_is_recorded(go):
+    counts = go(picture(0)).folder.record.counts
+    assert counts.dropped == {"damaged frames": 1, "late velocities": 3}

@@ -1,0 +1,133 @@
+import av
+import cv2
+import numpy as np
+import pytest
+from output_samples import HEIGHT, SOURCE, WIDTH, frame, known, unknown
+
+from flightdepth.errors import BadInput
+from flightdepth.outputs import FlightFolder, FlightWriter, Preview
+
+
+def writer(target, **options):
+    return FlightWriter(target, SOURCE, Preview(WIDTH, HEIGHT), **options)
+
+
+def write(target, results, **options):
+    with writer(target, **options) as open_writer:
+        for i, result in enumerate(results):
+            open_writer.add(frame(i), result)
+        open_writer.note_dropped({"damaged frames": 2})
+    return open_writer
+
+
+RAMP = np.broadcast_to(np.linspace(0.5, 90, WIDTH, dtype=np.float32), (HEIGHT, WIDTH))
+HALF_KNOWN = np.where(np.arange(WIDTH) < WIDTH // 2, np.float32(25), np.float32(np.nan)) * np.ones(
+    (HEIGHT, 1)
+)
+
+
+def test_the_folder_holds_what_is_promised(tmp_path):
+    write(tmp_path / "out", [unknown(), known(RAMP)])
+    names = {
+        str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*") if path.is_file()
+    }
+    maps = {f"{kind}/{i:06d}.png" for kind in ("depth", "confidence") for i in (0, 1)}
+    assert names == maps | {"frames.csv", "flight.json", "preview.mp4"}
+
+
+def test_png_depth_comes_back_within_half_a_centimetre(tmp_path):
+    write(tmp_path / "out", [known(RAMP)])
+    assert np.abs(FlightFolder(tmp_path / "out").depth_m(0) - RAMP).max() <= 0.005 + 1e-4
+
+
+def test_npz_depth_comes_back_exactly(tmp_path):
+    write(tmp_path / "out", [known(RAMP)], depth_format="npz")
+    assert np.array_equal(FlightFolder(tmp_path / "out").depth_m(0), RAMP)
+
+
+@pytest.mark.parametrize("depth_format", ["png", "npz"])
+def test_unknown_stays_unknown(tmp_path, depth_format):
+    write(tmp_path / "out", [known(HALF_KNOWN)], depth_format=depth_format)
+    assert np.array_equal(np.isnan(FlightFolder(tmp_path / "out").depth_m(0)), np.isnan(HALF_KNOWN))
+
+
+def test_confidence_comes_back(tmp_path):
+    write(tmp_path / "out", [known(HALF_KNOWN)])
+    confidence = FlightFolder(tmp_path / "out").confidence(0)
+    assert confidence == pytest.approx(known(HALF_KNOWN).confidence, abs=1 / 255)
+
+
+def test_depth_png_is_16_bit_grey(tmp_path):
+    write(tmp_path / "out", [known(12.34)])
+    stored = cv2.imread(str(tmp_path / "out/depth/000000.png"), cv2.IMREAD_UNCHANGED)
+    assert (stored.dtype, stored.shape) == (np.uint16, (HEIGHT, WIDTH))
+    assert (stored == 1234).all()
+
+
+def test_pixels_beyond_the_png_scale_are_counted(tmp_path):
+    depth_m = np.full((HEIGHT, WIDTH), 10, np.float32)
+    depth_m[0, :5] = 700
+    done = write(tmp_path / "out", [known(depth_m), known(depth_m)])
+    assert FlightFolder(tmp_path / "out").record.counts.pixels_at_655_m_or_farther == 10
+    assert done.summary.counts.pixels_at_655_m_or_farther == 10
+
+
+def test_the_table_has_a_row_for_each_frame(tmp_path):
+    write(tmp_path / "out", [unknown("hovering"), known(RAMP)])
+    rows = FlightFolder(tmp_path / "out").rows
+    assert [(row.index, row.reason, row.shifts) for row in rows] == [(0, "hovering", ()), (1, "", (3, 7))]
+
+
+def test_the_record_says_what_was_run_and_dropped(tmp_path):
+    write(tmp_path / "out", [unknown("hovering"), known(RAMP)])
+    record = FlightFolder(tmp_path / "out").record
+    assert record.source == SOURCE
+    assert record.counts.dropped == {"damaged frames": 2}
+    assert record.counts.frames_without_depth == {"hovering": 1}
+    assert record.notes == ("taken not to turn",)
+
+
+def test_the_preview_has_every_frame(tmp_path):
+    write(tmp_path / "out", [known(RAMP)] * 12)
+    with av.open(str(tmp_path / "out/preview.mp4")) as container:
+        assert sum(1 for _ in container.decode(video=0)) == 12
+
+
+def test_an_error_in_the_loop_leaves_nothing(tmp_path):
+    with pytest.raises(ValueError, match="the loop broke"), writer(tmp_path / "new" / "out") as open_writer:
+        open_writer.add(frame(0), known(RAMP))
+        raise ValueError("the loop broke")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_on_a_thread_is_raised_and_leaves_nothing(tmp_path):
+    with pytest.raises(BadInput, match="film picture"), writer(tmp_path / "out") as open_writer:
+        open_writer._preview = Preview(2 * WIDTH, HEIGHT)
+        open_writer.add(frame(0), known(RAMP))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_leaves_an_older_result_as_it_was(tmp_path):
+    write(tmp_path / "out", [known(RAMP)])
+    with pytest.raises(ValueError, match="the loop broke"), writer(tmp_path / "out"):
+        raise ValueError("the loop broke")
+    assert len(FlightFolder(tmp_path / "out").rows) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_an_older_result_is_replaced(tmp_path):
+    write(tmp_path / "out", [known(RAMP)] * 3)
+    write(tmp_path / "out", [known(RAMP)])
+    assert len(list((tmp_path / "out" / "depth").iterdir())) == 1
+
+
+def test_a_folder_with_something_else_in_it_is_refused(tmp_path):
+    (tmp_path / "holiday.jpg").write_bytes(b"precious")
+    with pytest.raises(BadInput, match=r"holiday\.jpg"):
+        writer(tmp_path)
+
+
+def test_a_file_in_the_folders_place_is_refused(tmp_path):
+    (tmp_path / "out").write_bytes(b"precious")
+    with pytest.raises(BadInput, match="got a file"):
+        writer(tmp_path / "out")
