@@ -1,0 +1,113 @@
+"""Errors over a flight whose true depth is known, per range of depth, for several estimators side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from flightdepth.evaluation.tables import number
+
+Maps = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class DepthRange:
+    """True depths from `from_m` on, below `to_m`."""
+
+    name: str
+    from_m: float
+    to_m: float
+
+
+RANGES = (
+    DepthRange("near", 0.0, 15.0),
+    DepthRange("middle", 15.0, 50.0),
+    DepthRange("far", 50.0, 150.0),
+)
+
+
+@dataclass(frozen=True)
+class RangeErrors:
+    """Errors of one estimator in one range of true depth; NaN where it gave no depth there.
+
+    pixels   with a true depth in the range
+    known    share of them with an estimate; the errors below are over these
+    l1_m     mean |estimate - truth|
+    abs_rel  mean |estimate - truth| / truth
+    delta    share with max(estimate / truth, truth / estimate) < 1.25
+    """
+
+    pixels: int
+    known: float
+    l1_m: float
+    abs_rel: float
+    delta: float
+
+
+class FlightErrors:
+    """Sums errors frame by frame, so that no flight has to be kept in memory."""
+
+    def __init__(self, ranges: Sequence[DepthRange] = RANGES) -> None:
+        self.ranges = tuple(ranges)
+        self._sums: dict[str, NDArray[np.float64]] = {}
+
+    def add(self, estimator: str, depth_m: Maps, truth_m: Maps) -> None:
+        """Count one frame of `estimator`: maps [H, W] in metres, NaN = unknown (not counted in the truth)."""
+        if depth_m.shape != truth_m.shape:
+            raise ValueError(f"expected depth {truth_m.shape}, got {depth_m.shape}")
+        sums = self._sums.setdefault(estimator, np.zeros((len(self.ranges), 5)))
+        sums += np.stack([frame_sums(depth_m, truth_m, depth_range) for depth_range in self.ranges])
+
+    def result(self) -> Mapping[str, tuple[RangeErrors, ...]]:
+        """Per estimator, in the order they were first added, the errors of each range."""
+        return {name: tuple(map(range_errors, sums)) for name, sums in self._sums.items()}
+
+    def table(self) -> Table:
+        """Relative error, L1 and coverage per range, estimators side by side."""
+        result = self.result()
+        table = Table("true depth", box=None, pad_edge=False)
+        for name in result:
+            for heading in ("rel. error", "L1 m", "known"):
+                table.add_column(f"{name}\n{heading}", justify="right")
+        for index, depth_range in enumerate(self.ranges):
+            cells = [cell for errors in result.values() for cell in cells_of(errors[index])]
+            table.add_row(f"{depth_range.name}, {depth_range.from_m:g}-{depth_range.to_m:g} m", *cells)
+        return table
+
+
+def frame_sums(depth_m: Maps, truth_m: Maps, depth_range: DepthRange) -> NDArray[np.float64]:
+    """Pixels, pixels with an estimate, sums of |error|, of |error| / truth, and of pixels within 1.25."""
+    inside = (truth_m >= depth_range.from_m) & (truth_m < depth_range.to_m) & (truth_m > 0)
+    truth, depth = truth_m[inside].astype(np.float64), depth_m[inside].astype(np.float64)
+    known = np.isfinite(depth)
+    truth, depth = truth[known], depth[known]
+    error = np.abs(depth - truth)
+    close = np.maximum(depth, truth) < 1.25 * np.minimum(depth, truth)
+    return np.array([inside.sum(), known.sum(), error.sum(), (error / truth).sum(), close.sum()])
+
+
+def range_errors(sums: NDArray[np.float64]) -> RangeErrors:
+    """Means from the sums of `frame_sums`."""
+    pixels, known, error, relative, close = (float(value) for value in sums)
+    per_known = 1 / known if known else float("nan")
+    return RangeErrors(
+        pixels=int(pixels),
+        known=known / pixels if pixels else float("nan"),
+        l1_m=error * per_known,
+        abs_rel=relative * per_known,
+        delta=close * per_known,
+    )
+
+
+def cells_of(errors: RangeErrors) -> tuple[str, str, str]:
+    """Relative error, L1 and coverage as text, dashes where there is nothing."""
+    return percent(errors.abs_rel), number(errors.l1_m, 1), percent(errors.known)
+
+
+def percent(share: float) -> str:
+    """A share as a whole percentage; a dash for NaN."""
+    return f"{100 * share:.0f} %" if np.isfinite(share) else "-"

@@ -1,0 +1,133 @@
+"""A network, its peers and the truth on one test set, from one run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.evaluation.metrics import PERCENTILES, PictureErrors, picture_errors, pooled, summary
+from flightdepth.evaluation.pairs import Task, TruePair
+from flightdepth.evaluation.peer import ClassicalPeer, best_constant_m, known_pixels
+from flightdepth.evaluation.provenance import source_commit
+from flightdepth.runtimes.network import Network
+
+Maps = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Maps [h, w] in metres at D0 for one pair: the truth, the network's and the classical peer's."""
+
+    truth_m: Maps
+    network_m: Maps
+    classical_m: Maps
+    displacement: NDArray[np.float64]
+
+
+def answers(network: Network, pairs: Iterable[TruePair]) -> Iterator[Answers]:
+    """Ask the network and the classical peer for each pair."""
+    card = network.card
+    for pair in pairs:
+        task = Task.of(pair, card)
+        prediction = network.predict([pair.previous], pair.current, [card.D0_m], task.camera)
+        # At D0 the peer's range is the network's; with the displacement shortened to D0, so are its metres.
+        peer = ClassicalPeer(card.depth_min_m, card.depth_max_m)
+        nominal = np.asarray(pair.displacement, dtype=np.float64) / task.scale
+        classical_m = peer.depth(pair.previous, pair.current, nominal, task.camera)
+        yield Answers(
+            task.truth_m,
+            prediction.depth_m[0],
+            pooled(classical_m, task.truth_m.shape),
+            np.asarray(pair.displacement, dtype=np.float64),
+        )
+
+
+def evaluate_network(
+    network: Network, pairs: Iterable[TruePair], *, set_name: str, seed: int | None = None
+) -> dict[str, Any]:
+    """Errors of the network, of the best constant depth and of the classical peer, and the ratios of L1.
+
+    The result can be written as JSON: None stands for what is not defined. `set_name` and `seed` say which
+    test set it was. Below 1, a ratio says that the network is better.
+    """
+    rows = list(answers(network, pairs))
+    truths = [row.truth_m for row in rows]
+    constant_m = best_constant_m(truths)
+    flat = [np.full_like(truth, constant_m) for truth in truths]
+    found = {
+        "network": [picture_errors(row.network_m, row.truth_m) for row in rows],
+        "constant": [picture_errors(*maps) for maps in zip(flat, truths, strict=True)],
+        "classical": [picture_errors(row.classical_m, row.truth_m) for row in rows],
+    }
+    moved = [row.displacement for row in rows]
+    summaries = {name: summary(pictures, moved) for name, pictures in found.items()}
+    summaries["constant"]["depth_m"] = constant_m
+    result = provenance(network, set_name, seed, len(rows))
+    result |= {"truth_percentiles_m": percentiles(truths), **summaries, "l1_ratios": l1_ratios(summaries)}
+    return {key: without_nan(value) for key, value in result.items()}
+
+
+def provenance(network: Network, set_name: str, seed: int | None, pairs: int) -> dict[str, Any]:
+    """What was measured: the network and its weights, the runtime, the code, the test set."""
+    card = network.card
+    return {
+        "name": card.name,
+        "weights_sha256": card.sha256,
+        "samples": card.samples,
+        "depth_range_m": [card.depth_min_m, card.depth_max_m],
+        "runtime": network.runtime.description,
+        "commit": source_commit(),
+        "set": set_name,
+        "seed": seed,
+        "pairs": pairs,
+    }
+
+
+def l1_ratios(summaries: dict[str, dict[str, Any]]) -> dict[str, float]:
+    """L1 of the network over that of each peer; NaN where a peer has none."""
+    own = summaries["network"]["l1_m"]
+    peers = {name: summaries[name]["l1_m"] for name in ("constant", "classical")}
+    return {name: own / l1_m if l1_m > 0 else math.nan for name, l1_m in peers.items()}
+
+
+def bf16_relative_cost(f32: Network, bf16: Network, pairs: Iterable[TruePair]) -> dict[str, Any]:
+    """What bf16 costs: L1 in bf16 over L1 in f32, less 1 (card metric "bf16_relative_cost"), and both L1.
+
+    `largest_change` is the largest |bf16 - f32| / f32 of any pixel.
+    """
+    errors: dict[str, list[PictureErrors]] = {"f32": [], "bf16": []}
+    largest = 0.0
+    for pair in pairs:
+        task = Task.of(pair, f32.card)
+        exact, rounded = (
+            network.predict([pair.previous], pair.current, [f32.card.D0_m], task.camera).depth_m[0]
+            for network in (f32, bf16)
+        )
+        errors["f32"].append(picture_errors(exact, task.truth_m))
+        errors["bf16"].append(picture_errors(rounded, task.truth_m))
+        largest = max(largest, float((np.abs(rounded - exact) / np.maximum(exact, 1e-3)).max()))
+    l1 = {name: summary(pictures, [])["l1_m"] for name, pictures in errors.items()}
+    cost = l1["bf16"] / l1["f32"] - 1 if l1["f32"] > 0 else math.nan
+    result = {"bf16_relative_cost": cost, "l1_f32_m": l1["f32"], "l1_bf16_m": l1["bf16"]}
+    return {key: without_nan(value) for key, value in result.items()} | {"largest_change": largest}
+
+
+def percentiles(truths: list[Maps]) -> dict[str, float]:
+    """Depth percentiles of a test set, to be held against those of the original set's pictures."""
+    known = known_pixels(truths)
+    values = np.percentile(known, PERCENTILES) if known.size else [math.nan] * len(PERCENTILES)
+    return {str(share): float(value) for share, value in zip(PERCENTILES, values, strict=True)}
+
+
+def without_nan(value: Any) -> Any:
+    """The same nested value with None for NaN, which JSON does not have."""
+    if isinstance(value, dict):
+        return {key: without_nan(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

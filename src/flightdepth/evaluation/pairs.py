@@ -1,0 +1,73 @@
+"""What an evaluation needs to know of a test set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.evaluation.metrics import pooled
+from flightdepth.weights.card import NetworkCard
+
+Image = NDArray[np.uint8]
+Maps = NDArray[np.float32]
+
+
+class TruePair(Protocol):
+    """Two pictures with the truth, as `stillbox.testset.TestPair` is."""
+
+    @property
+    def previous(self) -> Image:
+        """Uint8 RGB [H, W, 3]."""
+
+    @property
+    def current(self) -> Image:
+        """Uint8 RGB [H, W, 3]."""
+
+    @property
+    def depth_m(self) -> Maps:
+        """Depth of `current` in metres, float32 [H, W], NaN = unknown; clipped or not."""
+
+    @property
+    def displacement(self) -> NDArray[np.float64]:
+        """Metres (3,), in the camera's frame."""
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length; the principal point is the middle."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one network has to answer for one pair.
+
+    truth_m  [h, w] metres at D0: depth * D0 / |displacement|, clipped to the card's range, then averaged over
+             4x4 px (paper, III.B); for a nominal pair the depth itself
+    scale    metres of depth per metre at D0
+    """
+
+    camera: Camera
+    truth_m: Maps
+    scale: float
+
+    @classmethod
+    def of(cls, pair: TruePair, card: NetworkCard) -> Task:
+        """The task of a pair that was drawn at the network's own focal length; anything else is refused."""
+        height, width = pair.depth_m.shape
+        if abs(pair.focal_px / card.focal_px - 1) > 0.01 or height % 64 or width % 64:
+            raise BadInput(
+                "test set",
+                expected=f"focal length {card.focal_px:g} px and sides of 64 px multiples for {card.name}",
+                got=f"{pair.focal_px:g} px, {width}x{height}",
+            )
+        length_m = float(np.linalg.norm(pair.displacement))
+        if not length_m > 0:
+            raise BadInput("test pair", expected="a displacement", got=str(pair.displacement))
+        scale = length_m / card.D0_m
+        at_D0 = (pair.depth_m / np.float32(scale)).clip(card.depth_min_m, card.depth_max_m)
+        camera = Camera(width, height, pair.focal_px, pair.focal_px, (width - 1) / 2, (height - 1) / 2)
+        return cls(camera, pooled(at_D0, (height // 4, width // 4)), scale)

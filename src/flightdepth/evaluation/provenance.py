@@ -1,0 +1,28 @@
+"""Which code a number came from."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+
+def source_commit(folder: Path = Path(__file__).parent) -> str | None:
+    """Commit of the working copy that holds `folder`, "+changes" where files differ; None without one."""
+    commit = git(folder, "rev-parse", "HEAD")
+    if commit is None:
+        return None
+    # An installed package may lie inside a stranger's repository: its own files must be tracked there.
+    if git(folder, "ls-files", "--error-unmatch", __file__) is None:
+        return None
+    return f"{commit}+changes" if git(folder, "status", "--porcelain", "--untracked-files=no") else commit
+
+
+def git(folder: Path, *command: str) -> str | None:
+    """Output of a git command, or None where it fails or git is not installed."""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *command], capture_output=True, text=True, timeout=10, check=True
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()

@@ -1,0 +1,59 @@
+"""Results as tables on the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.table import Table
+
+WHO = ("network", "classical", "constant")
+
+
+def metrics_table(result: Mapping[str, Any]) -> Table:
+    """A row each for the network, the classical peer and the best constant of `evaluate_network`."""
+    table = Table(title=f"{result['name']} on {result['set']}, {result['pairs']} pairs", box=None)
+    for heading in ("", "L1 m", "RMSE m", "abs rel", "< 1.25", "L1 of network / this"):
+        table.add_column(heading, justify="left" if heading == "" else "right")
+    for who in WHO:
+        errors = result[who]
+        row = [number(errors[key], 3) for key in ("l1_m", "rmse_m", "abs_rel", "delta")]
+        table.add_row(who, *row, number(result["l1_ratios"].get(who), 2))
+    return table
+
+
+def depth_table(result: Mapping[str, Any]) -> Table:
+    """Mean error per range of true depth."""
+    rows = {who: result[who]["depth_bins"] for who in WHO}
+    table = Table(title="L1 in metres per depth", box=None)
+    for heading in ("depth m", "pixels", *WHO):
+        table.add_column(heading, justify="right")
+    for parts in zip(*rows.values(), strict=True):
+        first = parts[0]
+        span = f"{first['from_m']:g} to {first['to_m']:g}"
+        table.add_row(span, f"{first['pixels']:,.0f}", *(number(part["l1_m"], 2) for part in parts))
+    return table
+
+
+def angle_table(result: Mapping[str, Any]) -> Table:
+    """Mean error per angle between the optical axis and the direction of travel."""
+    rows = {who: result[who]["travel_angles"] for who in WHO}
+    table = Table(title="L1 in metres per angle of travel (0 = forward)", box=None)
+    for heading in ("degrees", "pictures", *WHO):
+        table.add_column(heading, justify="right")
+    for parts in zip(*rows.values(), strict=True):
+        first = parts[0]
+        span = f"{first['from_deg']:g} to {first['to_deg']:g}"
+        table.add_row(span, f"{first['pictures']:.0f}", *(number(part["l1_m"], 2) for part in parts))
+    return table
+
+
+def tables(result: Mapping[str, Any]) -> Sequence[Table]:
+    """All tables of a result, in reading order."""
+    return metrics_table(result), depth_table(result), angle_table(result)
+
+
+def number(value: float | None, digits: int) -> str:
+    """A figure for a table; a dash where there is none."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
