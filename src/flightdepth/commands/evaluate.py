@@ -1,0 +1,105 @@
+"""`flightdepth evaluate`: how good a network is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.commands.tracks import tracks
+from flightdepth.errors import BadInput
+
+if TYPE_CHECKING:
+    from flightdepth.runtimes.network import Network
+    from flightdepth.stillbox import TestSet
+
+PICTURES = 16  # sheets that --pictures writes
+
+evaluate = typer.Typer(no_args_is_help=True, help="Measure a network.")
+
+
+@evaluate.callback()
+def evaluations() -> None:
+    """Measure a network."""
+
+
+evaluate.command("tracks")(tracks)
+
+
+@evaluate.command("network")
+def evaluate_network_command(
+    network: Annotated[str, typer.Argument(metavar="NETWORK", help="A shipped name, or an ONNX file.")],
+    *,
+    scenes: Annotated[int, typer.Option(metavar="N", help="Scenes of the test set.")] = 300,
+    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure there.")] = None,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help=f"Write the first {PICTURES} results there as pictures."),
+    ] = None,
+    textures: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Photos to dress the scenes in: a set of your own.")
+    ] = None,
+) -> None:
+    """Errors on the fixed test set, beside the best constant depth and the classical peer.
+
+    flightdepth evaluate network depthnet-256 --json depthnet-256.json
+    """
+    with extra_packages("flightdepth evaluate", "train"):
+        from flightdepth.evaluation.fixed_set import fixed_set
+        from flightdepth.scenes import textures_from_folder
+    from flightdepth.runtimes.network import load_network
+
+    for option, target in (("--json", json and json.parent), ("--pictures", pictures)):
+        if target is not None and not target.is_dir():
+            raise BadInput(option, expected="an existing folder", got=str(target))
+    opened = load_network(network, "openvino", precision="f32")
+    own = None if textures is None else textures_from_folder(textures)
+    pairs = fixed_set(opened.card, scenes=scenes, textures=own)
+    result = evaluated(opened, pairs)
+    show(result)
+    keep(result, opened, pairs, json, pictures)
+
+
+def evaluated(network: Network, pairs: TestSet) -> dict[str, Any]:
+    """All figures, with a progress bar."""
+    from flightdepth.evaluation.fixed_set import set_name
+    from flightdepth.evaluation.network import evaluate_network
+
+    with progress_bar(network.card.name, len(pairs), "scenes") as bar:
+
+        def counted() -> Any:
+            for pair in pairs:
+                yield pair
+                bar.advance(bar.task_ids[0])
+
+        return evaluate_network(network, counted(), set_name=set_name(pairs), seed=pairs.seed)
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print the tables."""
+    from rich.console import Console
+
+    from flightdepth.evaluation.tables import tables
+
+    for table in tables(result):
+        Console().print(table)
+    commit = result["commit"] or "unknown"
+    say(f"{result['runtime']}, weights {result['weights_sha256'][:16]}, commit {commit}")
+
+
+def keep(
+    result: dict[str, Any], network: Network, pairs: TestSet, json: Path | None, pictures: Path | None
+) -> None:
+    """Write what was asked for."""
+    from flightdepth.evaluation.pictures import write_sheets
+    from flightdepth.files import write_json
+
+    if json is not None:
+        write_json(json, result)
+        say(f"figures: {json}")
+    if pictures is not None:
+        first = map(pairs.pair, range(min(PICTURES, len(pairs))))
+        say(f"pictures: {len(write_sheets(network, first, pictures))} in {pictures}")

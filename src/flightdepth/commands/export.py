@@ -1,0 +1,173 @@
+"""`flightdepth export`: a trained network as an ONNX file with its card."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.errors import BadInput
+
+if TYPE_CHECKING:
+    from flightdepth.runtimes.contract import Precision
+    from flightdepth.runtimes.network import Network
+    from flightdepth.stillbox import TestPair, TestSet
+    from flightdepth.training.run_folder import Trained
+    from flightdepth.weights.card import NetworkCard
+
+HALF_COST_LIMIT = 0.01  # of the test error: half-precision storage must not cost more
+
+
+def export(
+    trained: Annotated[
+        Path, typer.Argument(metavar="RUN", help="A run's folder, or one of its checkpoints.")
+    ],
+    *,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the two files.")] = Path(),
+    name: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of the network. Default: the recipe's.")
+    ] = None,
+    full_precision: Annotated[
+        bool, typer.Option("--full-precision", help="Store weights as float32, twice the size.")
+    ] = False,
+    scenes: Annotated[
+        int, typer.Option(metavar="N", help="Scenes of the fixed test set that the card's errors are from.")
+    ] = 300,
+) -> None:
+    """Write NAME.onnx and its card NAME.json from a training run.
+
+    The averaged weights are stored in half precision where that costs at most 1 %
+    of the test error, and measured on the fixed test set.
+
+      flightdepth export runs/depthnet-256 --out networks
+    """
+    with extra_packages("flightdepth export", "train"):
+        from flightdepth.evaluation.fixed_set import fixed_set
+        from flightdepth.training.run_folder import read_trained
+    run = read_trained(trained)
+    card = card_of(run, name or run.recipe.name)
+    if not out.is_dir():
+        raise BadInput("--out", expected="an existing folder", got=str(out))
+    pairs = rendered(fixed_set(card, scenes=scenes))
+    path = write_network(run, card, pairs, out, full_precision=full_precision)
+    say(f"next: flightdepth evaluate network {path}")
+
+
+def card_of(run: Trained, name: str) -> NetworkCard:
+    """The card without what is measured: metrics and hash."""
+    from flightdepth.renderers.raycast import VERSION
+    from flightdepth.scenes.config import SET_VERSION
+    from flightdepth.weights.card import NetworkCard, Stage
+
+    recipe, config = run.recipe, run.recipe.scenes
+    if not run.stages:
+        raise BadInput(f"checkpoint {run.checkpoint}", expected="some training", got="none yet")
+    stages = tuple(
+        Stage(
+            name=stage.name,
+            width=stage.width,
+            height=stage.height,
+            focal_px=round(config.focal_px(stage.full_width), 6),
+            samples=seen,
+            batch=stage.batch,
+            learning_rate=stage.learning_rate,
+            photometric=stage.photometric,
+        )
+        for stage, seen in run.stages
+    )
+    last = stages[-1]
+    return NetworkCard(
+        name=name,
+        architecture="DepthNet",
+        base_width=recipe.base_width,
+        activation=recipe.activation,
+        nominal_shift=recipe.nominal_shift,
+        D0_m=recipe.nominal_shift * config.step_m,
+        depth_min_m=recipe.depth_min_m,
+        depth_max_m=recipe.depth_max_m,
+        focal_px=last.focal_px,
+        width=last.width,
+        height=last.height,
+        samples=run.progress.seen,
+        stages=stages,
+        renderer=VERSION,
+        set_version=SET_VERSION,
+        seed=recipe.seed,
+    )
+
+
+def rendered(pairs: TestSet) -> list[TestPair]:
+    """Every pair of a test set, with a progress bar."""
+    kept = []
+    with progress_bar("test set", len(pairs), "scenes") as bar:
+        for pair in pairs:
+            kept.append(pair)
+            bar.advance(bar.task_ids[0])
+    return kept
+
+
+def write_network(
+    run: Trained, card: NetworkCard, pairs: list[TestPair], out: Path, *, full_precision: bool
+) -> Path:
+    """Choose the storage, measure, write; the ONNX file's path."""
+    from flightdepth.weights.store import save_network
+
+    onnx, storage = stored(run, card, pairs, full_precision=full_precision)
+    card = card.model_copy(update={"metrics": measured(card, onnx, pairs)})
+    path = save_network(out, card, onnx)
+    say(f"{path}: {len(onnx) / 1e6:.1f} MB, {storage}, {card.samples:,} training pairs")
+    errors = card.metrics
+    say(
+        f"L1 {errors['l1_m']:.3f} m on {len(pairs)} scenes;"
+        f" best constant {errors['constant_l1_m']:.3f} m, classical peer {errors['classical_l1_m']:.3f} m"
+    )
+    return path
+
+
+def stored(
+    run: Trained, card: NetworkCard, pairs: list[TestPair], *, full_precision: bool
+) -> tuple[bytes, str]:
+    """The ONNX file, in half precision unless that is not wanted or costs too much, and how it is stored."""
+    with extra_packages("flightdepth export", "train"):
+        from flightdepth.evaluation.network import bf16_relative_cost
+        from flightdepth.training.checkpoint import read_weights
+        from flightdepth.training.export import deployed, in_half_precision, to_onnx
+    model = deployed(run.recipe, read_weights(run.checkpoint, "averaged"))
+    exact = to_onnx(model)
+    if full_precision:
+        return exact, "float32"
+    half = in_half_precision(exact)
+    networks = (running(card, exact), running(card, half))
+    cost = bf16_relative_cost(*networks, pairs)["bf16_relative_cost"]
+    said = f"{cost:+.3%} of the test error" if cost is not None else "an unknown part of the test error"
+    if cost is None or cost > HALF_COST_LIMIT:
+        return exact, f"float32 (half precision would cost {said})"
+    return half, f"half precision (costs {said})"
+
+
+def measured(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> dict[str, float]:
+    """The card's metrics; what is not defined is left out, and the cost of bf16 where the CPU has none."""
+    from flightdepth.evaluation.network import bf16_relative_cost, evaluate_network
+    from flightdepth.runtimes.onnx_openvino import cpu_runs_bf16
+
+    exact = running(card, onnx)
+    found = evaluate_network(exact, pairs, set_name="fixed")
+    metrics: dict[str, Any] = {"scenes": float(len(pairs))}
+    metrics |= {key: found["network"][key] for key in ("l1_m", "rmse_m", "abs_rel")}
+    metrics["delta_125"] = found["network"]["delta"]
+    metrics |= {f"{peer}_l1_m": found[peer]["l1_m"] for peer in ("constant", "classical")}
+    if cpu_runs_bf16():
+        cost = bf16_relative_cost(exact, running(card, onnx, "bf16"), pairs)
+        metrics["bf16_relative_cost"] = cost["bf16_relative_cost"]
+    return {key: value for key, value in metrics.items() if value is not None}
+
+
+def running(card: NetworkCard, onnx: bytes, precision: Precision = "f32") -> Network:
+    """The network on this machine's CPU."""
+    from flightdepth.runtimes.network import Network
+    from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
+
+    return Network(card, OpenVinoRuntime(onnx, precision=precision))

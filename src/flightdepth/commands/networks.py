@@ -1,0 +1,29 @@
+"""`flightdepth networks`: what ships with this build."""
+
+from __future__ import annotations
+
+from flightdepth.commands.terminal import say
+
+
+def networks() -> None:
+    """List the networks that ship with this build.
+
+    A network fits a camera whose focal length in pixels is near to the one it was trained at: video is scaled
+    to that focal length first. `flightdepth run` takes the nearest by itself.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from flightdepth.weights.store import find_network, read_card, shipped_networks
+
+    table = Table(
+        "name", "focal length px", "depth m", "nominal displacement m", "trained on pairs", box=None
+    )
+    for name in shipped_networks():
+        card = read_card(find_network(name))
+        depth = f"{card.depth_min_m:g} to {card.depth_max_m:g}"
+        table.add_row(name, f"{card.focal_px:g}", depth, f"{card.D0_m:g}", f"{card.samples:,}")
+    if table.row_count:
+        Console().print(table)
+    else:
+        say("no network ships with this build; give `flightdepth run` one with --network FILE.onnx")

@@ -1,0 +1,30 @@
+"""What scenes are dressed in, as the options of a command say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flightdepth.commands.terminal import say
+from flightdepth.errors import BadInput
+
+if TYPE_CHECKING:
+    from flightdepth.scenes import Textures
+
+SEED = 1  # of the procedural textures; the fixed test sets have others
+
+
+def gathered_textures(folder: Path | None, procedural: int) -> Textures:
+    """The photos of a folder, then `procedural` made ones; says how many of each."""
+    from flightdepth.scenes import Textures, textures_from_folder
+
+    if procedural < 0 or (procedural == 0 and folder is None):
+        raise BadInput("--procedural", expected="at least 1 without --textures", got=str(procedural))
+    if folder is None:
+        say(f"textures: {procedural} procedural; --textures DIR adds photos")
+        return Textures.procedural(procedural, SEED)
+    if not folder.is_dir():
+        raise BadInput("--textures", expected="a folder of images", got=str(folder))
+    photos = textures_from_folder(folder)
+    say(f"textures: {len(photos)} photos from {folder}, {procedural} procedural")
+    return photos.joined(Textures.procedural(procedural, SEED))

@@ -1,0 +1,78 @@
+"""`flightdepth evaluate tracks`: the scale of depth on a flight without ground truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from flightdepth.commands.terminal import progress_bar, say
+
+if TYPE_CHECKING:
+    from flightdepth.evaluation.tracked_points import TrackedPoints
+    from flightdepth.flight import Flight
+    from flightdepth.ranges import MultiRangeEstimator
+
+DEPTH_BINS = ((0.0, 15.0), (15.0, 30.0), (30.0, 60.0), (60.0, 120.0))
+
+
+def tracks(
+    flight: Annotated[Path, typer.Argument(metavar="FLIGHT", help="Video of a flight straight ahead.")],
+    *,
+    telemetry: Annotated[Path | None, typer.Option(metavar="LOG", help="Velocity log.")] = None,
+    camera: Annotated[Path | None, typer.Option(metavar="FILE", help="Calibration.")] = None,
+    hfov: Annotated[float | None, typer.Option(metavar="DEG", help="Instead of --camera.")] = None,
+    network: Annotated[str | None, typer.Option(metavar="NAME", help="Default: the nearest.")] = None,
+    ranges: Annotated[int, typer.Option(metavar="N")] = 2,
+    start: Annotated[float | None, typer.Option(metavar="S")] = None,
+    end: Annotated[float | None, typer.Option(metavar="S")] = None,
+    least_span: Annotated[
+        float, typer.Option(metavar="M", help="Metres flown over which a point must be seen.")
+    ] = 3.0,
+) -> None:
+    """Slope of the depth of tracked points against metres flown, by how far away they began.
+
+    A rigid point straight ahead comes 1 m nearer with each metre flown, so the
+    slope is -1 where depth is true to scale; -0.8 means 20 % too near.
+
+      flightdepth evaluate tracks flight.mp4 --hfov 64.4
+    """
+    from flightdepth.evaluation.tracked_points import TrackedPoints
+    from flightdepth.flight import open_flight
+    from flightdepth.ranges import MultiRangeEstimator
+    from flightdepth.runtimes.network import load_network, nearest_network
+
+    points = TrackedPoints()
+    with open_flight(flight, telemetry, camera, hfov_deg=hfov, start_s=start, end_s=end) as opened:
+        chosen = load_network(network or nearest_network(opened.camera))
+        estimator = MultiRangeEstimator(chosen, opened.camera, ranges=ranges)
+        _follow(opened, estimator, points)
+    say(f"{flight.name}, {chosen.card.name}, {ranges} ranges; slope of depth per metre flown (ideal -1)")
+    found = points.slopes(least_span_m=least_span)
+    for near, far in (*DEPTH_BINS, (0.0, float("inf"))):
+        part = found.between(near, far)
+        what = "all" if far == float("inf") else f"{near:g}-{far:g} m"
+        interval = f"{part.median:6.2f}  [{part.low:.2f}, {part.high:.2f}]" if len(part.slopes) else "     -"
+        say(f"  began {what:>9}: {interval}  {len(part.slopes)} points")
+
+
+def _follow(flight: Flight, estimator: MultiRangeEstimator, points: TrackedPoints) -> None:
+    """Run the estimator over the flight and give every depth map to `points`, with the metres flown."""
+    import numpy as np
+
+    from flightdepth.evaluation.tracked_points import PathLength
+    from flightdepth.flight import VelocitySample
+    from flightdepth.outputs.run import depths
+
+    path = PathLength()
+
+    def fly(sample: VelocitySample) -> None:
+        path.add(sample.stamp_ns, float(np.linalg.norm(sample.velocity)))
+
+    with progress_bar("tracking", flight.frame_count_hint, "frames") as bar:
+        for frame, result in depths(flight, estimator, on_velocity=fly):
+            flown_m = path.at(frame.stamp_ns)
+            if flown_m is not None:
+                points.add(frame.image, result.depth_m, flown_m)
+            bar.advance(bar.task_ids[0])

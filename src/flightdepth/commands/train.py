@@ -1,0 +1,145 @@
+"""`flightdepth train`: a recipe, from the first pair to the last checkpoint."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.progress import Progress as Bar
+
+from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.commands.textures import gathered_textures
+from flightdepth.errors import BadInput
+
+if TYPE_CHECKING:
+    from flightdepth.training import Recipe
+    from flightdepth.training.loop import Report
+
+PROCEDURAL = 200
+LINE_EVERY_S = 60.0  # where there is no terminal to draw a bar on
+
+
+def train(
+    recipe: Annotated[str, typer.Argument(metavar="RECIPE", help="A shipped recipe's name, or a TOML file.")],
+    *,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where the run was stopped.")] = False,
+    samples: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Pairs in all, instead of the recipe's.")
+    ] = None,
+    textures: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Photos to dress the scenes in, beside made ones.")
+    ] = None,
+    procedural: Annotated[int, typer.Option(metavar="N", help="How many textures to make.")] = PROCEDURAL,
+    runs: Annotated[Path, typer.Option(metavar="DIR", help="The run is kept in DIR/NAME-OF-RECIPE.")] = Path(
+        "runs"
+    ),
+) -> None:
+    """Train a network; scenes are rendered while it learns, nothing is downloaded.
+
+    Ctrl-C saves the run and stops it. --resume goes on with exactly the steps that
+    would have come.
+
+      flightdepth train depthnet-256
+
+    Your own photos on the scenes' walls, and a twentieth of the pairs:
+
+      flightdepth train tiny-clamped-256 --textures photos --samples 20000
+    """
+    with extra_packages("flightdepth train", "train"):
+        from flightdepth.training import load_recipe
+        from flightdepth.training.loop import train as run
+    wanted = load_recipe(recipe)
+    wanted = wanted if samples is None else wanted.scaled_to(samples)
+    folder = runs / wanted.name
+    refuse_to_overwrite(folder, resume=resume)
+    introduce(wanted, folder)
+    dressed = gathered_textures(textures, procedural)
+    with stop_request() as stop, progress_bar(wanted.name, wanted.samples, "samples") as bar:
+        run(
+            wanted,
+            dressed,
+            folder,
+            resume=resume,
+            report=Display(bar),
+            stop=stop.is_set,
+            threads=os.cpu_count() or 1,
+        )
+    conclude(wanted, folder)
+
+
+def refuse_to_overwrite(folder: Path, *, resume: bool) -> None:
+    """A run is never begun on top of another."""
+    if not resume and folder.exists() and any(folder.iterdir()):
+        raise BadInput(
+            f"run folder {folder}",
+            expected="a new one",
+            got="one with files in it",
+            mend="Go on with it: --resume; or train elsewhere: --runs DIR.",
+        )
+
+
+def introduce(recipe: Recipe, folder: Path) -> None:
+    """Say what is about to run."""
+    stages = ", ".join(
+        f"{stage.name} ({stage.width}x{stage.height} px, {stage.samples:,})" for stage in recipe.stages
+    )
+    say(f"{recipe.name}: {recipe.samples:,} pairs in stages {stages}")
+    say(f"run folder: {folder}; curves: tensorboard --logdir {folder / 'tensorboard'}")
+
+
+@contextmanager
+def stop_request() -> Iterator[threading.Event]:
+    """An event that Ctrl-C sets, so that the step under way is finished; a second Ctrl-C ends at once."""
+    stop = threading.Event()
+
+    def request(*_: object) -> None:
+        stop.set()
+        signal.signal(signal.SIGINT, before)
+        say("finishing this step, then saving; Ctrl-C again ends at once, without saving")
+
+    before = signal.signal(signal.SIGINT, request)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+class Display:
+    """Draws reports on a bar, or says a line a minute where there is no terminal."""
+
+    def __init__(self, bar: Bar) -> None:
+        self._bar = bar
+        self._said: float | None = None
+
+    def __call__(self, report: Report) -> None:
+        """Show one step."""
+        text = f"stage {report.stage}, loss {report.loss_m:.3f} m"
+        # A resumed run starts in the middle; rich would take an update to there for speed.
+        put = self._bar.reset if self._said is None else self._bar.update
+        put(self._bar.task_ids[0], total=report.total, completed=report.seen, description=text)
+        now = time.monotonic()
+        if self._said is None or now - self._said >= LINE_EVERY_S:
+            self._said = now
+            if not self._bar.console.is_terminal:
+                done = f"{report.seen:,} of {report.total:,} pairs, {report.samples_per_s:.1f} samples/s"
+                say(f"{text}, {done}")
+
+
+def conclude(recipe: Recipe, folder: Path) -> None:
+    """Say how far the run came, and what to do next."""
+    from flightdepth.training.run_folder import CHECKPOINT, read_trained
+
+    progress = read_trained(folder).progress
+    say(f"{folder / CHECKPOINT}: {progress.seen:,} pairs, loss {progress.loss_m:.3f} m")
+    if progress.stage < len(recipe.stages):
+        say("stopped; the same command with --resume goes on from here")
+        raise typer.Exit(130)
+    say(f"next: flightdepth export {folder}")

@@ -1,0 +1,206 @@
+"""`flightdepth run` from end to end, with a network made by hand."""
+
+import numpy as np
+import pytest
+from command_flights import FRAMES, SIZE, make_log, make_video
+
+from flightdepth.cli import main
+from flightdepth.commands.run import sub_folders
+from flightdepth.outputs import FlightFolder
+
+
+@pytest.fixture
+def work(tmp_path, save_difference_network):
+    """A folder with video, log and network."""
+    save_difference_network()
+    make_video(tmp_path / "flight.mp4")
+    make_log(tmp_path / "log.csv")
+    return tmp_path
+
+
+@pytest.fixture
+def run(work, capsys):
+    """Run the command; (exit code, stdout, stderr)."""
+
+    def call(*arguments, video="flight.mp4", hfov="90", log="log.csv", network="difference.onnx"):
+        options = [
+            ("--hfov", hfov),
+            ("--telemetry", log and work / log),
+            ("--network", network and work / network),
+        ]
+        given = [str(part) for option in options if option[1] is not None for part in option]
+        code = main(
+            ["run", str(work / video), *given, "--out", str(work / "made" / "out"), *map(str, arguments)]
+        )
+        return code, *capsys.readouterr()
+
+    return call
+
+
+def refused(outcome, work, *words):
+    """One line on stderr that holds `words`, exit code 2, and no output folder."""
+    code, _, stderr = outcome
+    assert code == 2
+    assert len(stderr.splitlines()) == 1
+    assert stderr.startswith("error: ")
+    assert [word for word in words if word not in stderr] == []
+    assert not (work / "made").exists()
+
+
+# What it does
+
+
+def test_a_flight_gives_depth(run, work):
+    code, stdout, _ = run()
+    assert code == 0
+    folder = FlightFolder(work / "made/out")
+    assert len(folder.rows) == FRAMES
+    assert folder.record.counts.frames_with_depth > FRAMES / 2
+    depth_m = folder.depth_m(FRAMES - 1)
+    assert depth_m.shape == (SIZE, SIZE)
+    assert np.isfinite(depth_m).any()
+    assert f"{FRAMES} frames in" in stdout
+    assert "preview.mp4" in stdout
+
+
+def test_it_says_both_sizes_and_warns_of_a_narrow_input(run):
+    _, stdout, stderr = run()
+    assert "128x128, focal length 64 px -> difference at 64x64" in " ".join(stdout.split())
+    assert stderr.startswith("warning: the network sees only 64 px across")
+    assert len(stderr.splitlines()) == 1
+
+
+def test_constant_speed_needs_no_log(run, work):
+    assert run("--speed", "3", log=None)[0] == 0
+    assert "constant speed of 3 m/s" in FlightFolder(work / "made/out").record.source.telemetry
+
+
+def test_part_of_a_flight(run, work):
+    assert run("--start", "0.2", "--end", "0.4")[0] == 0
+    rows = FlightFolder(work / "made/out").rows
+    assert len(rows) == 6
+    assert rows[0].stamp_ns == pytest.approx(0.2e9, abs=1e6)
+
+
+def test_npz_keeps_float32(run, work):
+    assert run("--depth-format", "npz")[0] == 0
+    assert FlightFolder(work / "made/out").depth_m(FRAMES - 1).dtype == np.float32
+
+
+def test_the_settings_are_recorded(run, work):
+    assert run("--ranges", "3", "--fusion", "paper", "--preview-ranges")[0] == 0
+    settings = FlightFolder(work / "made/out").record.source.settings
+    assert (settings["ranges"], settings["fusion"], settings["preview_ranges"]) == (3, "paper", True)
+
+
+def test_several_flights_get_a_folder_each(run, work):
+    second = make_video(work / "second.mp4", frames=8)
+    assert run(second, "--speed", "3", log=None)[0] == 0
+    assert len(FlightFolder(work / "made/out/flight").rows) == FRAMES
+    assert len(FlightFolder(work / "made/out/second").rows) == 8
+
+
+def test_a_bad_flight_does_not_stop_the_next(run, work):
+    second = make_video(work / "second.mp4", frames=8)
+    code, _, stderr = run(second, "--speed", "3", log=None, video="nowhere.mp4")
+    assert code == 2
+    assert "nowhere.mp4" in stderr
+    assert [path.name for path in (work / "made/out").iterdir()] == ["second"]
+
+
+def test_flights_of_one_name_do_not_share_a_folder(tmp_path):
+    flights = [tmp_path / "a/DJI_1.mp4", tmp_path / "b/DJI_1.mp4", tmp_path / "b/DJI_2.mp4"]
+    assert [folder.name for folder in sub_folders(flights, tmp_path)] == ["DJI_1", "DJI_1-2", "DJI_2"]
+
+
+# What it refuses
+
+
+def test_a_missing_video(run, work):
+    refused(run(video="nowhere.mp4"), work, "nowhere.mp4", "no such file")
+
+
+def test_an_empty_video(run, work):
+    (work / "empty.mp4").touch()
+    refused(run(video="empty.mp4"), work, "empty.mp4", "empty file")
+
+
+def test_a_text_in_place_of_a_video(run, work):
+    refused(run(video="log.csv"), work, "log.csv", "text file", "--telemetry")
+
+
+def test_a_truncated_video(run, work):
+    video = (work / "flight.mp4").read_bytes()
+    (work / "cut.mp4").write_bytes(video[: len(video) // 2])
+    refused(run(video="cut.mp4"), work, "cut.mp4", "cut off")
+
+
+def test_a_missing_log(run, work):
+    refused(run(log="nowhere.csv"), work, "nowhere.csv")
+
+
+def test_an_empty_log(run, work):
+    (work / "empty.csv").touch()
+    refused(run(log="empty.csv"), work, "empty.csv")
+
+
+def test_a_text_in_place_of_a_log(run, work):
+    (work / "text.csv").write_text("Dear diary,\ntoday we flew along the cliff.\n")
+    refused(run(log="text.csv"), work, "text.csv", "time_s")
+
+
+def test_a_video_in_place_of_a_log(run, work):
+    refused(run(log="flight.mp4"), work, "flight.mp4")
+
+
+def test_a_log_of_another_time(run, work):
+    make_log(work / "later.csv", ["900.0,0,3,0", "901.0,0,3,0"])
+    refused(run(log="later.csv"), work, "later.csv", "900.000 s")
+
+
+def test_a_velocity_that_is_no_number(run, work):
+    make_log(work / "nan.csv", ["0.0,0,3,0", "0.3,nan,3,0", "0.9,0,3,0"])
+    refused(run(log="nan.csv"), work, "nan.csv", "nan")
+
+
+def test_no_velocity_at_all(run, work):
+    refused(run(log=None), work, "velocity", "--telemetry", "--speed")
+
+
+def test_an_unknown_network(run, work):
+    refused(run(network="alexnet"), work, "alexnet", "network")
+
+
+def test_a_pickle_in_place_of_a_network(run, work):
+    (work / "weights.pth").write_bytes(b"\x80\x04")
+    refused(run(network="weights.pth"), work, "weights.pth", "pickle")
+
+
+def test_no_focal_length(run, work):
+    refused(run(hfov=None), work, "focal length", "--hfov")
+
+
+def test_a_camera_file_without_a_focal_length(run, work):
+    (work / "camera.json").write_text('{"width": 128, "height": 128}')
+    refused(run("--camera", work / "camera.json", hfov=None), work, "camera.json", "focal length")
+
+
+@pytest.mark.parametrize("ranges", ["0", "5", "-1"])
+def test_a_number_of_ranges_that_cannot_be(run, work, ranges):
+    code, _, stderr = run("--ranges", ranges)
+    assert code == 2
+    assert stderr.splitlines()[-1] == f"error: ranges: expected 1 to 4, got {ranges}"
+    assert not (work / "made").exists()
+
+
+def test_one_log_for_several_flights(run, work):
+    refused(run(work / "flight.mp4"), work, "--telemetry", "2 flights")
+
+
+def test_a_folder_that_holds_something_else(run, work, capsys):
+    (work / "made/out").mkdir(parents=True)
+    (work / "made/out/holiday.jpg").write_bytes(b"precious")
+    code, _, stderr = run()
+    assert code == 2
+    assert "holiday.jpg" in stderr.splitlines()[-1]
+    assert (work / "made/out/holiday.jpg").read_bytes() == b"precious"

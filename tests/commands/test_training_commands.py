@@ -1,0 +1,231 @@
+"""train, export, evaluate and render on the command line, with a network and a set of next to no size."""
+
+import json
+import os
+import signal
+import sys
+import tomllib
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from flightdepth import cli
+from flightdepth.scenes.config import SET_VERSION
+from flightdepth.stillbox import PairStream
+from flightdepth.training import Recipe, loop
+from flightdepth.training.checkpoint import read_progress
+from flightdepth.weights.store import read_network
+
+TOML = """
+name = "small"
+base_width = 4
+activation = "none"
+nominal_shift = 5
+depth_min_m = 10.0
+depth_max_m = 60.0
+loss = "saturating-l1"
+weight_decay = 1e-4
+ema_decay = 0.9
+warmup_samples = 0
+floor = 0.1
+seed = 3
+
+[[stages]]
+name = "square"
+full_width = 64
+width = 64
+height = 64
+samples = 8
+batch = 4
+learning_rate = 1e-3
+
+[[stages]]
+name = "wide"
+full_width = 128
+width = 128
+height = 64
+samples = 4
+batch = 4
+learning_rate = 1e-3
+photometric = true
+"""
+TRAIN = ("train", "small.toml", "--procedural", "2")
+
+
+@pytest.fixture(autouse=True)
+def small_world(monkeypatch, tmp_path):
+    """Eight scenes in the pool, one thread, and a folder of its own to work in."""
+    monkeypatch.setattr(loop, "PairStream", partial(PairStream, pool_scenes=8))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(TOML)
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """A folder with a finished run and its network, exported once."""
+    folder = tmp_path_factory.mktemp("exported")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loop, "PairStream", partial(PairStream, pool_scenes=8))
+        patch.chdir(folder)
+        (folder / "small.toml").write_text(TOML)
+        assert cli.main([*TRAIN]) == 0
+        assert cli.main(["export", "runs/small", "--scenes", "3"]) == 0
+    return folder
+
+
+def test_train_says_what_it_does_and_what_comes_next(capsys):
+    assert cli.main([*TRAIN]) == 0
+    out = capsys.readouterr().out
+    assert "small: 12 pairs in stages square (64x64 px, 8), wide (128x64 px, 4)" in out
+    assert "textures: 2 procedural" in out
+    assert "next: flightdepth export runs/small" in out
+
+
+def test_train_shows_lines_where_there_is_no_terminal(capsys):
+    cli.main([*TRAIN])
+    assert "4 of 12 pairs" in capsys.readouterr().out
+
+
+def test_a_run_is_not_overwritten(capsys):
+    cli.main([*TRAIN])
+    before = Path("runs/small/checkpoint.safetensors").stat().st_mtime_ns
+    assert cli.main([*TRAIN]) == 2
+    error = capsys.readouterr().err
+    assert error == (
+        "error: run folder runs/small: expected a new one, got one with files in it."
+        " Go on with it: --resume; or train elsewhere: --runs DIR.\n"
+    )
+    assert Path("runs/small/checkpoint.safetensors").stat().st_mtime_ns == before
+
+
+def test_samples_scale_the_recipe():
+    assert cli.main([*TRAIN, "--samples", "24"]) == 0
+    assert read_progress("runs/small/checkpoint.safetensors").seen == 24
+
+
+def test_ctrl_c_saves_and_resume_ends_as_if_nothing_had_been(monkeypatch, capsys):
+    assert cli.main([*TRAIN, "--runs", "whole"]) == 0
+    step, pressed = loop.Learner.step, []
+
+    def step_with_ctrl_c(*arguments):
+        if not pressed:
+            pressed.append(True)
+            os.kill(os.getpid(), signal.SIGINT)
+        return step(*arguments)
+
+    monkeypatch.setattr(loop.Learner, "step", step_with_ctrl_c)
+    assert cli.main([*TRAIN]) == 130
+    assert "--resume goes on" in capsys.readouterr().out
+    assert read_progress("runs/small/checkpoint.safetensors").seen == 4
+    assert cli.main([*TRAIN, "--resume"]) == 0
+    ends = [Path(runs, "small", "checkpoint.safetensors").read_bytes() for runs in ("whole", "runs")]
+    assert ends[0] == ends[1]
+
+
+def test_ctrl_c_is_ctrl_c_again_after_training():
+    before = signal.getsignal(signal.SIGINT)
+    cli.main([*TRAIN])
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_photos_are_counted(tmp_path, capsys):
+    (tmp_path / "photos").mkdir()
+    cv2.imwrite(str(tmp_path / "photos" / "a.png"), np.zeros((40, 60, 3), np.uint8))
+    assert cli.main([*TRAIN, "--textures", "photos"]) == 0
+    assert "textures: 1 photos from photos, 2 procedural" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["train", "nothing"], "recipe: expected a .toml file or one of depthnet-256"),
+        (["train", "small.toml", "--textures", "nowhere"], "--textures: expected a folder of images"),
+        (["train", "small.toml", "--procedural", "0"], "--procedural: expected at least 1"),
+        (["export", "nowhere"], "checkpoint nowhere"),
+        (["export", "small.toml"], "expected a checkpoint of flightdepth train"),
+        (["evaluate", "network", "nothing"], "network: expected a path to an ONNX file"),
+        (["render", "64", "--out", "."], "--out: expected a new or empty folder"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, said, capsys):
+    assert cli.main(arguments) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert len(error.splitlines()) == 1
+
+
+def test_without_the_extra_it_says_which(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "flightdepth.training", None)
+    for name in [name for name in sys.modules if name.startswith("flightdepth.training")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "accelerate", None)
+    assert cli.main([*TRAIN]) == 3
+    assert "pip install 'flightdepth[train]'" in capsys.readouterr().err
+
+
+def test_the_card_holds_the_facts(exported):
+    card = read_network(exported / "small.onnx").card
+    assert (card.name, card.base_width, card.activation) == ("small", 4, "none")
+    assert (card.D0_m, card.depth_min_m, card.depth_max_m) == (pytest.approx(0.5), 10, 60)
+    assert (card.focal_px, card.width, card.height, card.samples) == (64, 128, 64, 12)
+    assert (card.set_version, card.seed) == (SET_VERSION, 3)
+    assert card.renderer.startswith("raycast")
+
+
+def test_the_card_lists_the_stages(exported):
+    square, wide = read_network(exported / "small.onnx").card.stages
+    assert (square.name, square.width, square.focal_px, square.samples) == ("square", 64, 32, 8)
+    assert (wide.name, wide.height, wide.photometric, wide.samples) == ("wide", 64, True, 4)
+
+
+def test_the_card_holds_the_errors(exported):
+    metrics = read_network(exported / "small.onnx").card.metrics
+    names = {"scenes", "l1_m", "rmse_m", "abs_rel", "delta_125", "constant_l1_m", "classical_l1_m"}
+    assert names <= metrics.keys()
+    assert metrics["scenes"] == 3
+    assert metrics["constant_l1_m"] > 0
+
+
+def test_a_checkpoint_within_a_stage_says_how_far_it_came(exported, monkeypatch):
+    monkeypatch.chdir(exported)
+    assert cli.main(["export", "runs/small/square.safetensors", "--name", "half", "--scenes", "1"]) == 0
+    card = read_network("half.onnx").card
+    assert [(stage.name, stage.samples) for stage in card.stages] == [("square", 8)]
+    assert (card.focal_px, card.samples) == (32, 8)
+
+
+def test_evaluate_agrees_with_the_card(exported, capsys):
+    arguments = [
+        "evaluate",
+        "network",
+        str(exported / "small.onnx"),
+        "--scenes",
+        "3",
+        "--json",
+        "figures.json",
+    ]
+    assert cli.main(arguments) == 0
+    figures = json.loads(Path("figures.json").read_text())
+    card = read_network(exported / "small.onnx").card
+    assert figures["network"]["l1_m"] == pytest.approx(card.metrics["l1_m"], rel=1e-6)
+    assert {"commit", "weights_sha256", "samples", "seed"} <= figures.keys()
+    assert "small on Still Box 64 px, crops of 128 px, shift 5, 3 pairs" in capsys.readouterr().out
+
+
+def test_evaluate_writes_pictures(exported, tmp_path):
+    (tmp_path / "seen").mkdir()
+    network = str(exported / "small.onnx")
+    assert cli.main(["evaluate", "network", network, "--scenes", "2", "--pictures", "seen"]) == 0
+    assert sorted(path.name for path in (tmp_path / "seen").iterdir()) == ["000.png", "001.png"]
+
+
+def test_the_recipe_of_a_test_is_a_recipe():
+    assert Recipe.model_validate(tomllib.loads(TOML)).samples == 12

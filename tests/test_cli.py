@@ -1,0 +1,107 @@
+"""The frame of the command line: help, version, exit codes, and that it starts quickly."""
+
+import subprocess
+import sys
+
+import pytest
+import typer
+
+from flightdepth import __version__, cli
+from flightdepth.errors import BadInput, FlightDepthError
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    """A command line whose only command, `fail`, raises what it is given."""
+
+    def main(error, *arguments):
+        app = typer.Typer(pretty_exceptions_enable=False)
+
+        @app.callback()
+        def root():
+            pass
+
+        @app.command()
+        def fail():
+            raise error
+
+        monkeypatch.setattr(cli, "app", app)
+        return cli.main(["fail", *arguments])
+
+    return main
+
+
+def test_bad_input_is_one_line_and_2(failing, capsys):
+    assert failing(BadInput("camera", expected="a focal length", got="none", mend="Give --hfov.")) == 2
+    assert capsys.readouterr().err == "error: camera: expected a focal length, got none. Give --hfov.\n"
+
+
+def test_what_could_not_run_is_3(failing, capsys):
+    assert failing(FlightDepthError("no such device")) == 3
+    assert capsys.readouterr().err == "error: no such device\n"
+
+
+def test_a_full_disk_is_3(failing, capsys):
+    assert failing(OSError(28, "No space left on device")) == 3
+    assert capsys.readouterr().err == "error: [Errno 28] No space left on device\n"
+
+
+def test_ctrl_c_is_130(failing, capsys):
+    assert failing(KeyboardInterrupt()) == 130
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_our_own_bugs_are_not_hidden(failing):
+    with pytest.raises(ZeroDivisionError):
+        failing(ZeroDivisionError())
+
+
+def test_an_error_of_several_lines_becomes_one(failing, capsys):
+    failing(FlightDepthError("first\nsecond"))
+    assert capsys.readouterr().err == "error: first second\n"
+
+
+def test_a_long_error_is_not_wrapped(failing, capsys):
+    failing(FlightDepthError("word " * 100 + "end"))
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_brackets_in_an_error_are_kept(failing, capsys):
+    failing(FlightDepthError("pip install 'flightdepth[train]'"))
+    assert "flightdepth[train]" in capsys.readouterr().err
+
+
+def test_version(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"flightdepth {__version__}\n"
+
+
+def test_help_shows_how_to_start(capsys):
+    assert cli.main(["--help"]) == 0
+    assert "flightdepth run VIDEO --hfov DEGREES" in capsys.readouterr().out
+
+
+def test_the_help_of_run_has_examples(capsys):
+    assert cli.main(["run", "--help"]) == 0
+    examples = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    assert "flightdepth run flight.mp4 --hfov 64.4" in examples
+
+
+def test_an_unknown_option_is_2(capsys):
+    assert cli.main(["run", "flight.mp4", "--frobnicate"]) == 2
+
+
+def test_an_unknown_command_is_2(capsys):
+    assert cli.main(["fly"]) == 2
+
+
+def test_networks_lists_what_ships(capsys):
+    assert cli.main(["networks"]) == 0
+    assert capsys.readouterr().out.strip()
+
+
+def test_the_command_line_loads_nothing_heavy():
+    heavy = ("numpy", "cv2", "av", "openvino", "pydantic", "torch", "numba")
+    script = f"import sys, flightdepth.cli; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,75 @@
+"""The commands of docs/training.md, in their order, with few samples and scenes."""
+
+import re
+import shlex
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from flightdepth import cli
+from flightdepth.stillbox import PairStream
+from flightdepth.training import loop, recipe
+
+TEXT = (Path(__file__).parents[1] / "docs" / "training.md").read_text(encoding="utf-8")
+COMMANDS = [
+    line for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL) for line in block.strip().splitlines()
+]
+RECIPE = """
+name = "tiny-clamped-256"
+base_width = 4
+activation = "none"
+nominal_shift = 5
+depth_min_m = 10.0
+depth_max_m = 60.0
+loss = "saturating-l1"
+weight_decay = 1e-4
+ema_decay = 0.9
+warmup_samples = 0
+floor = 0.1
+seed = 3
+"""
+STAGE = """
+[[stages]]
+name = "{0}"
+full_width = 64
+width = 64
+height = 64
+samples = 4
+batch = 4
+learning_rate = 1e-3
+"""
+
+
+def test_every_command_runs(monkeypatch, tmp_path, capsys):
+    text = RECIPE + "".join(map(STAGE.format, (64, 128, 256)))
+    known = recipe._recipe_bytes
+    monkeypatch.setattr(
+        recipe, "_recipe_bytes", lambda name: text.encode() if name == "tiny-clamped-256" else known(name)
+    )
+    monkeypatch.setattr(loop, "PairStream", partial(PairStream, pool_scenes=8))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "photos").mkdir()
+    cv2.imwrite(str(tmp_path / "photos" / "a.jpg"), np.full((60, 80, 3), 90, np.uint8))
+    (tmp_path / "networks").mkdir()
+    (tmp_path / "mine.toml").write_text(text.replace("tiny-clamped-256", "mine"))
+    for command in COMMANDS:
+        assert cli.main(small(command)) == 0, capsys.readouterr().err
+    made = ["runs/mine", "short/tiny-clamped-256", "networks/tiny-clamped-128.onnx", "figures.json"]
+    assert all((tmp_path / path).exists() for path in made)
+
+
+def small(command):
+    """The arguments of a command, with numbers that take no time."""
+    _, name, *rest = shlex.split(command)
+    rest = [{"20000": "12", "100": "2", "1000": "2"}.get(word, word) for word in rest]
+    scenes = ["--scenes", "2"] if name in ("export", "evaluate") and "--scenes" not in rest else []
+    made = ["--procedural", "2"] if name in ("train", "render") and "--procedural" not in rest else []
+    return [name, *rest, *scenes, *made]
+
+
+@pytest.mark.parametrize("name", recipe.recipe_names())
+def test_every_recipe_is_described(name):
+    assert f"| `{name}` |" in TEXT

@@ -1,0 +1,52 @@
+"""The wheel: small enough, and it works alone, from any folder."""
+
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+MAX_MB = 60
+
+
+def call(*command, **options):
+    done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
+    assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dist")
+    call(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(folder), str(ROOT))
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory):
+    """The Python of an environment that holds the wheel and its base dependencies, nothing else."""
+    folder = tmp_path_factory.mktemp("alone")
+    venv.create(folder, with_pip=True)
+    python = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
+    call(str(python), "-m", "pip", "install", "--quiet", str(wheel))
+    return python
+
+
+def test_the_wheel_is_small_enough(wheel):
+    assert wheel.stat().st_size < MAX_MB * 1_000_000
+
+
+def test_the_wheel_brings_no_pytorch(installed):
+    names = call(str(installed), "-m", "pip", "list", "--format", "freeze").lower()
+    assert "flightdepth==" in names
+    assert [name for name in ("torch==", "numba==", "onnxruntime==") if name in names] == []
+
+
+@pytest.mark.timeout(600)
+def test_the_demo_runs_from_the_wheel(installed, tmp_path):
+    call(str(installed.with_name("flightdepth")), "demo", cwd=tmp_path)
+    assert list(tmp_path.rglob("preview.mp4"))
