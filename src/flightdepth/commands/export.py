@@ -75,6 +75,7 @@ def card_of(run: Trained, name: str) -> NetworkCard:
             batch=stage.batch,
             learning_rate=stage.learning_rate,
             photometric=stage.photometric,
+            open_share=stage.open_share,
         )
         for stage, seen in run.stages
     )

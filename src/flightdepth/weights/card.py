@@ -20,6 +20,7 @@ class Stage(BaseModel):
     batch: int
     learning_rate: float
     photometric: bool
+    open_share: float = Field(default=0.0, ge=0, le=1, description="share of scenes in the open")
 
 
 class NetworkCard(BaseModel):
