@@ -1,5 +1,6 @@
 """The loop: exact resume after any end, stages, what a run keeps, and that it really is bf16, channels last."""
 
+import hashlib
 import math
 import signal
 import subprocess
@@ -14,8 +15,13 @@ from training_runs import BATCH, STEPS, small_recipe, small_stream, small_textur
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.training import loop
 from flightdepth.training.checkpoint import read_progress, read_weights
+from flightdepth.training.export import deployed, to_onnx
 from flightdepth.training.loop import Learner, train
 from flightdepth.training.pictures import normalised
+from flightdepth.training.run_folder import read_trained
+from flightdepth.weights.card import NetworkCard
+from flightdepth.weights.card import Stage as CardStage
+from flightdepth.weights.store import StoredNetwork
 
 
 class PowerCutError(Exception):
@@ -167,6 +173,53 @@ def test_pairs_of_the_recipe_before_are_counted(whole, tmp_path):
 def test_without_the_recipe_before_there_is_no_start(tmp_path):
     with pytest.raises(BadInput, match="to start from"):
         run(tmp_path / "child", recipe=small_recipe(name="child", starts_from="small"))
+
+
+def shipped_after(folder, stages):
+    """What an export of the whole run is, with the card's stages given by hand."""
+    trained = read_trained(folder)
+    onnx = to_onnx(deployed(trained.recipe, read_weights(trained.checkpoint, "averaged")))
+    facts = {"width": 64, "height": 64, "focal_px": 32.0, "batch": BATCH, "learning_rate": 1e-3}
+    card = NetworkCard(
+        **{
+            "name": "small",
+            "architecture": "DepthNet",
+            "D0_m": 0.3,
+            "focal_px": 32,
+            "width": 64,
+            "height": 64,
+        },
+        **{key: getattr(trained.recipe, key) for key in ("base_width", "activation", "nominal_shift")},
+        **{key: getattr(trained.recipe, key) for key in ("depth_min_m", "depth_max_m")},
+        samples=BATCH * STEPS,
+        stages=[CardStage(name=name, samples=n, photometric=False, **facts) for name, n in stages],
+        sha256=hashlib.sha256(onnx).hexdigest(),
+    )
+    return StoredNetwork(card, onnx)
+
+
+def test_a_shipped_network_goes_on_with_the_stages_that_it_lacks(whole, tmp_path):
+    shipped = shipped_after(whole[0], [("before", 99), ("a", 4 * BATCH), ("b", 2 * BATCH)])
+    longer = small_recipe(stages=[stage("a", 4), stage("b", 2), stage("c", 1)])
+    run(tmp_path, recipe=longer, shipped=shipped)
+    trained = read_trained(tmp_path)
+    assert trained.progress.seen == BATCH * (STEPS + 1)
+    assert [(each.name, seen) for each, seen in trained.stages] == [("c", BATCH)]
+    assert [each.name for each in trained.shipped.stages] == ["before", "a", "b"]
+
+
+def test_a_shipped_network_starts_with_its_own_weights(whole, tmp_path):
+    learner = Learner(small_recipe())
+    learner.started(tmp_path, shipped_after(whole[0], [("a", 4 * BATCH)]))
+    parent = read_weights(whole[0] / "checkpoint.safetensors", "averaged")
+    for module in (learner.network, learner.averaged):
+        for key, value in module.state_dict().items():
+            assert key.endswith("num_batches_tracked") or torch.equal(value, parent[key])
+
+
+def test_a_shipped_network_of_other_stages_is_refused(whole, tmp_path):
+    with pytest.raises(BadInput, match="first stages are the last of small's"):
+        run(tmp_path, shipped=shipped_after(whole[0], [("a", 5 * BATCH)]))
 
 
 def test_a_run_that_diverges_stops(tmp_path, monkeypatch):

@@ -79,6 +79,7 @@ def card_of(run: Trained, name: str) -> NetworkCard:
         )
         for stage, seen in run.stages
     )
+    stages = (run.shipped.stages if run.shipped else ()) + stages
     last = stages[-1]
     return NetworkCard(
         name=name,

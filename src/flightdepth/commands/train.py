@@ -31,6 +31,12 @@ def train(
     recipe: Annotated[str, typer.Argument(metavar="RECIPE", help="A shipped recipe's name, or a TOML file.")],
     *,
     resume: Annotated[bool, typer.Option("--resume", help="Go on where the run was stopped.")] = False,
+    shipped: Annotated[
+        bool,
+        typer.Option(
+            "--shipped", help="Go on from the shipped network of that name, with the stages it lacks."
+        ),
+    ] = False,
     samples: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Pairs in all, instead of the recipe's.")
     ] = None,
@@ -52,14 +58,21 @@ def train(
     Your own photos on the scenes' walls, and a twentieth of the pairs:
 
       flightdepth train tiny-clamped-256 --textures photos --samples 20000
+
+    Stages of your own, appended to a copy of the recipe, on top of the shipped weights:
+
+      flightdepth train my/tiny-clamped-512.toml --shipped
     """
     with extra_packages("flightdepth train", "train"):
         from flightdepth.training import load_recipe
         from flightdepth.training.loop import train as run
+    from flightdepth.weights.store import read_network
+
     wanted = load_recipe(recipe)
     wanted = wanted if samples is None else wanted.scaled_to(samples)
     folder = runs / wanted.name
     refuse_to_overwrite(folder, resume=resume)
+    start = read_network(wanted.name) if shipped else None
     introduce(wanted, folder)
     dressed = gathered_textures(textures, procedural)
     with stop_request() as stop, progress_bar(wanted.name, wanted.samples, "samples") as bar:
@@ -68,6 +81,7 @@ def train(
             dressed,
             folder,
             resume=resume,
+            shipped=start,
             report=Display(bar),
             stop=stop.is_set,
             threads=os.cpu_count() or 1,

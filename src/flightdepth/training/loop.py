@@ -27,11 +27,19 @@ from flightdepth.training.checkpoint import (
     read_weights,
     save_checkpoint,
 )
+from flightdepth.training.export import weights_of
 from flightdepth.training.loss import multi_scale_l1
 from flightdepth.training.pictures import normalised
 from flightdepth.training.recipe import Recipe, Stage
-from flightdepth.training.run_folder import CHECKPOINT, RECIPE, keep_textures
+from flightdepth.training.run_folder import (
+    CHECKPOINT,
+    RECIPE,
+    SHIPPED,
+    keep_textures,
+    stages_behind,
+)
 from flightdepth.training.schedule import learning_rate
+from flightdepth.weights.store import StoredNetwork
 
 SMOOTHING = 0.98  # of the reported loss
 
@@ -53,6 +61,7 @@ def train(
     folder: Path,
     *,
     resume: bool,
+    shipped: StoredNetwork | None = None,
     report: Callable[[Report], None] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
     checkpoint_every_s: float = 120.0,
@@ -61,13 +70,14 @@ def train(
 ) -> Path:
     """Run a recipe to its end; the path of the last checkpoint. Each stage's end is kept under its name.
 
-    With `resume` a checkpoint in `folder` is taken up where it was; without one, the run starts. `stop` is
+    With `resume` a checkpoint in `folder` is taken up where it was; without one, the run starts: from random
+    weights, or from those of `shipped`, after the stages that its card lists. `stop` is
     asked after every step; when it says yes, the run is saved and ends there.
     """
     learner = Learner(recipe)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / CHECKPOINT
-    progress = learner.restored(path) if resume and path.exists() else learner.started(folder)
+    progress = learner.restored(path) if resume and path.exists() else learner.started(folder, shipped)
     learner.prepare()
     write_json(folder / RECIPE, recipe.model_dump(mode="json"))
     keep_textures(folder, textures)
@@ -114,9 +124,11 @@ class Learner:
         read_optimizer(path, self.network, self.optimizer)
         return progress
 
-    def started(self, folder: Path) -> Progress:
-        """A fresh run, from random weights or from the last weights of the recipe that it starts from."""
+    def started(self, folder: Path, shipped: StoredNetwork | None = None) -> Progress:
+        """A fresh run: from random weights, the last ones of the recipe that it starts from, or shipped ones."""
         recipe, seen = self.recipe, 0
+        if shipped is not None:
+            return self._after(shipped, folder)
         if recipe.starts_from is not None:
             parent = folder.parent / recipe.starts_from / CHECKPOINT
             if not parent.exists():
@@ -130,6 +142,23 @@ class Learner:
             self.averaged.load_state_dict(self.network.state_dict())
             seen = read_progress(parent).seen
         return Progress(recipe.name, recipe.digest, 0, 0, seen, math.nan)
+
+    def _after(self, shipped: StoredNetwork, folder: Path) -> Progress:
+        """Go on from a shipped network, with the first stage that its card does not list."""
+        recipe, card = self.recipe, shipped.card
+        behind = stages_behind(card, recipe)
+        if behind == 0 or (card.base_width, card.activation) != (recipe.base_width, recipe.activation):
+            raise BadInput(
+                f"recipe {recipe.name}",
+                expected=f"a recipe whose first stages are the last of {card.name}'s",
+                got=", ".join(stage.name for stage in recipe.stages),
+                mend="Append your stages to the recipe that the network was trained with.",
+            )
+        weights = weights_of(shipped.onnx)
+        self.network.load_state_dict(weights)
+        self.averaged.load_state_dict(weights)
+        write_json(folder / SHIPPED, card.model_dump(mode="json"))
+        return Progress(recipe.name, recipe.digest, behind, 0, card.samples, math.nan)
 
     def prepare(self) -> None:
         """Move to the device, for training."""

@@ -69,8 +69,11 @@ class Recipe(_Strict):
 
     @property
     def digest(self) -> str:
-        """Short hash of everything in the recipe; a checkpoint of another recipe is not resumed."""
-        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
+        """Short hash of what the recipe sets; a checkpoint of another recipe is not resumed.
+
+        What stands at its default is left out, so that a new knob whose default means "as before" changes no hash.
+        """
+        return hashlib.sha256(self.model_dump_json(exclude_defaults=True).encode()).hexdigest()[:16]
 
     def scaled_to(self, samples: int) -> Recipe:
         """The same curriculum with `samples` pairs in all, whole batches, at least one a stage."""

@@ -14,37 +14,49 @@ from flightdepth.files import write_json
 from flightdepth.scenes import Textures
 from flightdepth.training.checkpoint import Progress, read_progress
 from flightdepth.training.recipe import Recipe, Stage
+from flightdepth.weights.card import NetworkCard
 
 CHECKPOINT, RECIPE, TEXTURES = "checkpoint.safetensors", "recipe.json", "textures.json"
+SHIPPED = "shipped.json"  # the card of the network that the run went on from
 
 
 @dataclass(frozen=True)
 class Trained:
     """A checkpoint and the recipe that it follows.
 
-    `parent` is the run that it started from, where that still lies beside it.
+    `parent` is the run that it started from, where that still lies beside it; `shipped` is the card of the
+    network that it went on from.
     """
 
     checkpoint: Path
     recipe: Recipe
     progress: Progress
     parent: Trained | None
+    shipped: NetworkCard | None = None
 
     @property
     def stages(self) -> tuple[tuple[Stage, int], ...]:
-        """Each stage that was begun, the parent's first, with the pairs seen in it."""
+        """Each stage that was begun here, the parent's first, with the pairs seen in it."""
         before = self.parent.stages if self.parent else ()
+        first = stages_behind(self.shipped, self.recipe) if self.shipped else 0
         return before + tuple(
             (stage, seen)
             for number, stage in enumerate(self.recipe.stages)
-            if (seen := self._seen(number, stage))
+            if number >= first and (seen := self._seen(number, stage))
         )
 
     def _seen(self, number: int, stage: Stage) -> int:
         if number == self.progress.stage:
             return self.progress.sample
-        whole_batches = math.ceil(stage.samples / stage.batch) * stage.batch
-        return whole_batches if number < self.progress.stage else 0
+        return _whole_batches(stage) if number < self.progress.stage else 0
+
+
+def stages_behind(card: NetworkCard, recipe: Recipe) -> int:
+    """How many of the recipe's first stages are the card's last: what its network has been through already."""
+    trained = [(stage.name, stage.samples) for stage in card.stages]
+    wanted = [(stage.name, _whole_batches(stage)) for stage in recipe.stages]
+    counts = range(min(len(trained), len(wanted)), 0, -1)
+    return next((count for count in counts if trained[-count:] == wanted[:count]), 0)
 
 
 def read_trained(folder_or_checkpoint: Path) -> Trained:
@@ -63,7 +75,8 @@ def read_trained(folder_or_checkpoint: Path) -> Trained:
             expected=f"recipe {recipe.name} ({recipe.digest}) as in {RECIPE} beside it",
             got=f"{progress.recipe} ({progress.digest})",
         )
-    return Trained(checkpoint, recipe, progress, _parent(checkpoint, recipe))
+    shipped = _shipped(checkpoint.parent / SHIPPED)
+    return Trained(checkpoint, recipe, progress, None if shipped else _parent(checkpoint, recipe), shipped)
 
 
 def read_recipe(path: Path) -> Recipe:
@@ -95,6 +108,14 @@ def keep_textures(folder: Path, textures: Textures) -> None:
             mend="Give the same --textures and --procedural, or train elsewhere: --runs DIR.",
         )
     write_json(path, worn)
+
+
+def _whole_batches(stage: Stage) -> int:
+    return math.ceil(stage.samples / stage.batch) * stage.batch
+
+
+def _shipped(path: Path) -> NetworkCard | None:
+    return NetworkCard.model_validate_json(path.read_bytes()) if path.exists() else None
 
 
 def _parent(checkpoint: Path, recipe: Recipe) -> Trained | None:
