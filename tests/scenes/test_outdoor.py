@@ -32,8 +32,8 @@ def test_position_is_the_integral_of_the_velocity():
 def test_the_first_leg_is_forward_and_the_second_sideways():
     flight = outdoor_flight(OutdoorConfig(), seed=1)
     start, end = flight.velocity(np.array([0.0, 10.0]))
-    assert start == pytest.approx([0, 0, flight.forward_m_s])
-    assert end == pytest.approx([flight.sideways_m_s, 0, 0])
+    assert start == pytest.approx([0, 0, flight.first_m_s[2]])
+    assert end == pytest.approx([flight.second_m_s[0], 0, 0])
 
 
 def test_the_camera_looks_ahead_and_down():
@@ -51,9 +51,48 @@ def test_the_orientation_is_a_rotation():
 @pytest.mark.parametrize("seed", range(8))
 def test_speed_and_height_lie_in_their_ranges(seed):
     flight = outdoor_flight(CONFIG, seed)
-    assert CONFIG.speed_m_s[0] <= flight.forward_m_s <= CONFIG.speed_m_s[1]
-    assert CONFIG.speed_m_s[0] <= abs(flight.sideways_m_s) <= CONFIG.speed_m_s[1]
+    assert CONFIG.speed_m_s[0] <= flight.first_m_s[2] <= CONFIG.speed_m_s[1]
+    assert CONFIG.speed_m_s[0] <= abs(flight.second_m_s[0]) <= CONFIG.speed_m_s[1]
     assert CONFIG.height_m[0] <= flight.height_m <= CONFIG.height_m[1]
+
+
+# Flights any way
+
+
+@pytest.fixture(scope="module")
+def any_flights():
+    return [outdoor_flight(ANY, seed=1, number=number) for number in range(400)]
+
+
+def test_any_heading_is_as_likely_as_another(any_flights):
+    legs = np.array([leg for flight in any_flights for leg in (flight.first_m_s, flight.second_m_s)])
+    heading = legs[:, [0, 2]] / np.linalg.norm(legs[:, [0, 2]], axis=1, keepdims=True)
+    # Deviations over 800 legs: sqrt(1/2 / n) for sine and cosine, sqrt(1/8 / n) for their squares.
+    assert np.abs(heading.mean(axis=0)).max() < 4.5 * np.sqrt(1 / 2 / 800)
+    assert np.abs((heading**2).mean(axis=0) - 0.5).max() < 4.5 * np.sqrt(1 / 8 / 800)
+
+
+def test_speeds_over_the_ground_and_climbs_lie_in_their_ranges(any_flights):
+    legs = np.array([leg for flight in any_flights for leg in (flight.first_m_s, flight.second_m_s)])
+    speed = np.hypot(legs[:, 0], legs[:, 2])
+    assert (speed >= ANY.speed_m_s[0]).all()
+    assert (speed <= ANY.speed_m_s[1]).all()
+    assert np.abs(legs[:, 1]).max() <= ANY.climb_m_s
+    assert legs[:, 1].min() < -0.5 < 0.5 < legs[:, 1].max()
+
+
+def test_the_height_stays_in_its_range_all_the_way(any_flights):
+    time_s = np.linspace(0, ANY.duration_s, 60)
+    heights_m = np.array([-flight.position(time_s)[:, 1] for flight in any_flights])
+    assert heights_m.min() >= ANY.height_m[0] - 1e-9
+    assert heights_m.max() <= ANY.height_m[1] + 1e-9
+
+
+def test_legs_any_way_obey_their_velocity_too():
+    flight, time_s = outdoor_flight(ANY, seed=1), np.linspace(0, 6, 12_001)
+    velocity = flight.velocity(time_s)
+    way = np.cumsum((velocity[1:] + velocity[:-1]) / 2 * np.diff(time_s)[:, None], axis=0)
+    assert np.abs(flight.position(time_s)[0] + way - flight.position(time_s)[1:]).max() < 1e-5
 
 
 # The scene
@@ -79,8 +118,9 @@ def test_every_texture_exists(scene):
     assert scene.materials.texture.max() < VARIANTS * len(Surface)
 
 
-def distances_m(scene, k):
+def distances_m(scene, k, path=None):
     """Sampled distances from the path to the surface of object k, metres."""
+    path = scene.camera_position if path is None else path
     rng = np.random.default_rng(k)
     unit = rng.uniform(-1, 1, (400, 3))
     if scene.shape[k] == Shape.CUBE:
@@ -93,14 +133,45 @@ def distances_m(scene, k):
         unit = np.stack([np.cos(angle) * (1 - z) / 2, np.sin(angle) * (1 - z) / 2, z], axis=1)
     pose = scene.world_from_object[k]
     points = unit @ pose[:, :3].T + pose[:, 3]
-    return np.linalg.norm(points[:, None] - scene.camera_position[None], axis=2)
+    return np.linalg.norm(points[:, None] - path[None], axis=2)
+
+
+ANY = OutdoorConfig(frames=60, rate_hz=10.0, legs="any")
+FAR = OutdoorConfig(  # 600 m in steps of 30 m, past hills and through a country full of trees
+    frames=20,
+    rate_hz=0.5,
+    legs="any",
+    speed_m_s=(14.0, 16.0),
+    height_m=(6.0, 8.0),
+    clearance_m=2.0,
+    trees=(150, 150),
+    woods=(30, 30),
+    hills=(30, 30),
+    houses=(0, 0),
+    bushes=(0, 0),
+)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_path_keeps_clear_of_everything(seed):
-    scene = draw_outdoor(CONFIG, seed)
+@pytest.mark.parametrize("config", [CONFIG, ANY], ids=["forward-sideways", "any"])
+def test_the_path_keeps_clear_of_everything(config, seed):
+    scene = draw_outdoor(config, seed)
     nearest = min(distances_m(scene, k).min() for k in range(len(scene.shape)))
     assert nearest >= CONFIG.clearance_m
+
+
+@pytest.mark.parametrize(
+    "seed", [8, 9, 12, 17]
+)  # each met a wood or a hill before they were kept off the path
+def test_a_far_flight_keeps_clear_between_its_frames_too(seed):
+    """Between the points that are checked, 2 m apart, a surface may come 14 % nearer."""
+    scene, flight = draw_outdoor(FAR, seed), outdoor_flight(FAR, seed)
+    path = flight.position(np.linspace(0, (FAR.frames - 1) / FAR.rate_hz, 500))
+    gaps = np.linalg.norm(scene.world_from_object[:, None, :, 3] - path, axis=2)
+    close = np.flatnonzero(gaps.min(axis=1) - scene.bound_radii_m() < FAR.clearance_m)
+    solids = [k for k in close if scene.bound_radii_m()[k] < 140]  # the ground is under the lowest height
+    nearest = min(distances_m(scene, k, path).min() for k in solids)
+    assert nearest >= 0.86 * FAR.clearance_m
 
 
 def test_bounds_hold_every_object(scene):

@@ -22,7 +22,7 @@ def test_focal_length_of_a_narrow_lens():
     [
         ({"meshes": (9, 3)}, "meshes"),
         ({"distance_m": (-1, 3)}, "distance_m"),
-        ({"room_half_m": (1, 30)}, "room_half_m: expected at least path"),
+        ({"room_half_m": (1, 30)}, "room_half_m: expected at least half the path"),
         ({"frames": 0}, "frames"),
         ({"texture_ratio": 1.1}, "texture_ratio"),
         ({"horizontal_fov_deg": 180}, "horizontal_fov_deg"),

@@ -1,33 +1,36 @@
 import numpy as np
 
-from flightdepth.camera import Camera
 from flightdepth.renderers.raycast import render
-from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
-from flightdepth.stillbox.contact_sheet import GAP, contact_sheet
+from flightdepth.scenes import StillBoxConfig, Textures
+from flightdepth.stillbox.contact_sheet import GAP, coloured_depth, contact_sheet
+from flightdepth.stillbox.sets import SceneSet
 
 BLANK = Textures.from_images([])
-SHEET = contact_sheet(StillBoxConfig(), BLANK, 3, scenes=5, columns=2, width=16)
+SET = SceneSet(StillBoxConfig(), 16, 12, seed=3)
+SHEET = contact_sheet(SET, BLANK, scenes=5, columns=2)
 
 
 def test_three_rows_of_two_scenes():
-    assert SHEET.shape == (3 * 16 + 2 * GAP, 2 * 32 + GAP, 3)
+    assert SHEET.shape == (3 * 12 + 2 * GAP, 2 * 32 + GAP, 3)
 
 
 def test_each_scene_stands_in_its_place():
-    seen = render(draw_scene(StillBoxConfig(), 0, 3, 3), BLANK, Camera.from_fov(16, 16, 90), frames=[5])
-    np.testing.assert_array_equal(SHEET[16 + GAP : 32 + GAP, 32 + GAP : 48 + GAP], seen.images[0])
+    seen = render(SET.scene(3, 0), BLANK, SET.camera, frames=[5])
+    np.testing.assert_array_equal(SHEET[12 + GAP : 24 + GAP, 32 + GAP : 48 + GAP], seen.images[0])
 
 
-def test_near_is_redder_than_far():
-    seen = render(draw_scene(StillBoxConfig(), 0, 3, 0), BLANK, Camera.from_fov(16, 16, 90), frames=[5])
-    colour = SHEET[:16, 16:32].astype(int)
-    redness = (colour[..., 0] - colour[..., 2]).ravel()
-    depth_m = seen.depth_m[0].ravel()
-    assert (
-        redness[depth_m < np.percentile(depth_m, 20)].mean()
-        > redness[depth_m > np.percentile(depth_m, 80)].mean()
+def test_it_starts_where_it_is_told():
+    np.testing.assert_array_equal(
+        contact_sheet(SET, BLANK, scenes=1, columns=1, first=1), SHEET[:12, 32 + GAP :]
     )
 
 
+def test_near_is_redder_than_far():
+    near, far, sky = coloured_depth(np.array([[3.0, 80.0, np.inf]], np.float32))[0].astype(int)
+    assert near[0] > near[2]
+    assert far[2] > far[0]
+    np.testing.assert_array_equal(sky, coloured_depth(np.array([[100.0]], np.float32))[0, 0])
+
+
 def test_an_empty_place_stays_white():
-    assert (SHEET[-16:, -32:] == 255).all()
+    assert (SHEET[-12:, -32:] == 255).all()

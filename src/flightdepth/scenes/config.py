@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -18,12 +19,24 @@ class StillBoxConfig(BaseModel):
     frames: int = Field(default=10, ge=1, description="frames per scene")
     speed_m_s: float = Field(default=1.0, gt=0, description="constant speed of the camera")
     time_step_s: float = Field(default=0.1, gt=0, description="time between two frames")
-    horizontal_fov_deg: float = Field(default=90.0, gt=0, lt=180)
+    horizontal_fov_deg: float = Field(
+        default=90.0, gt=0, lt=180, description="between the left and right edge"
+    )
+    orientation_noise_rad: float = Field(
+        default=0.0,
+        ge=0,
+        le=0.5,
+        description="N0: each frame is turned by this angle about a fresh random axis; the paper's noisy scenes: 0.001",
+    )
     meshes: tuple[int, int] = Field(default=(8, 26), description="fewest and most objects")
     texture_ratio: float = Field(default=0.5, ge=0, le=1, description="share of textured objects and walls")
     room_half_m: Range = Field(default=(24.0, 74.0), description="half the room's edge, per axis")
     distance_m: Range = Field(default=(3.6, 44.0), description="camera to object centre, log-uniform")
     angular_size: Range = Field(default=(0.09, 0.5), description="object radius over its distance")
+    objects_ahead_of: Literal["start", "path"] = Field(
+        default="start",
+        description="the camera that objects are placed before: the first frame's, or any frame's (for long flights)",
+    )
     clearance_m: float = Field(default=1.2, ge=0, description="least room between the path and any surface")
     open_share: float = Field(default=0.0, ge=0, le=1, description="share of scenes in the open, under a sky")
     lamps: tuple[int, int] = Field(default=(1, 3), description="fewest and most lamps")
@@ -34,10 +47,11 @@ class StillBoxConfig(BaseModel):
             low, high = getattr(self, name)
             if not 0 <= low <= high:
                 raise ValueError(f"{name}: expected 0 <= low <= high, got {low}, {high}")
-        if self.room_half_m[0] < self.path_length_m + self.clearance_m:
+        least_m = self.path_length_m / 2 + self.clearance_m
+        if self.room_half_m[0] < least_m:
             raise ValueError(
-                f"room_half_m: expected at least path + clearance = "
-                f"{self.path_length_m + self.clearance_m:.2f} m, got {self.room_half_m[0]} m"
+                f"room_half_m: expected at least half the path + clearance = {least_m:.2f} m, "
+                f"got {self.room_half_m[0]} m; larger rooms, fewer frames, a lower speed or a shorter time step mend it"
             )
         return self
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 
 from flightdepth.scenes import chance
+from flightdepth.scenes.orientation import noisy_orientations
 from flightdepth.scenes.outdoor_config import HIGHEST_MOUND_M, Flight, OutdoorConfig, draw_flight
 from flightdepth.scenes.outdoor_textures import Surface
 from flightdepth.scenes.outdoor_things import (
@@ -25,7 +27,10 @@ from flightdepth.scenes.outdoor_things import (
 )
 from flightdepth.scenes.scene import Floats, Scene, Shape
 
+_NOISE = 8  # what a random stream is for; 0 is the flight, 1 to 6 are what is built, 7 is the sun
 MOST_TRIES = 40  # a thing that finds no place is left out
+REACH = 0.33  # of a tree's crown, over its height
+LEAST_CHECKED_M = 0.1
 PLAIN_HALF_M = 620.0
 FIELDS_M = (-230.0, -40.0, 230.0, 330.0)  # x and z from, x and z to
 SUN_DISTANCE_M = 20_000.0
@@ -37,7 +42,7 @@ def draw_outdoor(config: OutdoorConfig, seed: int, number: int = 0) -> Scene:
     Depends on its arguments only. Each kind of thing has a random stream of its own.
     """
     flight = outdoor_flight(config, seed, number)
-    site = _Site(flight.position(np.arange(config.frames) / config.rate_hz), config.clearance_m)
+    site = _Site(flight.position(_times_s(config)), _checked_path(flight, config), config.clearance_m)
     for kind, build in enumerate((_ground, _hills, _houses, _trees, _woods, _bushes), start=1):
         build(chance.stream(seed, number, kind), config, site)
     sun, power = _sun(chance.stream(seed, number, 7))
@@ -56,7 +61,12 @@ def draw_outdoor(config: OutdoorConfig, seed: int, number: int = 0) -> Scene:
         ambient=np.array([0.30, 0.36, 0.46]),
         sky_colour=np.array([[0.66, 0.77, 0.89], [0.04, 0.14, 0.46]]),
         camera_position=site.path,
-        world_from_camera=np.repeat(flight.world_from_camera[None], config.frames, axis=0),
+        world_from_camera=noisy_orientations(
+            chance.stream(seed, number, _NOISE),
+            flight.world_from_camera,
+            config.frames,
+            config.orientation_noise_rad,
+        ),
     )
 
 
@@ -65,11 +75,29 @@ def outdoor_flight(config: OutdoorConfig, seed: int, number: int = 0) -> Flight:
     return draw_flight(chance.stream(seed, number, 0), config)
 
 
+def outdoor_velocity(config: OutdoorConfig, seed: int, number: int = 0) -> Floats:
+    """Velocity at each frame of scene `number`, m/s in world axes, shape [F, 3]."""
+    return outdoor_flight(config, seed, number).velocity(_times_s(config))
+
+
+def _times_s(config: OutdoorConfig, per_frame: int = 1) -> Floats:
+    """Time of each frame, or of `per_frame` instants from each to the next, shape [F] or [per_frame (F - 1) + 1]."""
+    return np.arange(per_frame * (config.frames - 1) + 1) / (per_frame * config.rate_hz)
+
+
+def _checked_path(flight: Flight, config: OutdoorConfig) -> Floats:
+    """Points of the path no farther apart than the clearance: each frame's position, and more where it is fast."""
+    most_m = max(float(np.linalg.norm(leg)) for leg in (flight.first_m_s, flight.second_m_s)) / config.rate_hz
+    per_frame = math.ceil(most_m / max(config.clearance_m, LEAST_CHECKED_M))
+    return flight.position(_times_s(config, max(per_frame, 1)))
+
+
 class _Site:
     """What was built so far, where the ground is, and where there is room."""
 
-    def __init__(self, path: Floats, clearance_m: float) -> None:
+    def __init__(self, path: Floats, checked_path: Floats, clearance_m: float) -> None:
         self.path = path
+        self._checked_path = checked_path
         self.parts: list[Part] = []
         self.mounds: list[tuple[float, float, float, float]] = []  # x, z, radius of the sphere, height
         self._clearance_m = clearance_m
@@ -92,14 +120,16 @@ class _Site:
             start = self.path[int(rng.integers(len(self.path)))]
             ahead = chance.log_uniform(rng, *distance_m)
             foot = self.foot(start[0] + rng.uniform(-0.9, 0.9) * ahead, start[2] + ahead)
-            if self._is_clear(foot, radius, height) and self._is_free(foot, radius):
+            if self.is_clear(foot, radius, height) and self._is_free(foot, radius):
                 self._taken.append((foot[0], foot[2], radius))
                 return foot
         return None
 
-    def _is_clear(self, foot: Floats, radius: float, height: float) -> bool:
-        away = np.hypot(self.path[:, 0] - foot[0], self.path[:, 2] - foot[2]) - radius
-        above = (foot[1] - height) - self.path[:, 1]
+    def is_clear(self, foot: Floats, radius: float, height: float) -> bool:
+        """Whether an upright cylinder that stands on `foot` keeps clear of the path."""
+        path = self._checked_path
+        away = np.hypot(path[:, 0] - foot[0], path[:, 2] - foot[2]) - radius
+        above = (foot[1] - height) - path[:, 1]
         return bool(np.maximum(away, above).min() >= self._clearance_m)
 
     def _is_free(self, foot: Floats, radius: float) -> bool:
@@ -167,7 +197,9 @@ def _hills(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None
         centre = np.array([sideways * away, 0.1 * high, away])
         pose = placed(heading(rng) * (wide, high, wide * rng.uniform(0.6, 0.9)), *centre)
         haze = np.array([0.90, 0.98, 1.0]) * (0.72 + 0.28 * (away - 260) / 160)
-        site.parts.append(Part(Shape.SPHERE, pose, version(rng, Surface.HILL), haze, repeats=3.0))
+        part = Part(Shape.SPHERE, pose, version(rng, Surface.HILL), haze, repeats=3.0)
+        if site.is_clear(centre, wide, high):  # a flight may be long enough to come there
+            site.parts.append(part)
 
 
 def _houses(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None:
@@ -189,7 +221,7 @@ def _tree(
     rng: np.random.Generator, site: _Site, distance_m: tuple[float, float], height: float, detail: int
 ) -> None:
     build = _kind(rng)
-    foot = site.find(rng, distance_m, 0.33 * height, height)
+    foot = site.find(rng, distance_m, REACH * height, height)
     if foot is not None:
         pieces = (2 + detail) if build is fir else 3 * (1 + detail)
         site.parts.extend(build(rng, foot, height, pieces))
@@ -206,7 +238,11 @@ def _woods(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None
             continue
         for _ in range(12):
             foot = site.foot(middle[0] + rng.uniform(-12, 12), middle[2] + rng.uniform(-12, 12))
-            site.parts.extend(_kind(rng)(rng, foot, rng.uniform(8.0, 16.0), 3))
+            build, height = _kind(rng), rng.uniform(8.0, 16.0)
+            tree = build(rng, foot, height, 3)
+            # The outermost trees of a wood stand out of the place that was found for it.
+            if site.is_clear(foot, REACH * height, height):
+                site.parts.extend(tree)
 
 
 def _bushes(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from flightdepth.scenes import chance
 from flightdepth.scenes.config import Range
 from flightdepth.scenes.scene import Floats
 
@@ -12,7 +15,7 @@ OUTDOOR_VERSION = "1"
 
 
 class OutdoorConfig(BaseModel):
-    """A drone over fields, houses and trees: it flies forward, then sideways, and looks ahead all the time.
+    """A drone over fields, houses and trees: two straight legs with a soft change between; it looks ahead all the time.
 
     Ranges are drawn from uniformly, once a scene.
     """
@@ -21,7 +24,21 @@ class OutdoorConfig(BaseModel):
 
     frames: int = Field(default=300, ge=1, description="frames per scene")
     rate_hz: float = Field(default=30.0, gt=0, description="frames a second")
-    speed_m_s: Range = Field(default=(4.0, 6.0), description="speed of each leg")
+    horizontal_fov_deg: float = Field(
+        default=90.0, gt=0, lt=180, description="between the left and right edge"
+    )
+    orientation_noise_rad: float = Field(
+        default=0.0,
+        ge=0,
+        le=0.5,
+        description="N0: each frame is turned by this angle about a fresh random axis",
+    )
+    legs: Literal["forward-sideways", "any"] = Field(
+        default="forward-sideways",
+        description="forward, then to the left or right, level; or any headings, climbing or sinking",
+    )
+    climb_m_s: float = Field(default=2.0, ge=0, description="fastest climb or descent where legs are any")
+    speed_m_s: Range = Field(default=(4.0, 6.0), description="speed of each leg, over the ground")
     turn_over_s: float = Field(
         default=1.5, gt=0, description="time from the one leg's velocity to the other's"
     )
@@ -52,7 +69,16 @@ class OutdoorConfig(BaseModel):
                 f"height_m: expected at least clearance + mounds = "
                 f"{self.clearance_m + HIGHEST_MOUND_M} m, got {self.height_m[0]} m"
             )
+        if self.legs == "any" and self.turn_over_s > self.duration_s:
+            raise ValueError(
+                f"turn_over_s: expected at most the scene's {self.duration_s:.2f} s, got {self.turn_over_s} s"
+            )
         return self
+
+    @property
+    def time_step_s(self) -> float:
+        """Time between two frames."""
+        return 1.0 / self.rate_hz
 
     @property
     def duration_s(self) -> float:
@@ -63,53 +89,82 @@ class OutdoorConfig(BaseModel):
 HIGHEST_MOUND_M = 2.5
 
 
+Velocity = tuple[float, float, float]
+
+
 class Flight(BaseModel):
     """One way through a scene. World axes are OpenCV's: x right, y down, z ahead; the plain is y = 0."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    forward_m_s: float
-    sideways_m_s: float = Field(description="to the right; negative to the left")
-    height_m: float
+    first_m_s: Velocity = Field(description="velocity of the first leg: right, down, ahead")
+    second_m_s: Velocity = Field(description="velocity of the second leg")
+    height_m: float = Field(description="at the start")
     pitch_down: float = Field(description="slope of the optical axis, downwards")
-    change_s: float = Field(description="middle of the change from forward to sideways")
+    change_s: float = Field(description="middle of the change from the first leg to the second")
     turn_over_s: float
 
     def velocity(self, time_s: Floats) -> Floats:
         """World velocity in m/s at each time, [F] to [F, 3]."""
-        u = self._share(time_s)
-        side = u * u * (3 - 2 * u)
-        return np.stack([side * self.sideways_m_s, np.zeros_like(u), (1 - side) * self.forward_m_s], axis=-1)
+        u = self._share(time_s)[:, None]
+        done = u * u * (3 - 2 * u)
+        return np.asarray((1 - done) * np.array(self.first_m_s) + done * np.array(self.second_m_s))
 
     def position(self, time_s: Floats) -> Floats:
         """World position in metres at each time, [F] to [F, 3]: the integral of `velocity`, in closed form."""
         u = self._share(time_s)
         after_s = np.maximum(time_s - self.change_s - self.turn_over_s / 2, 0.0)
-        side_s = self.turn_over_s * (u * u * u - 0.5 * u * u * u * u) + after_s
-        height = np.full_like(side_s, -self.height_m)
-        return np.stack([side_s * self.sideways_m_s, height, (time_s - side_s) * self.forward_m_s], axis=-1)
+        second_s = self.turn_over_s * (u * u * u - 0.5 * u * u * u * u) + after_s
+        first_s = time_s - second_s
+        flown = second_s[:, None] * np.array(self.second_m_s) + first_s[:, None] * np.array(self.first_m_s)
+        return np.asarray(
+            flown + np.array([-0.0, -self.height_m, -0.0])
+        )  # -0.0 adds nothing, not even a sign
 
     @property
     def world_from_camera(self) -> Floats:
-        """Orientation, the same at all times, shape (3, 3)."""
+        """Orientation without noise, the same at all times, shape (3, 3)."""
         length = np.sqrt(1 + self.pitch_down * self.pitch_down)
         sine, cosine = self.pitch_down / length, 1 / length
         return np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
 
     def _share(self, time_s: Floats) -> Floats:
-        """How far the change from forward to sideways is done, 0..1."""
+        """How far the change from the first leg to the second is done, 0..1."""
         started_s = self.change_s - self.turn_over_s / 2
         return np.asarray(np.clip((time_s - started_s) / self.turn_over_s, 0.0, 1.0))
 
 
 def draw_flight(rng: np.random.Generator, config: OutdoorConfig) -> Flight:
     """A flight whose legs take half of the scene's time each."""
-    side = 1.0 if rng.random() < 0.5 else -1.0
+    first, second, height_m = (_forward_sideways if config.legs == "forward-sideways" else _any_way)(
+        rng, config
+    )
     return Flight(
-        forward_m_s=rng.uniform(*config.speed_m_s),
-        sideways_m_s=side * rng.uniform(*config.speed_m_s),
-        height_m=rng.uniform(*config.height_m),
+        first_m_s=first,
+        second_m_s=second,
+        height_m=height_m,
         pitch_down=rng.uniform(*config.pitch_down),
         change_s=config.duration_s / 2,
         turn_over_s=config.turn_over_s,
     )
+
+
+def _forward_sideways(rng: np.random.Generator, config: OutdoorConfig) -> tuple[Velocity, Velocity, float]:
+    """Velocities of the legs and the height at the start: ahead, then to either side, level."""
+    side = 1.0 if rng.random() < 0.5 else -1.0
+    ahead, sideways = rng.uniform(*config.speed_m_s), side * rng.uniform(*config.speed_m_s)
+    # The side's sign on a zero keeps the bits of the flights that were drawn before.
+    return (0.0 * side, 0.0, ahead), (sideways, 0.0, 0.0), rng.uniform(*config.height_m)
+
+
+def _any_way(rng: np.random.Generator, config: OutdoorConfig) -> tuple[Velocity, Velocity, float]:
+    """The same with any heading, climbing or sinking towards a height of the range."""
+    start_m = height_m = rng.uniform(*config.height_m)
+    leg_s, most = config.duration_s / 2, config.climb_m_s
+    legs: list[Velocity] = []
+    for _ in range(2):
+        right, ahead = rng.uniform(*config.speed_m_s) * chance.unit_vector(rng, 2)
+        climb = min(max((rng.uniform(*config.height_m) - height_m) / leg_s, -most), most)
+        legs.append((float(right), -climb, float(ahead)))
+        height_m += climb * leg_s
+    return legs[0], legs[1], start_m

@@ -105,6 +105,14 @@ class Scene:
         """Number of camera positions."""
         return len(self.camera_position)
 
+    def displacement(self, previous: int, current: int) -> Floats:
+        """Position at frame `current` minus that at `previous`, metres, in `current`'s orientation, shape (3,).
+
+        With orientation noise `previous` is turned a little against `current`, as on a gimbal; that is left in.
+        """
+        moved = self.camera_position[current] - self.camera_position[previous]
+        return np.asarray(moved @ self.world_from_camera[current])
+
     def unit_bound_radii(self) -> Floats:
         """Radius, in object space, of a sphere round the origin that holds each object, shape [K]."""
         return np.array([BOUND_RADIUS[Shape(s)] for s in self.shape]) + self.torus_radius

@@ -31,6 +31,7 @@ class Textures:
     def __post_init__(self) -> None:
         if self.texels.dtype != np.uint8 or self.texels.shape[1:] != (PYRAMID_TEXELS, 3):
             raise ValueError(f"texels: expected uint8 [T, {PYRAMID_TEXELS}, 3], got {self.texels.shape}")
+        self.texels.setflags(write=False)  # as on the workers of a cluster: compiled code is one for both
 
     def __len__(self) -> int:
         return len(self.texels)
