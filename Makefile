@@ -1,4 +1,5 @@
 # make demo   the sample flight in an environment of its own: base install, no PyTorch
+# make blender-env   Blender from PyPI in an environment of its own (it wants Python 3.11), for `--renderer blender`
 # make test   linters, types, layers and tests, with every extra that the tests need
 #
 # PYTHON=python3.12         another interpreter, 3.11 or newer
@@ -7,14 +8,16 @@
 
 PYTHON ?= python3
 TORCH_INDEX ?=
-EXTRAS := test,train,ort
+EXTRAS := test,train,ort,cluster
 
 BIN := .venv/bin
 DEMO_BIN := .venv-demo/bin
 PIP_INSTALL := -m pip install --disable-pip-version-check --quiet --constraint constraints.txt
 NEW_ENOUGH := import sys; sys.version_info >= (3, 11) or sys.exit("flightdepth needs Python 3.11 or newer, got " + sys.version.split()[0] + ": make PYTHON=python3.11 ...")
 
-.PHONY: demo test test-slow lint
+BLENDER_PYTHON ?= python3.11
+
+.PHONY: demo test test-slow lint blender-env
 
 demo: .venv-demo/installed
 	$(DEMO_BIN)/flightdepth demo
@@ -30,6 +33,14 @@ lint: .venv/installed
 	$(BIN)/ruff format --check src tests benchmarks
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+blender-env: .venv-blender/installed
+
+.venv-blender/installed:
+	$(BLENDER_PYTHON) -m venv .venv-blender
+	.venv-blender/bin/python -m pip install --disable-pip-version-check --quiet 'bpy==4.5.*'
+	.venv-blender/bin/python -c 'import bpy; print("Blender", bpy.app.version_string)'
+	@touch $@
 
 # The stamps: nothing is installed again until what is to be installed changes.
 .venv/installed: pyproject.toml constraints.txt

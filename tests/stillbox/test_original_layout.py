@@ -5,37 +5,39 @@ import json
 import cv2
 import numpy as np
 import pytest
+from small_sets import TEXTURES, small_source
 
-from flightdepth import cli
-from flightdepth.camera import Camera
-from flightdepth.renderers.raycast import render
-from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
+from flightdepth.errors import BadInput
 from flightdepth.stillbox import original_layout
 from flightdepth.stillbox.original_layout import OriginalLayout
 
-CONFIG = StillBoxConfig(frames=2)
-TEXTURES = Textures.procedural(2, 1)
+SOURCE = small_source(frames=2)
+ARGUMENTS = SOURCE.arguments(TEXTURES)
 
 
-def scene_and_frames(number):
-    scene = draw_scene(CONFIG, len(TEXTURES), 1, number)
-    return scene, render(scene, TEXTURES, Camera.from_fov(64, 64, 90))
+def metadata(folder, number="00"):
+    return json.loads((folder / number / "metadata.json").read_text())
+
+
+def encoded(number):
+    return SOURCE.encoded(number, TEXTURES)
 
 
 @pytest.fixture
 def written(tmp_path):
     """Two scenes on the disk, and what they were."""
-    layout = OriginalLayout(tmp_path, CONFIG, 64, seed=1)
-    scenes = [scene_and_frames(number) for number in range(2)]
-    for number, scene in enumerate(scenes):
-        layout.add(number, *scene)
-    return tmp_path / "00", scenes, json.loads((tmp_path / "00" / "metadata.json").read_text())
+    with OriginalLayout(tmp_path, ARGUMENTS) as layout:
+        for number in range(2):
+            layout.add(encoded(number))
+    return tmp_path / "00", [SOURCE.scenes.rendered(n, TEXTURES)[1] for n in range(2)], metadata(tmp_path)
 
 
 def test_the_head(written):
     facts = written[2]
-    assert (facts["fov"], facts["scenes_nb"], facts["resolution"]) == (90, 2, [64, 64])
-    assert facts["args"]["seed"] == 1
+    assert facts.keys() == {"args", "fov", "resolution", "scenes_nb", "scenes"}
+    assert (facts["fov"], facts["scenes_nb"], facts["resolution"]) == (90, 2, [16, 12])
+    assert facts["args"] == ARGUMENTS
+    assert facts["args"]["frames"] == 2
 
 
 def test_every_file_that_is_named_stands(written):
@@ -47,8 +49,8 @@ def test_every_file_that_is_named_stands(written):
 
 def test_depth_comes_back(written):
     folder, scenes, facts = written
-    for (_, frames), scene in zip(scenes, facts["scenes"], strict=True):
-        for name, depth_m in zip(scene["depth"], frames.depth_m, strict=True):
+    for rendered, scene in zip(scenes, facts["scenes"], strict=True):
+        for name, depth_m in zip(scene["depth"], rendered.depth_m, strict=True):
             found = np.load(folder / name, allow_pickle=False)
             assert found.dtype == np.float32
             assert np.array_equal(found, depth_m.clip(0.1, 200))
@@ -57,40 +59,42 @@ def test_depth_comes_back(written):
 def test_pictures_come_back_as_jpeg_can(written):
     folder, scenes, facts = written
     bgr = cv2.imread(str(folder / facts["scenes"][0]["imgs"][1]))
-    difference = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(float) - scenes[0][1].images[1]
+    difference = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(float) - scenes[0].images[1]
     assert np.abs(difference).mean() < 4
-
-
-def test_speed_is_right_up_forward(written):
-    _, scenes, facts = written
-    for (scene, _), found in zip(scenes, facts["scenes"], strict=True):
-        moved = (scene.camera_position[1] - scene.camera_position[0]) @ scene.world_from_camera[0]
-        right, up, forward = np.array(found["speed"]) * found["time_step"]
-        assert [right, -up, forward] == pytest.approx(moved.tolist())
-        assert np.linalg.norm(found["speed"]) == pytest.approx(1)
 
 
 def test_a_full_folder_is_followed_by_the_next(monkeypatch, tmp_path):
     monkeypatch.setattr(original_layout, "SCENES_PER_FOLDER", 1)
-    layout = OriginalLayout(tmp_path, CONFIG, 64, seed=1)
-    for number in range(2):
-        layout.add(number, *scene_and_frames(number))
-    counts = [json.loads((tmp_path / n / "metadata.json").read_text())["scenes_nb"] for n in ("00", "01")]
-    assert counts == [1, 1]
+    with OriginalLayout(tmp_path, ARGUMENTS) as layout:
+        for number in range(2):
+            layout.add(encoded(number))
+    assert [metadata(tmp_path, name)["scenes_nb"] for name in ("00", "01")] == [1, 1]
+    assert (tmp_path / "01" / "RGB_0000_00.jpg").exists()
 
 
 def test_a_crash_leaves_whole_scenes(monkeypatch, tmp_path):
-    layout = OriginalLayout(tmp_path, CONFIG, 64, seed=1)
-    layout.add(0, *scene_and_frames(0))
-    monkeypatch.setattr(original_layout, "npy", lambda _: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        layout.add(1, *scene_and_frames(1))
-    assert json.loads((tmp_path / "00" / "metadata.json").read_text())["scenes_nb"] == 1
+    broken = encoded(1)
+    object.__setattr__(broken, "depths", (broken.depths[0], None))
+    with pytest.raises(TypeError), OriginalLayout(tmp_path, ARGUMENTS) as layout:
+        layout.add(encoded(0))
+        layout.add(broken)
+    assert metadata(tmp_path)["scenes_nb"] == 1
+    assert {p.name.split("_")[1] for p in (tmp_path / "00").iterdir() if "_" in p.name} == {"0000"}
 
 
-def test_render_writes_a_set(monkeypatch, tmp_path, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(["render", "64", "--scenes", "5", "--out", "set", "--procedural", "2"]) == 0
-    facts = json.loads((tmp_path / "set" / "00" / "metadata.json").read_text())
-    assert (facts["scenes_nb"], len(facts["scenes"][4]["imgs"])) == (5, 10)
-    assert "set: 5 scenes of 10 frames, 64 px, in the folder layout" in capsys.readouterr().out
+def test_metadata_is_written_now_and_then(tmp_path):
+    times = iter([0, 1, 4, 6, 6, 7, 12, 12])  # the clock is asked at the start, after a scene, after a save
+    layout = OriginalLayout(tmp_path, ARGUMENTS, clock=lambda: next(times))
+    seen = []
+    for number in range(5):
+        layout.add(encoded(number))
+        path = tmp_path / "00" / "metadata.json"
+        seen.append(metadata(tmp_path)["scenes_nb"] if path.exists() else 0)
+    assert seen == [0, 0, 3, 3, 5]
+
+
+def test_damaged_metadata_is_named(written):
+    path = written[0] / "metadata.json"
+    path.write_text('{"scenes"')
+    with pytest.raises(BadInput, match=r"metadata .*metadata\.json: expected JSON with scenes"):
+        OriginalLayout(written[0].parent, ARGUMENTS)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from flightdepth.camera import Camera
 from flightdepth.stillbox.pairs import Pair
 from flightdepth.stillbox.photometric import Photometric
 
@@ -8,7 +9,8 @@ EFFECTS = Photometric()
 
 
 def pair_of(previous, current) -> Pair:
-    return Pair(previous, current, np.ones(current.shape[:2], np.float32), np.array([0.1, 0.2, 0.3]))
+    target_m = np.ones(current.shape[:2], np.float32)
+    return Pair(previous, current, target_m, np.array([0.1, 0.2, 0.3]), Camera.from_fov(64, 64, 90))
 
 
 @pytest.fixture(scope="module")

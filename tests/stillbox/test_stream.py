@@ -3,12 +3,14 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.scenes import StillBoxConfig, Textures
 from flightdepth.stillbox import PairRule, PairStream, Picture, stream
 from flightdepth.stillbox.stream import CHUNK
 
 CONFIG = StillBoxConfig(meshes=(2, 4))
+CAMERA = Camera.from_fov(16, 16, 90)
 TEXTURES = Textures.from_images(np.random.default_rng(0).integers(0, 256, (2, 32, 32, 3), dtype=np.uint8))
 SMALL = Picture(16, 16, 16)
 
@@ -68,10 +70,10 @@ def test_the_pool_is_bounded(background):
 def test_each_scene_is_used_as_often_as_it_should_be(monkeypatch):
     used: Counter[int] = Counter()
 
-    def remember(scene, rendered, rule, previous, current):
+    def remember(scene, rendered, camera, *_):
         used[scene.number] += 1
         blank = np.zeros((16, 16, 3), np.uint8)
-        return stream.Pair(blank, blank, np.zeros((16, 16), np.float32), np.zeros(3))
+        return stream.Pair(blank, blank, np.zeros((16, 16), np.float32), np.zeros(3), camera)
 
     class Numbered:
         frames = 10
@@ -80,7 +82,7 @@ def test_each_scene_is_used_as_often_as_it_should_be(monkeypatch):
             self.number = number
 
     monkeypatch.setattr(stream, "make_pair", remember)
-    monkeypatch.setattr(PairStream, "_render", lambda self, number: (Numbered(number), None))
+    monkeypatch.setattr(PairStream, "_render", lambda self, number: (Numbered(number), None, CAMERA))
     with opened(pairs_per_scene=40) as pairs:
         pairs.batch(0, 40 * CHUNK * 12)
     steady = np.array([used[number] for number in range(16, 12 * CHUNK)])  # left the pool, entered it singly
@@ -112,7 +114,7 @@ def test_crops_of_a_larger_picture():
 
 
 def test_a_crop_has_the_focal_length_of_the_whole():
-    camera = Picture(24, 16, 40).camera(CONFIG, 5, 7)
+    camera = Picture(24, 16, 40).camera(CONFIG.horizontal_fov_deg, 5, 7)
     assert (camera.width, camera.height) == (24, 16)
     assert camera.fx == camera.fy == pytest.approx(20)
     assert (camera.cx, camera.cy) == pytest.approx((14.5, 12.5))

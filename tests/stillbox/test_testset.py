@@ -41,12 +41,21 @@ def test_a_pair_is_the_nominal_shift_in_the_middle_of_its_scene(rule):
     pair, scene = tested.pair(11), draw_scene(StillBoxConfig(), 0, testset.SEED, 11)
     previous = (10 - rule.nominal_shift) // 2
     frames = (previous, previous + rule.nominal_shift)
-    seen = render(scene, BLANK, SMALL.camera(tested.config, 0, 0), frames=frames)
+    seen = render(scene, BLANK, SMALL.camera(90, 0, 0), frames=frames)
     np.testing.assert_array_equal(pair.previous, seen.images[0])
     np.testing.assert_array_equal(pair.current, seen.images[1])
     np.testing.assert_array_equal(pair.depth_m, seen.depth_m[1])
     moved = scene.camera_position[frames[1]] - scene.camera_position[frames[0]]
     np.testing.assert_array_equal(pair.displacement, moved)
+
+
+def test_with_orientation_noise_the_displacement_is_in_the_current_orientation():
+    config = StillBoxConfig(orientation_noise_rad=0.1)
+    pair = TestSet(SMALL, PairRule(), textures=BLANK, config=config).pair(11)
+    scene = draw_scene(config, 0, testset.SEED, 11)
+    moved = scene.camera_position[6] - scene.camera_position[3]
+    np.testing.assert_allclose(scene.world_from_camera[6] @ pair.displacement, moved)
+    assert np.abs(pair.displacement - moved).max() > 0.003
 
 
 def test_pairs_come_in_order():

@@ -69,7 +69,7 @@ def test_the_random_network_has_depths_to_compare(exported):
 def test_a_runtime_agrees_with_pytorch(exported, runtime, shape, storage):
     file, batch, (n, height, width) = getattr(exported, storage), pairs(*shape), shape
     expected = in_pytorch(weights_of(file), batch)
-    found = runtime(file)(batch)
+    found = runtime(file)({"pairs": batch})["depth_m"]
     assert found.shape == expected.shape == (n, height // 4, width // 4)
     assert (np.abs(found - expected) / expected).max() < 1e-3
 
@@ -105,7 +105,7 @@ def test_initialisers_carry_the_state_dict_keys(exported):
 
 
 def test_depth_is_clipped_to_the_range(exported):
-    depth_m = OpenVinoRuntime(exported.exact)(pairs(4, 128, 128))
+    depth_m = OpenVinoRuntime(exported.exact)({"pairs": pairs(4, 128, 128)})["depth_m"]
     assert (depth_m.min(), depth_m.max()) == RANGE_M
 
 

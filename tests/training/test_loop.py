@@ -223,7 +223,7 @@ def test_a_shipped_network_of_other_stages_is_refused(whole, tmp_path):
 
 
 def test_a_run_that_diverges_stops(tmp_path, monkeypatch):
-    monkeypatch.setattr(loop, "multi_scale_l1", lambda *_, **__: torch.tensor(math.nan))
+    monkeypatch.setattr(loop, "loss_m", lambda *_: torch.tensor(math.nan))
     with pytest.raises(FlightDepthError, match="diverged at sample 0 of stage a"):
         run(tmp_path)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from flightdepth.training.loss import multi_scale_l1
+from flightdepth.training.loss import multi_scale_l1, pinball
 
 WEIGHTS = (0.32, 0.08, 0.02, 0.01, 0.005)
 
@@ -78,3 +78,22 @@ def test_a_missing_scale_is_our_bug():
     depths, target = five_scales()
     with pytest.raises(ValueError, match="zip"):
         loss_of(depths[:4], target)
+
+
+def test_near_errors_count_more():
+    depths, target = five_scales()
+    flat = np.full_like(target, 5.0)
+    assert loss_of(depths, flat, near_weight_m=10.0) == pytest.approx(3 * loss_of(depths, flat), rel=1e-5)
+    assert loss_of(depths, target, near_weight_m=0.0) == loss_of(depths, target)
+
+
+def test_pinball_is_least_at_the_quantile():
+    values = torch.from_numpy(np.random.default_rng(0).exponential(3.0, 50_000))
+    guesses = torch.linspace(1, 6, 101, dtype=torch.float64)
+    losses = torch.stack([pinball(guess.expand_as(values), values, 0.6827) for guess in guesses])
+    assert float(guesses[losses.argmin()]) == pytest.approx(np.quantile(values, 0.6827), abs=0.06)
+
+
+def test_pinball_by_hand():
+    quantile, value = torch.tensor([1.0, 1.0]), torch.tensor([3.0, 0.0])
+    assert float(pinball(quantile, value, 0.75)) == pytest.approx((0.75 * 2 + 0.25 * 1) / 2)

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from flightdepth.training.run_folder import Trained
     from flightdepth.weights.card import NetworkCard
 
+FLIGHT_FOCAL_PX = (
+    256.0  # what a network for any lens scales the pictures of flights to, unless told otherwise
+)
 HALF_COST_LIMIT = 0.01  # of the test error: half-precision storage must not cost more
 
 
@@ -60,6 +63,7 @@ def card_of(run: Trained, name: str) -> NetworkCard:
     """The card without what is measured: metrics and hash."""
     from flightdepth.renderers.raycast import VERSION
     from flightdepth.scenes.config import SET_VERSION
+    from flightdepth.training.run_folder import stored_renderers
     from flightdepth.weights.card import NetworkCard, Stage
 
     recipe, config = run.recipe, run.recipe.scenes
@@ -81,24 +85,26 @@ def card_of(run: Trained, name: str) -> NetworkCard:
     )
     stages = (run.shipped.stages if run.shipped else ()) + stages
     last = stages[-1]
-    return NetworkCard(
+    card = NetworkCard(
         name=name,
-        architecture="DepthNet",
+        architecture=recipe.architecture,
         base_width=recipe.base_width,
         activation=recipe.activation,
         nominal_shift=recipe.nominal_shift,
         D0_m=recipe.nominal_shift * config.step_m,
         depth_min_m=recipe.depth_min_m,
         depth_max_m=recipe.depth_max_m,
-        focal_px=last.focal_px,
+        focal_px=recipe.reference_focal_px or last.focal_px,
+        any_lens=recipe.reference_focal_px is not None,
         width=last.width,
         height=last.height,
         samples=run.progress.seen,
         stages=stages,
-        renderer=VERSION,
+        renderer=stored_renderers(run.checkpoint.parent) or VERSION,
         set_version=SET_VERSION,
         seed=recipe.seed,
     )
+    return card.at_focal(FLIGHT_FOCAL_PX)
 
 
 def rendered(pairs: TestSet) -> list[TestPair]:

@@ -2,78 +2,222 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from itertools import islice
+import errno
+import re
+import time
+from collections.abc import Generator, Iterator
+from contextlib import closing, contextmanager
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+from rich.progress import Progress
 
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.terminal import progress_bar, say
 from flightdepth.commands.textures import gathered_textures
-from flightdepth.errors import BadInput
+from flightdepth.errors import BadInput, FlightDepthError
 
 if TYPE_CHECKING:
-    from flightdepth.renderers.raycast import Rendered
-    from flightdepth.scenes import Scene, StillBoxConfig, Textures
+    from flightdepth.scenes import Textures
+    from flightdepth.stillbox.encoding import EncodedScene, Renderer, Source
+    from flightdepth.stillbox.sets import SceneSet
+
+SCENES, PROCEDURAL = "100", 200
+LINE_EVERY_S = 60.0  # where there is no terminal to draw a bar on
+
+
+class Engine(StrEnum):
+    """Who renders."""
+
+    THREADS = "threads"
+    RAY = "ray"
 
 
 def render(
-    width: Annotated[
-        Literal["64", "128", "256", "512"], typer.Argument(metavar="SET", help="64, 128, 256 or 512 px.")
+    name: Annotated[
+        str, typer.Argument(metavar="SET", help="64, 128, 256, 512 (its width in pixels) or outdoor.")
     ],
     *,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="A new folder.")],
-    scenes: Annotated[int, typer.Option(metavar="N", min=1, help="Ten frames each.")] = 100,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="A new folder, or one to go on with.")],
+    scenes: Annotated[
+        str, typer.Option(metavar="N|all", help="How many; all: as many as the original has.")
+    ] = SCENES,
     layout: Annotated[
-        Literal["folder"], typer.Option("--format", help="folder: the original Still Box layout.")
+        Literal["folder", "shards"],
+        typer.Option("--format", help="folder: the original Still Box layout; shards: WebDataset tar files."),
     ] = "folder",
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Another seed is another set.")] = 1,
+    seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="Another seed is another set.")] = None,
+    size: Annotated[
+        str | None, typer.Option(metavar="WxH", help="Pictures of another size, in pixels.")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="TOML or JSON with knobs of the set: frames = 20 ...")
+    ] = None,
     textures: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Photos to dress the scenes in, beside made ones.")
     ] = None,
-    procedural: Annotated[int, typer.Option(metavar="N", help="How many textures to make.")] = 200,
+    procedural: Annotated[int, typer.Option(metavar="N", help="How many textures to make.")] = PROCEDURAL,
+    renderer: Annotated[
+        Literal["raycast", "blender"],
+        typer.Option(help="raycast: this package's own. blender: Cycles, where Blender is installed."),
+    ] = "raycast",
+    engine: Annotated[
+        Engine, typer.Option(help="threads: this machine's cores; ray: a Ray cluster.")
+    ] = Engine.THREADS,
+    address: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT|auto", help="The Ray cluster; without it, one on this machine."),
+    ] = None,
 ) -> None:
     """Write scenes with depth to the disk. Training does not need it: it renders as it goes.
 
-    flightdepth render 64 --scenes 100 --out stillbox-64
+    A hundred scenes in the layout of the original, or as many as the original has:
+
+      flightdepth render 64 --out stillbox-64
+
+      flightdepth render 256 --scenes all --out stillbox-256
+
+    Stopped, killed, or out of disk? The same command goes on where it was, and ends with
+    the same bytes. With a larger --scenes it makes the set larger.
+
+    Shards for training on many machines, rendered by a Ray cluster:
+
+      flightdepth render 256 --scenes all --format shards --engine ray --address auto --out shards
     """
     with extra_packages("flightdepth render", "train"):
-        from flightdepth.scenes import StillBoxConfig
-        from flightdepth.stillbox.original_layout import OriginalLayout
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise BadInput("--out", expected="a new or empty folder", got=str(out))
-    dressed, config = gathered_textures(textures, procedural), StillBoxConfig()
-    out.mkdir(parents=True, exist_ok=True)
-    target = OriginalLayout(out, config, int(width), seed)
-    with progress_bar(f"Still Box {width}", scenes, "scenes") as bar:
-        for number, (scene, images) in enumerate(rendered(config, dressed, int(width), seed, scenes)):
-            target.add(number, scene, images)
-            bar.advance(bar.task_ids[0])
-    say(f"{out}: {scenes} scenes of {config.frames} frames, {width} px, in the {layout} layout")
+        from flightdepth.stillbox.encoding import Source
+        from flightdepth.stillbox.set_on_disk import Layout, open_set, refuse_other_things
+        from flightdepth.stillbox.sets import named_set, read_overrides
+    check_engine(engine, address)
+    refuse_other_things(out)
+    knobs = read_overrides(config) if config else {}
+    wanted, original = named_set(name, **knobs | given(seed, size))
+    source, count = Source(wanted, chosen(renderer)), scene_count(scenes, original)
+    dressed = dressing(wanted, textures, procedural)
+    with room_on_the_disk(out):
+        target = open_set(out, Layout(layout), f"stillbox-{name}", source.arguments(dressed), count)
+        rest = range(target.standing, count)
+        introduce(out, rest, original)
+        if not rest:
+            return
+        frames = wanted.config.frames
+        with (
+            target,
+            closing(started(engine, source, dressed, rest, address)) as rendered,
+            progress_bar(f"Still Box {name}", count * frames, "frames") as bar,
+        ):
+            shown = Display(bar, rest.start * frames, count * frames)
+            for scene in rendered:
+                target.add(scene)
+                shown.advance(frames)
+    say(
+        f"{out}: {count:,} scenes of {frames} frames, {wanted.width}x{wanted.height} px, in the {layout} layout"
+    )
 
 
-def rendered(
-    config: StillBoxConfig, textures: Textures, width: int, seed: int, scenes: int
-) -> Iterator[tuple[Scene, Rendered]]:
-    """Scenes 0 ... in order, a core each; only a few wait for the disk."""
-    from flightdepth.camera import Camera
-    from flightdepth.renderers import raycast
-    from flightdepth.scenes import draw_scene
+def check_engine(engine: Engine, address: str | None) -> None:
+    """Refuse what cannot work before anything is written."""
+    if engine is Engine.RAY:
+        with extra_packages("flightdepth render --engine ray", "cluster"):
+            import ray  # noqa: F401
+    elif address is not None:
+        raise BadInput("--address", expected="--engine ray beside it", got=f"--engine {engine}")
 
-    camera = Camera.from_fov(width, width, config.horizontal_fov_deg)
 
-    def one(number: int) -> tuple[Scene, Rendered]:
-        scene = draw_scene(config, len(textures), seed, number)
-        return scene, raycast.render(scene, textures, camera)
+def dressing(wanted: SceneSet, folder: Path | None, procedural: int) -> Textures:
+    """A set's own textures, else those of the options."""
+    own = wanted.own_textures()
+    if own is not None and folder is not None:
+        raise BadInput("--textures", expected="none: this set brings its own", got=str(folder))
+    return gathered_textures(folder, procedural) if own is None else own
 
-    cores = os.cpu_count() or 1
-    numbers = iter(range(scenes))
-    with ThreadPoolExecutor(cores, thread_name_prefix="render") as executor:
-        waiting = [executor.submit(one, number) for number in islice(numbers, 2 * cores)]
-        while waiting:
-            yield waiting.pop(0).result()
-            waiting += [executor.submit(one, number) for number in islice(numbers, 1)]
+
+def introduce(out: Path, rest: range, original: int) -> None:
+    """Say what is about to be rendered."""
+    if not rest:
+        say(f"{out}: finished before, nothing to do; a larger --scenes makes it larger")
+    elif rest.start:
+        say(f"{out}: {rest.start:,} of {rest.stop:,} scenes stand; going on")
+    else:
+        say(f"{out}: {rest.stop:,} scenes; --scenes all is {original:,}")
+
+
+def chosen(renderer: str) -> Renderer:
+    """The renderer of that name."""
+    from flightdepth.renderers import blender
+    from flightdepth.renderers.blender_process import needed_blender
+    from flightdepth.stillbox.encoding import RAYCAST, Renderer
+
+    if renderer == "raycast":
+        return RAYCAST
+    program = needed_blender()  # an error comes before anything is written
+    say(f"renderer: {program.path}, found by {program.found_by}")
+    return Renderer(f"cycles-{blender.SAMPLES}", blender.render)
+
+
+def given(seed: int | None, size: str | None) -> dict[str, Any]:
+    """What the options say of the set; they come before the config file's word."""
+    found: dict[str, Any] = {} if seed is None else {"seed": seed}
+    if size is not None:
+        match = re.fullmatch(r"(\d+)x(\d+)", size)
+        if match is None:
+            raise BadInput("--size", expected="WIDTHxHEIGHT in pixels, such as 512x288", got=size)
+        found |= {"width": int(match[1]), "height": int(match[2])}
+    return found
+
+
+def scene_count(text: str, original: int) -> int:
+    """The number that --scenes says."""
+    if text == "all":
+        return original
+    if not text.isdecimal() or int(text) < 1:
+        raise BadInput("--scenes", expected="a number from 1 on, or all", got=text)
+    return int(text)
+
+
+def started(
+    engine: Engine, source: Source, textures: Textures, numbers: range, address: str | None
+) -> Generator[EncodedScene]:
+    """Scenes `numbers` in order, by the engine that was asked for."""
+    from flightdepth.stillbox.engines import on_ray, on_threads
+
+    if engine is Engine.THREADS:
+        return on_threads(source, textures, numbers)
+    return on_ray(source, textures, numbers, address)
+
+
+@contextmanager
+def room_on_the_disk(out: Path) -> Iterator[None]:
+    """A full disk is said in one line that says how to go on."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise FlightDepthError(
+            f"no room left on the disk of {out}; what stands there is valid."
+            " Free some room and give the same command again"
+        ) from error
+
+
+class Display:
+    """Draws frames on a bar, or says a line a minute where there is no terminal."""
+
+    def __init__(self, bar: Progress, done: int, total: int) -> None:
+        # rich would take an update to the place of a resumed set for speed
+        bar.reset(bar.task_ids[0], total=total, completed=done)
+        self._bar, self._done, self._total, self._first = bar, done, total, done
+        self._began = self._said = time.monotonic()
+
+    def advance(self, frames: int) -> None:
+        """So many more are done."""
+        self._bar.advance(self._bar.task_ids[0], frames)
+        self._done += frames
+        now = time.monotonic()
+        if now - self._said >= LINE_EVERY_S and not self._bar.console.is_terminal:
+            self._said = now
+            rate = (self._done - self._first) / (now - self._began)
+            left_min = (self._total - self._done) / rate / 60
+            say(f"{self._done:,} of {self._total:,} frames, {rate:.1f} frames/s, {left_min:.0f} min left")

@@ -20,6 +20,7 @@ from flightdepth.commands.textures import gathered_textures
 from flightdepth.errors import BadInput
 
 if TYPE_CHECKING:
+    from flightdepth.stillbox.stored import StoredSet
     from flightdepth.training import Recipe
     from flightdepth.training.loop import Report
 
@@ -44,6 +45,10 @@ def train(
         Path | None, typer.Option(metavar="DIR", help="Photos to dress the scenes in, beside made ones.")
     ] = None,
     procedural: Annotated[int, typer.Option(metavar="N", help="How many textures to make.")] = PROCEDURAL,
+    sets: Annotated[
+        list[Path] | None,
+        typer.Option("--set", metavar="DIR", help="Learn from a stored set, one for each picture width."),
+    ] = None,
     runs: Annotated[Path, typer.Option(metavar="DIR", help="The run is kept in DIR/NAME-OF-RECIPE.")] = Path(
         "runs"
     ),
@@ -62,8 +67,13 @@ def train(
     Stages of your own, appended to a copy of the recipe, on top of the shipped weights:
 
       flightdepth train my/tiny-clamped-512.toml --shipped
+
+    Stored sets instead of drawn scenes, the original's or those of `render`:
+
+      flightdepth train depthnet-256 --set stillbox/64 --set stillbox/128 --set stillbox/256
     """
     with extra_packages("flightdepth train", "train"):
+        from flightdepth.scenes import Textures
         from flightdepth.training import load_recipe
         from flightdepth.training.loop import train as run
     from flightdepth.weights.store import read_network
@@ -74,7 +84,8 @@ def train(
     refuse_to_overwrite(folder, resume=resume)
     start = read_network(wanted.name) if shipped else None
     introduce(wanted, folder)
-    dressed = gathered_textures(textures, procedural)
+    stored = opened_sets(sets or [], wanted)
+    dressed = Textures.from_images([]) if stored else gathered_textures(textures, procedural)
     with stop_request() as stop, progress_bar(wanted.name, wanted.samples, "samples") as bar:
         run(
             wanted,
@@ -82,6 +93,7 @@ def train(
             folder,
             resume=resume,
             shipped=start,
+            sets=stored,
             report=Display(bar),
             stop=stop.is_set,
             threads=os.cpu_count() or 1,
@@ -98,6 +110,26 @@ def refuse_to_overwrite(folder: Path, *, resume: bool) -> None:
             got="one with files in it",
             mend="Go on with it: --resume; or train elsewhere: --runs DIR.",
         )
+
+
+def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
+    """The training part of each stored set, by width; every stage of the recipe finds one, if there are any."""
+    from flightdepth.stillbox.stored import open_stored_set
+
+    sets = {each.width: each for each in map(open_stored_set, folders)}
+    lacking = [stage for stage in recipe.stages if stage.full_width not in sets]
+    if folders and lacking:
+        raise BadInput(
+            "--set",
+            expected=f"a set of {lacking[0].full_width} px for stage {lacking[0].name}",
+            got=", ".join(f"{each.folder} of {each.width} px" for each in sets.values()),
+            mend="Give --set once for each width.",
+        )
+    for each in sets.values():
+        say(
+            f"{each.folder}: {len(each):,} scenes of {each.width}x{each.height} px, four fifths of them to learn from"
+        )
+    return {width: each.split()[0] for width, each in sets.items()}
 
 
 def introduce(recipe: Recipe, folder: Path) -> None:

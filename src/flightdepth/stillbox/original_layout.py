@@ -1,79 +1,119 @@
 """The folder layout of the original Still Box, written scene by scene.
 
-`NN/RGB_SSSS_FF.jpg`, `NN/depth_SSSS_FF.npy` (float32 metres) and `NN/metadata.json`. A scene is named there
-when all of its files stand, so that a crash leaves a smaller set, never a broken one.
+`NN/RGB_SSSS_FF.jpg`, `NN/depth_SSSS_FF.npy` (float32 metres) and `NN/metadata.json`, a hundred scenes a folder. A
+scene is named there when all of its files are on the disk, so that a crash leaves a smaller set, never a broken one.
 """
 
 from __future__ import annotations
 
-import io
+import json
+import os
+import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
-from flightdepth.files import write_atomic, write_json
-from flightdepth.renderers.raycast import VERSION, Rendered
-from flightdepth.scenes import Scene, StillBoxConfig
-from flightdepth.scenes.config import SET_VERSION
+from flightdepth.errors import BadInput
+from flightdepth.files import write_json
+from flightdepth.stillbox.encoding import EncodedScene
 
 SCENES_PER_FOLDER = 100
-DEPTH_CLIP_M = (0.1, 200.0)
-JPEG_QUALITY = 95
+METADATA = "metadata.json"
+SAVE_EVERY_S = 5.0  # flushing each file would take longer than rendering it
 
 
 class OriginalLayout:
-    """A set on its way to the disk; scenes are added in the order of their numbers, from 0."""
+    """A set on its way to the disk, from where it stands; scenes are added in the order of their numbers."""
 
-    def __init__(self, folder: Path, config: StillBoxConfig, width: int, seed: int) -> None:
-        self._folder = folder
-        self._config = config
-        self._head = {
-            "args": config.model_dump(mode="json")
-            | {"seed": seed, "renderer": VERSION, "set_version": SET_VERSION, "depth_clip_m": DEPTH_CLIP_M},
-            "fov": config.horizontal_fov_deg,
-            "resolution": [width, width],
-        }
-        self._scenes: list[dict[str, Any]] = []
+    def __init__(
+        self, folder: Path, arguments: dict[str, Any], *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._folder, self._clock = folder, clock
+        self._head = {"args": arguments, "fov": arguments["fov"], "resolution": arguments["resolution"]}
+        self._place = _newest(folder)
+        self._scenes = _named_scenes(self._place)
+        self._saved_at, self._unsaved = clock(), False
+        for left in self._place.glob(f".{METADATA}.*"):  # of a process that was killed
+            left.unlink()
 
-    def add(self, number: int, scene: Scene, rendered: Rendered) -> None:
-        """Write scene `number` and name it in its folder's metadata."""
-        place = number % SCENES_PER_FOLDER
-        self._scenes = self._scenes if place else []
-        target = self._folder / f"{number // SCENES_PER_FOLDER:02d}"
-        target.mkdir(exist_ok=True)
-        images = [f"RGB_{place:04d}_{frame:02d}.jpg" for frame in range(scene.frames)]
-        depths = [f"depth_{place:04d}_{frame:02d}.npy" for frame in range(scene.frames)]
-        for name, image in zip(images, rendered.images, strict=True):
-            write_atomic(target / name, jpeg(image))
-        for name, depth_m in zip(depths, rendered.depth_m, strict=True):
-            write_atomic(target / name, npy(depth_m.clip(*DEPTH_CLIP_M)))
-        self._scenes.append(self._described(scene) | {"imgs": images, "depth": depths})
-        facts = {"scenes_nb": len(self._scenes), "scenes": self._scenes}
-        write_json(target / "metadata.json", self._head | facts)
+    @property
+    def standing(self) -> int:
+        """Scenes that are written and named."""
+        return int(self._place.name) * SCENES_PER_FOLDER + len(self._scenes)
 
-    def _described(self, scene: Scene) -> dict[str, Any]:
-        """Facts of a scene; speed right, up, forward in m/s; no orientations, since the camera does not turn."""
-        steps = np.diff(scene.camera_position, axis=0) / self._config.time_step_s
-        right, down, forward = (steps[0] @ scene.world_from_camera[0]).tolist()
-        return {
-            "length": scene.frames,
-            "speed": [right, -down, forward],
-            "time_step": self._config.time_step_s,
-            "orientation": [],
-        }
+    def __enter__(self) -> OriginalLayout:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.save()
+        else:  # the disk may be full; what was named before stands
+            with suppress(OSError):
+                self.save()
+
+    def add(self, scene: EncodedScene) -> None:
+        """Write the next scene; it is named in the metadata at the next save."""
+        if len(self._scenes) == SCENES_PER_FOLDER:
+            self._place, self._scenes = self._folder / _folder_name(scene.number), []
+        files = _files(scene)
+        self._place.mkdir(parents=True, exist_ok=True)
+        try:
+            for name, data in files.items():
+                (self._place / name).write_bytes(data)
+        except BaseException:
+            for name in files:
+                (self._place / name).unlink(missing_ok=True)
+            raise
+        self._scenes.append(scene.facts | _file_names(scene))
+        self._unsaved = True
+        if len(self._scenes) == SCENES_PER_FOLDER or self._clock() - self._saved_at >= SAVE_EVERY_S:
+            self.save()
+
+    def save(self) -> None:
+        """Flush the scenes to the disk, then name them."""
+        if self._unsaved:
+            if hasattr(os, "sync"):  # Windows has none
+                os.sync()
+            facts = {"scenes_nb": len(self._scenes), "scenes": self._scenes}
+            write_json(self._place / METADATA, self._head | facts)
+            self._saved_at, self._unsaved = self._clock(), False
 
 
-def jpeg(image: NDArray[np.uint8]) -> bytes:
-    """An RGB picture [H, W, 3] as JPEG."""
-    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
+def _newest(folder: Path) -> Path:
+    """The last folder of scenes that has metadata, else the first folder."""
+    number = 0
+    while (folder / f"{number + 1:02d}" / METADATA).exists():
+        number += 1
+    return folder / f"{number:02d}"
 
 
-def npy(array: NDArray[np.float32]) -> bytes:
-    """An array as numpy's own file."""
-    file = io.BytesIO()
-    np.save(file, array, allow_pickle=False)
-    return file.getvalue()
+def _named_scenes(place: Path) -> list[dict[str, Any]]:
+    path = place / METADATA
+    if not path.exists():
+        return []
+    try:
+        scenes: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))["scenes"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise BadInput(f"metadata {path}", expected="JSON with scenes", got=str(error)) from error
+    return scenes
+
+
+def _folder_name(number: int) -> str:
+    return f"{number // SCENES_PER_FOLDER:02d}"
+
+
+def _file_names(scene: EncodedScene) -> dict[str, list[str]]:
+    place, frames = scene.number % SCENES_PER_FOLDER, range(len(scene.pictures))
+    return {
+        "imgs": [f"RGB_{place:04d}_{frame:02d}.jpg" for frame in frames],
+        "depth": [f"depth_{place:04d}_{frame:02d}.npy" for frame in frames],
+    }
+
+
+def _files(scene: EncodedScene) -> dict[str, bytes]:
+    names = _file_names(scene)
+    return dict(zip(names["imgs"] + names["depth"], scene.pictures + scene.depths, strict=True))

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.camera import Camera
 from flightdepth.renderers.raycast import Rendered
-from flightdepth.scenes.scene import Floats, Scene
+from flightdepth.scenes.scene import Floats
 
 Image = NDArray[np.uint8]
 Depth = NDArray[np.float32]
@@ -19,17 +20,31 @@ Array = TypeVar("Array", Image, Depth)
 QUARTER_TURNS = {1: cv2.ROTATE_90_COUNTERCLOCKWISE, 2: cv2.ROTATE_180, 3: cv2.ROTATE_90_CLOCKWISE}
 
 
+class Flown(Protocol):
+    """What a pair needs of a scene, drawn or stored."""
+
+    @property
+    def frames(self) -> int:
+        """Number of camera positions."""
+
+    def displacement(self, previous: int, current: int) -> Floats:
+        """Position at `current` minus that at `previous`, metres, in `current`'s orientation, shape (3,)."""
+
+
 @dataclass(frozen=True)
 class PairRule:
     """How pairs are drawn and what the network has to answer.
 
     nominal_shift   frames between the images of a pair whose target is the true depth: 3, Clamped 5
     depth_min_m, depth_max_m   the target is clipped to this range: 0..100, Clamped 10..60
+    reference_focal_px         None: the target is metres. Else it is the depth that moves a pixel as far in a
+                               picture of this focal length: depth * reference / focal
     """
 
     nominal_shift: int = 3
     depth_min_m: float = 0.0
     depth_max_m: float = 100.0
+    reference_focal_px: float | None = None
 
     def draw_frames(self, rng: np.random.Generator, frames: int) -> tuple[int, int]:
         """Numbers of (previous, current): |shift| = round(2 * nominal * u) at most frames - 1, either order."""
@@ -38,34 +53,37 @@ class PairRule:
         second = first + shift
         return (first, second) if rng.random() < 0.5 else (second, first)
 
-    def target_m(self, depth_m: Depth, shift: int) -> Depth:
+    def target_m(self, depth_m: Depth, shift: int, focal_px: float) -> Depth:
         """Depth that gives the same picture pair at the nominal shift: depth * nominal / |shift|, clipped.
 
         Without a shift nothing moves, as if all were infinitely far: the largest depth everywhere (paper, III.B).
         """
         if shift == 0:
             return np.full_like(depth_m, self.depth_max_m)
-        scaled = depth_m * np.float32(self.nominal_shift / abs(shift))
+        lens = 1.0 if self.reference_focal_px is None else self.reference_focal_px / focal_px
+        scaled = depth_m * np.float32(self.nominal_shift / abs(shift) * lens)
         return np.asarray(np.clip(scaled, self.depth_min_m, self.depth_max_m))
 
 
 @dataclass(frozen=True)
 class Pair:
-    """previous, current uint8 [H, W, 3]; target_m float32 [H, W] for current; displacement [3] metres."""
+    """previous, current uint8 [H, W, 3], seen by `camera`; target_m float32 [H, W] for current; displacement [3]."""
 
     previous: Image
     current: Image
     target_m: Depth
     displacement: Floats
+    camera: Camera
 
 
 @dataclass(frozen=True)
 class Batch:
-    """pairs uint8 [B, H, W, 6] (previous, current); target_m float32 [B, H, W]; displacement [B, 3] metres."""
+    """pairs uint8 [B, H, W, 6] (previous, current) of `cameras`; target_m float32 [B, H, W]; displacement [B, 3] m."""
 
     pairs: Image
     target_m: Depth
     displacement: Floats
+    cameras: tuple[Camera, ...]
 
     @classmethod
     def of(cls, pairs: list[Pair]) -> Batch:
@@ -77,17 +95,21 @@ class Batch:
             both,
             np.stack([p.target_m for p in pairs]),
             np.stack([p.displacement for p in pairs]),
+            tuple(p.camera for p in pairs),
         )
 
 
-def make_pair(scene: Scene, rendered: Rendered, rule: PairRule, previous: int, current: int) -> Pair:
-    """The pair of two frames; displacement = position at current - at previous, in current's axes."""
-    moved = scene.camera_position[current] - scene.camera_position[previous]
+def make_pair(
+    scene: Flown, rendered: Rendered, camera: Camera, rule: PairRule, frames: tuple[int, int]
+) -> Pair:
+    """The pair of two frames (previous, current), with the displacement between them."""
+    previous, current = frames
     return Pair(
         rendered.images[previous],
         rendered.images[current],
-        rule.target_m(rendered.depth_m[current], current - previous),
-        np.asarray(moved @ scene.world_from_camera[current]),
+        rule.target_m(rendered.depth_m[current], current - previous, camera.fx),
+        scene.displacement(previous, current),
+        camera,
     )
 
 
@@ -107,4 +129,13 @@ def turned(pair: Pair, *, quarter_turns: int, mirror: bool) -> Pair:
         turn = QUARTER_TURNS.get(quarter_turns % 4)
         return np.asarray(mirrored if turn is None else cv2.rotate(mirrored, turn), dtype=array.dtype)
 
-    return Pair(seen(pair.previous), seen(pair.current), seen(pair.target_m), np.array([x, y, z]))
+    camera = _turned_camera(pair.camera, quarter_turns=quarter_turns, mirror=mirror)
+    return Pair(seen(pair.previous), seen(pair.current), seen(pair.target_m), np.array([x, y, z]), camera)
+
+
+def _turned_camera(camera: Camera, *, quarter_turns: int, mirror: bool) -> Camera:
+    """The ideal camera of the mirrored and turned picture; its principal point goes along."""
+    c = replace(camera, cx=camera.width - 1 - camera.cx) if mirror else camera
+    for _ in range(quarter_turns % 4):
+        c = replace(c, width=c.height, height=c.width, fx=c.fy, fy=c.fx, cx=c.cy, cy=c.width - 1 - c.cx)
+    return c

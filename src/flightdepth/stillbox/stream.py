@@ -18,8 +18,8 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.renderers.raycast import Rendered, render
 from flightdepth.scenes import StillBoxConfig, Textures, chance, draw_scene
-from flightdepth.scenes.scene import Scene
-from flightdepth.stillbox.pairs import Batch, Pair, PairRule, make_pair, turned
+from flightdepth.stillbox.motion_noise import MotionNoise
+from flightdepth.stillbox.pairs import Batch, Flown, Pair, PairRule, make_pair, turned
 from flightdepth.stillbox.photometric import Photometric
 
 CHUNK = 8
@@ -28,11 +28,15 @@ _SCENE, _SAMPLE, _CROP = 1, 2, 3  # what a random stream is for
 
 @dataclass(frozen=True)
 class Picture:
-    """A crop of width x height from a square picture of `full_width` pixels: the focal length is the full one's."""
+    """A crop of width x height from a square picture of `full_width` pixels: the focal length is the full one's.
+
+    `fov_deg` None takes the scenes' field of view; a range is for a stream whose lens changes from scene to scene.
+    """
 
     width: int
     height: int
     full_width: int
+    fov_deg: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if not (0 < self.width <= self.full_width and 0 < self.height <= self.full_width):
@@ -42,10 +46,17 @@ class Picture:
                 got=f"{self.width} x {self.height}",
             )
 
-    def camera(self, config: StillBoxConfig, x: int, y: int) -> Camera:
+    def camera(self, horizontal_fov_deg: float, x: int, y: int) -> Camera:
         """Camera of the crop whose top-left pixel is (x, y)."""
-        full = Camera.from_fov(self.full_width, self.full_width, config.horizontal_fov_deg)
+        full = Camera.from_fov(self.full_width, self.full_width, horizontal_fov_deg)
         return full.cropped(x, y, self.width, self.height)
+
+    def draw_camera(self, rng: np.random.Generator, config: StillBoxConfig) -> Camera:
+        """Camera of a random crop, through a random lens where the picture allows several."""
+        x = int(rng.integers(self.full_width - self.width + 1))
+        y = int(rng.integers(self.full_width - self.height + 1))
+        fov = config.horizontal_fov_deg if self.fov_deg is None else float(rng.uniform(*self.fov_deg))
+        return self.camera(fov, x, y)
 
 
 @dataclass
@@ -62,11 +73,14 @@ class PairStream:
     rule: PairRule
     seed: int
     photometric: bool = False
+    noise: MotionNoise | None = None
     pool_scenes: int = 192
     pairs_per_scene: int = 40
     threads: int = 2
     background: bool = False
-    _scenes: dict[int, Future[tuple[Scene, Rendered]]] = field(default_factory=dict, init=False, repr=False)
+    _scenes: dict[int, Future[tuple[Flown, Rendered, Camera]]] = field(
+        default_factory=dict, init=False, repr=False
+    )
     _wanted: range = field(default=range(0), init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -97,17 +111,18 @@ class PairStream:
         """Sample `index` of the stream."""
         return self._make(*self._draw(index))
 
-    def _draw(self, index: int) -> tuple[np.random.Generator, Scene, Rendered]:
+    def _draw(self, index: int) -> tuple[np.random.Generator, Flown, Rendered, Camera]:
         """The sample's randomness and its scene."""
         rng = chance.stream(self.seed, _SAMPLE, index)
         pool = self._pool_at(index)
         return rng, *self._scenes[pool[int(rng.integers(len(pool)))]].result()
 
-    def _make(self, rng: np.random.Generator, scene: Scene, rendered: Rendered) -> Pair:
-        pair = make_pair(scene, rendered, self.rule, *self.rule.draw_frames(rng, scene.frames))
+    def _make(self, rng: np.random.Generator, scene: Flown, rendered: Rendered, camera: Camera) -> Pair:
+        pair = make_pair(scene, rendered, camera, self.rule, self.rule.draw_frames(rng, scene.frames))
         square = self.picture.width == self.picture.height
         turns = int(rng.integers(4)) if square else 2 * int(rng.integers(2))
         pair = turned(pair, quarter_turns=turns, mirror=bool(rng.integers(2)))
+        pair = self.noise(rng, pair) if self.noise else pair
         return self._effects(rng, pair) if self._effects else pair
 
     def _pool_at(self, index: int) -> range:
@@ -121,9 +136,7 @@ class PairStream:
             self._wanted = wanted
         return pool
 
-    def _render(self, number: int) -> tuple[Scene, Rendered]:
-        rng = chance.stream(self.seed, _CROP, number)
-        x = int(rng.integers(self.picture.full_width - self.picture.width + 1))
-        y = int(rng.integers(self.picture.full_width - self.picture.height + 1))
+    def _render(self, number: int) -> tuple[Flown, Rendered, Camera]:
+        camera = self.picture.draw_camera(chance.stream(self.seed, _CROP, number), self.config)
         scene = draw_scene(self.config, len(self.textures), self.seed, number)
-        return scene, render(scene, self.textures, self.picture.camera(self.config, x, y))
+        return scene, render(scene, self.textures, camera), camera

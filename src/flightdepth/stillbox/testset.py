@@ -7,8 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-import numpy as np
-
 from flightdepth.renderers.raycast import render
 from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
 from flightdepth.scenes.scene import Floats
@@ -68,8 +66,7 @@ class TestSet:
         frames = (previous, previous + shift)
         x = (self.picture.full_width - self.picture.width) // 2
         y = (self.picture.full_width - self.picture.height) // 2
-        camera = self.picture.camera(self.config, x, y)
+        camera = self.picture.camera(self.config.horizontal_fov_deg, x, y)
         rendered = render(scene, textures, camera, frames=frames)
-        moved = scene.camera_position[frames[1]] - scene.camera_position[frames[0]]
-        displacement = np.asarray(moved @ scene.world_from_camera[frames[1]])
-        return TestPair(rendered.images[0], rendered.images[1], rendered.depth_m[1], displacement, camera.fx)
+        moved = scene.displacement(*frames)
+        return TestPair(rendered.images[0], rendered.images[1], rendered.depth_m[1], moved, camera.fx)

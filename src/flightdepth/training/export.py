@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import onnx
@@ -17,12 +18,16 @@ import torch
 from onnx import helper, numpy_helper
 from torch import Tensor, nn
 
-from flightdepth.architectures import DepthNet
+from flightdepth.architectures import DepthNet, MotionNet
 from flightdepth.errors import BadInput
+from flightdepth.sweep import LEVELS
+from flightdepth.training.inputs import motion_inputs
+from flightdepth.training.network import built
 from flightdepth.training.pictures import normalised
 from flightdepth.training.recipe import Recipe
 
 OPSET = 18
+STRIDE, ROWS = 64, 128  # of the example that the graph is traced with
 HALF = ".half"  # suffix of an initialiser stored in half precision
 
 
@@ -40,24 +45,40 @@ class Deployed(nn.Module):
         return finest.clamp(*self.range_m)
 
 
-def deployed(recipe: Recipe, weights: dict[str, Tensor]) -> Deployed:
+class DeployedMotion(nn.Module):
+    """What a runtime sees of a MotionNet: the arrays of `runtimes.contract` to depth_m and sigma_m at D0."""
+
+    def __init__(self, network: MotionNet, depth_min_m: float, depth_max_m: float) -> None:
+        super().__init__()
+        self.network = network
+        self.range_m = (depth_min_m, depth_max_m)
+
+    def forward(
+        self, current: Tensor, sweep_1: Tensor, sweep_2: Tensor, sweep_4: Tensor, field: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Bytes to shares, predict, keep the finest scale, clip."""
+        depths, sigma_m = self.network(*motion_inputs(current, sweep_1, sweep_2, sweep_4, field))
+        return depths[0].clamp(*self.range_m), sigma_m
+
+
+def deployed(recipe: Recipe, weights: dict[str, Tensor]) -> Deployed | DeployedMotion:
     """The network of a recipe with these weights, in evaluation mode."""
-    network = DepthNet(recipe.base_width, recipe.activation)
+    network = built(recipe)
     network.load_state_dict(weights)
-    return Deployed(network, recipe.depth_min_m, recipe.depth_max_m).eval()
+    wrapper = Deployed if isinstance(network, DepthNet) else DeployedMotion
+    return wrapper(network, recipe.depth_min_m, recipe.depth_max_m).eval()  # type: ignore[arg-type]
 
 
-def to_onnx(model: Deployed) -> bytes:
+def to_onnx(model: Deployed | DeployedMotion) -> bytes:
     """Serialise; batch, height and width stay free (height and width multiples of 64)."""
-    sizes = {0: torch.export.Dim.DYNAMIC, 1: torch.export.Dim.DYNAMIC, 2: torch.export.Dim.DYNAMIC}
-    example = torch.zeros((2, 128, 192, 6), dtype=torch.uint8)
+    examples, inputs, outputs = _interface(model)
     with _quiet_exporter():
         program = torch.onnx.export(
             model,
-            (example,),
-            input_names=["pairs"],
-            output_names=["depth_m"],
-            dynamic_shapes=(sizes,),
+            tuple(examples),
+            input_names=inputs,
+            output_names=outputs,
+            dynamic_shapes=tuple(_sizes(example.shape) for example in examples),
             opset_version=OPSET,
             dynamo=True,
             optimize=False,
@@ -88,7 +109,7 @@ def weights_of(onnx_bytes: bytes) -> dict[str, Tensor]:
     """
     graph = onnx.load_model_from_string(onnx_bytes).graph
     arrays = {i.name.removesuffix(HALF): numpy_helper.to_array(i) for i in graph.initializer}
-    keys = DepthNet(1).state_dict().keys()
+    keys = (MotionNet(1) if "predict_spread2.weight" in arrays else DepthNet(1)).state_dict().keys()
     found = {k: torch.from_numpy(arrays[k].copy()) for k in keys if k in arrays}
     if not found:
         raise BadInput("weights", expected="an ONNX file that flightdepth export wrote", got="other names")
@@ -97,14 +118,37 @@ def weights_of(onnx_bytes: bytes) -> dict[str, Tensor]:
     return {k: v.float() if v.is_floating_point() else v for k, v in found.items()}
 
 
+def _interface(model: Deployed | DeployedMotion) -> tuple[list[Tensor], list[str], list[str]]:
+    """Example inputs, and the names of inputs and outputs."""
+    rows, columns = ROWS, ROWS * 3 // 2
+    if isinstance(model, Deployed):
+        return [torch.zeros((2, rows, columns, 6), dtype=torch.uint8)], ["pairs"], ["depth_m"]
+    sweeps = [
+        torch.zeros((2, len(level.shifts_px), rows // level.scale, columns // level.scale), dtype=torch.uint8)
+        for level in LEVELS
+    ]
+    examples = [torch.zeros((2, rows, columns, 3), dtype=torch.uint8), *sweeps]
+    examples.append(torch.zeros((2, 2, rows // 4, columns // 4)))
+    names = ["current", *(f"sweep_{level.scale}" for level in LEVELS), "field"]
+    return examples, names, ["depth_m", "sigma_m"]
+
+
+def _sizes(shape: Sequence[int]) -> dict[int, Any]:
+    """Free sizes of an input, [n, rows, columns, channels] or [n, channels, rows, columns] by its shape."""
+    rows = 1 if shape[1] >= ROWS // max(level.scale for level in LEVELS) else 2
+    share, dim = shape[rows] * STRIDE // ROWS, torch.export.Dim
+    return {0: dim("n"), rows: share * dim("high"), rows + 1: share * dim("wide")}
+
+
 @contextmanager
 def _quiet_exporter() -> Iterator[None]:
-    """Without two notices of PyTorch's exporter about itself: operators of torchvision, its own old names."""
+    """Without notices of PyTorch's exporter about itself: operators of torchvision, its old names, shared axes."""
     registration = logging.getLogger("torch.onnx._internal.exporter._registration")
     level = registration.level
     registration.setLevel(logging.ERROR)
     try:
         with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", r"# The axis name", UserWarning)
             warnings.filterwarnings("ignore", r"`isinstance\(treespec, LeafSpec\)`", FutureWarning)
             yield
     finally:

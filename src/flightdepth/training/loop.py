@@ -5,8 +5,9 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -14,11 +15,12 @@ from accelerate import Accelerator
 from torch import nn, optim
 from torch.utils.tensorboard import SummaryWriter
 
-from flightdepth.architectures import DepthNet
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.files import write_json
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import Batch, PairStream
+from flightdepth.stillbox.stored import StoredSet
+from flightdepth.stillbox.stored_pairs import StoredPairs
 from flightdepth.training.averaging import MovingAverage
 from flightdepth.training.checkpoint import (
     Progress,
@@ -28,13 +30,15 @@ from flightdepth.training.checkpoint import (
     save_checkpoint,
 )
 from flightdepth.training.export import weights_of
-from flightdepth.training.loss import multi_scale_l1
-from flightdepth.training.pictures import normalised
+from flightdepth.training.inputs import network_inputs
+from flightdepth.training.loss import loss_m
+from flightdepth.training.network import built
 from flightdepth.training.recipe import Recipe, Stage
 from flightdepth.training.run_folder import (
     CHECKPOINT,
     RECIPE,
     SHIPPED,
+    keep_sets,
     keep_textures,
     stages_behind,
 )
@@ -62,6 +66,7 @@ def train(
     *,
     resume: bool,
     shipped: StoredNetwork | None = None,
+    sets: Mapping[int, StoredSet] | None = None,
     report: Callable[[Report], None] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
     checkpoint_every_s: float = 120.0,
@@ -71,8 +76,9 @@ def train(
     """Run a recipe to its end; the path of the last checkpoint. Each stage's end is kept under its name.
 
     With `resume` a checkpoint in `folder` is taken up where it was; without one, the run starts: from random
-    weights, or from those of `shipped`, after the stages that its card lists. `stop` is
-    asked after every step; when it says yes, the run is saved and ends there.
+    weights, or from those of `shipped`, after the stages that its card lists. With `sets`, by their width,
+    pairs come from stored scenes: each stage takes the set as wide as its full picture. `stop` is asked after every
+    step; when it says yes, the run is saved and ends there.
     """
     learner = Learner(recipe)
     folder.mkdir(parents=True, exist_ok=True)
@@ -81,9 +87,10 @@ def train(
     learner.prepare()
     write_json(folder / RECIPE, recipe.model_dump(mode="json"))
     keep_textures(folder, textures)
+    keep_sets(folder, sets or {})
     with SummaryWriter(str(folder / "tensorboard")) as board:
         for number in range(progress.stage, len(recipe.stages)):
-            run = _Run(learner, number, textures, threads, board, report, stop, clock)
+            run = _Run(learner, number, textures, sets or {}, threads, board, report, stop, clock)
             progress = run.to_end(progress, path, checkpoint_every_s)
             if stop():
                 learner.save(path, progress)
@@ -101,7 +108,7 @@ class Learner:
         self.recipe = recipe
         self.accelerator = Accelerator(mixed_precision="bf16")
         torch.manual_seed(recipe.seed)
-        network = DepthNet(recipe.base_width, recipe.activation)
+        network = built(recipe)
         self.network: nn.Module = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         # Fused: half the time of the other forms of AdamW, on CPUs too.
         self.optimizer = optim.AdamW(
@@ -173,9 +180,10 @@ class Learner:
         for group in self.stepper.param_groups:
             group["lr"] = learning_rate(recipe, stage, sample)
         target_m = torch.from_numpy(batch.target_m).to(device)
+        inputs = network_inputs(recipe, batch, device)
         with self.accelerator.autocast():
-            depths = self.model(normalised(torch.from_numpy(batch.pairs).to(device)))
-        loss = multi_scale_l1(depths, target_m, **_saturation(recipe))
+            output = self.model(*inputs)
+        loss = loss_m(recipe, output, target_m)
         if not torch.isfinite(loss):
             raise FlightDepthError(f"training diverged at sample {sample} of stage {stage.name}: loss {loss}")
         self.stepper.zero_grad(set_to_none=True)
@@ -189,13 +197,6 @@ class Learner:
         save_checkpoint(path, progress, self.network, self.averaged, self.optimizer)
 
 
-def _saturation(recipe: Recipe) -> dict[str, float]:
-    """Ends beyond which an answer is no error, where the recipe's loss knows them."""
-    return (
-        {"lower": recipe.depth_min_m, "upper": recipe.depth_max_m} if recipe.loss == "saturating-l1" else {}
-    )
-
-
 @dataclass
 class _Run:
     """One stage."""
@@ -203,6 +204,7 @@ class _Run:
     learner: Learner
     number: int
     textures: Textures
+    sets: Mapping[int, StoredSet]
     threads: int
     board: SummaryWriter
     report: Callable[[Report], None]
@@ -239,13 +241,16 @@ class _Run:
         return Progress(self.recipe.name, self.recipe.digest, self.number, sample, seen, smooth)
 
     def _stream(self) -> PairStream:
-        return PairStream(
+        width = self.stage.full_width
+        stream = partial(StoredPairs, stored=self.sets[width]) if self.sets else PairStream
+        return stream(
             config=self.recipe.scenes.model_copy(update={"open_share": self.stage.open_share}),
             textures=self.textures,
             picture=self.stage.picture,
             rule=self.recipe.rule,
             seed=1000 * self.recipe.seed + self.number,
             photometric=self.stage.photometric,
+            noise=self.stage.noise,
             threads=self.threads,
             background=self.learner.accelerator.device.type != "cpu",
         )

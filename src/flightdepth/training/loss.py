@@ -1,4 +1,4 @@
-"""The multi-scale L1 loss (paper, equation 1) and its form for clipped targets."""
+"""The multi-scale L1 loss (paper, equation 1), its form for clipped targets, and the loss of a spread."""
 
 from __future__ import annotations
 
@@ -8,21 +8,64 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from flightdepth.training.recipe import Recipe
+
 SCALE_WEIGHTS = (0.32, 0.08, 0.02, 0.01, 0.005)  # finest first, as in the authors' code
+INSIDE_ONE_SIGMA = 0.6827
+SPREAD_WEIGHT = 0.05
+
+
+def loss_m(recipe: Recipe, output: list[Tensor] | tuple[list[Tensor], Tensor], target_m: Tensor) -> Tensor:
+    """The loss of a recipe for what its network's `forward` returned, a scalar in metres."""
+    ends = (
+        {"lower": recipe.depth_min_m, "upper": recipe.depth_max_m} if recipe.loss == "saturating-l1" else {}
+    )
+    if isinstance(output, list):
+        return multi_scale_l1(output, target_m, near_weight_m=recipe.near_weight_m, **ends)
+    depths, spread_m = output
+    error_m = (
+        depths[0].detach().clamp(recipe.depth_min_m, recipe.depth_max_m) - _pooled(target_m, depths[0])
+    ).abs()
+    return multi_scale_l1(
+        depths, target_m, near_weight_m=recipe.near_weight_m, **ends
+    ) + SPREAD_WEIGHT * pinball(spread_m, error_m, INSIDE_ONE_SIGMA)
 
 
 def multi_scale_l1(
-    depths: Sequence[Tensor], target_m: Tensor, *, lower: float = -torch.inf, upper: float = torch.inf
+    depths: Sequence[Tensor],
+    target_m: Tensor,
+    *,
+    lower: float = -torch.inf,
+    upper: float = torch.inf,
+    near_weight_m: float = 0.0,
 ) -> Tensor:
     """Sum over scales of weight * mean |depth - target|, the target average-pooled to each scale.
 
     depths: [B, h, w] each, finest first; target_m [B, H, W]; the result is a scalar in metres.
     With `lower` and `upper`, the ends of a clipped target, an answer beyond an end is no error where the
-    target stands at that end: it will be clamped anyway.
+    target stands at that end: it will be clamped anyway. With `near_weight_m` an error at depth Z counts
+    1 + near_weight_m / Z times.
     """
     total = torch.zeros((), device=target_m.device)
     for depth, weight in zip(depths, SCALE_WEIGHTS, strict=True):
-        truth = functional.adaptive_avg_pool2d(target_m[:, None], (depth.shape[-2], depth.shape[-1]))[:, 0]
+        truth = _pooled(target_m, depth)
         beyond = ((truth >= upper) & (depth > upper)) | ((truth <= lower) & (depth < lower))
-        total = total + weight * (depth - truth).abs().masked_fill(beyond, 0.0).mean()
+        error = (depth - truth).abs().masked_fill(beyond, 0.0)
+        if near_weight_m:
+            error = error * (1 + near_weight_m / truth.clamp_min(1.0))
+        total = total + weight * error.mean()
     return total
+
+
+def pinball(quantile: Tensor, value: Tensor, share: float) -> Tensor:
+    """Mean of max(share * (value - quantile), (share - 1) * (value - quantile)).
+
+    Least where `share` of the values are below `quantile`, given what `quantile` was computed from
+    (Koenker and Bassett 1978).
+    """
+    over = value - quantile
+    return torch.maximum(share * over, (share - 1) * over).mean()
+
+
+def _pooled(target_m: Tensor, like: Tensor) -> Tensor:
+    return functional.adaptive_avg_pool2d(target_m[:, None], (like.shape[-2], like.shape[-1]))[:, 0]

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from flightdepth.errors import BadInput
 from flightdepth.scenes import StillBoxConfig
 from flightdepth.stillbox import PairRule, Picture
+from flightdepth.stillbox.motion_noise import MotionNoise
 
 
 class _Strict(BaseModel):
@@ -31,23 +32,43 @@ class Stage(_Strict):
     learning_rate: float = Field(gt=0, description="peak, after the warm-up")
     photometric: bool = False
     open_share: float = Field(default=0.0, ge=0, le=1, description="share of scenes in the open, under a sky")
+    fov_deg: tuple[float, float] | None = Field(default=None, description="of a lens drawn for each scene")
+    direction_noise_deg: float = Field(
+        default=0.0, ge=0, description="largest error of the direction of motion"
+    )
+    rotation_noise_deg: float = Field(default=0.0, ge=0, description="largest rotation that is not reported")
 
     @property
     def picture(self) -> Picture:
         """The stage's crop."""
-        return Picture(self.width, self.height, self.full_width)
+        return Picture(self.width, self.height, self.full_width, self.fov_deg)
+
+    @property
+    def noise(self) -> MotionNoise | None:
+        """What the stage's motion gets wrong, if anything."""
+        noise = MotionNoise(self.direction_noise_deg, self.rotation_noise_deg)
+        return None if noise == MotionNoise(0, 0) else noise
 
 
 class Recipe(_Strict):
     """A network and its curriculum."""
 
     name: str
+    architecture: Literal["DepthNet", "MotionNet"] = "DepthNet"
     base_width: int = Field(gt=0)
     activation: Literal["elu+1", "none"]
     nominal_shift: int = Field(gt=0)
     depth_min_m: float = Field(ge=0)
     depth_max_m: float = Field(gt=0)
+    reference_focal_px: float | None = Field(
+        default=None, gt=0, description="for any lens: the focal length at which depth is metres"
+    )
     loss: Literal["l1", "saturating-l1"]
+    near_weight_m: float = Field(
+        default=0.0,
+        ge=0,
+        description="an error at depth Z counts 1 + this / Z times: 10 m makes 5 m count threefold",
+    )
     weight_decay: float = Field(ge=0)
     ema_decay: float = Field(ge=0, lt=1)
     warmup_samples: int = Field(ge=0)
@@ -60,7 +81,7 @@ class Recipe(_Strict):
     @property
     def rule(self) -> PairRule:
         """How pairs are drawn and clipped."""
-        return PairRule(self.nominal_shift, self.depth_min_m, self.depth_max_m)
+        return PairRule(self.nominal_shift, self.depth_min_m, self.depth_max_m, self.reference_focal_px)
 
     @property
     def samples(self) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,11 +13,13 @@ from pydantic import ValidationError
 from flightdepth.errors import BadInput
 from flightdepth.files import write_json
 from flightdepth.scenes import Textures
+from flightdepth.stillbox.stored import StoredSet
 from flightdepth.training.checkpoint import Progress, read_progress
 from flightdepth.training.recipe import Recipe, Stage
 from flightdepth.weights.card import NetworkCard
 
 CHECKPOINT, RECIPE, TEXTURES = "checkpoint.safetensors", "recipe.json", "textures.json"
+SETS = "sets.json"  # the stored sets that the run learns from, where there are any
 SHIPPED = "shipped.json"  # the card of the network that the run went on from
 
 
@@ -108,6 +111,38 @@ def keep_textures(folder: Path, textures: Textures) -> None:
             mend="Give the same --textures and --procedural, or train elsewhere: --runs DIR.",
         )
     write_json(path, worn)
+
+
+def keep_sets(folder: Path, sets: Mapping[int, StoredSet]) -> None:
+    """Write down which stored sets a run learns from, by their width; none leaves no file.
+
+    Raises:
+        BadInput: the run was begun with other sets.
+    """
+    used = {
+        str(width): {"scenes": len(each), "sha256": each.digest, "renderer": each.renderer}
+        for width, each in sets.items()
+    }
+    path = folder / SETS
+    if path.exists() and json.loads(path.read_bytes()) != used:
+        raise BadInput(
+            f"stored sets of run {folder}",
+            expected=f"those that it began with ({SETS})",
+            got=", ".join(str(each.folder) for each in sets.values()) or "none",
+            mend="Give the same --set, or train elsewhere: --runs DIR.",
+        )
+    if used:
+        write_json(path, used)
+
+
+def stored_renderers(folder: Path) -> str | None:
+    """What drew the stored sets that a run learnt from; None where it drew its scenes itself."""
+    path = folder / SETS
+    if not path.exists():
+        return None
+    return ", ".join(
+        sorted({f"stored: {each['renderer']}" for each in json.loads(path.read_bytes()).values()})
+    )
 
 
 def _whole_batches(stage: Stage) -> int:

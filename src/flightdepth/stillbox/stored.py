@@ -1,0 +1,193 @@
+"""Sets in the original folder layout, read scene by scene: the authors' or this package's own."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.scenes.scene import Floats
+from flightdepth.stillbox.camera_path import path_from
+from flightdepth.stillbox.original_layout import METADATA
+from flightdepth.stillbox.pairs import Depth, Image
+
+TRAIN_PERCENT = 80
+
+
+@dataclass(frozen=True)
+class StoredScene:
+    """A scene read back; its world has the axes of the first frame's camera.
+
+    images              uint8 RGB [F, H, W, 3]
+    depth_m             float32 z-depth [F, H, W]; the original clips it to 0.1..200 m
+    camera_position     [F, 3] metres
+    world_from_camera   [F, 3, 3]
+    """
+
+    images: NDArray[np.uint8]
+    depth_m: NDArray[np.float32]
+    camera_position: Floats
+    world_from_camera: Floats
+
+    @property
+    def frames(self) -> int:
+        """Number of camera positions."""
+        return len(self.camera_position)
+
+    def displacement(self, previous: int, current: int) -> Floats:
+        """Position at `current` minus that at `previous`, metres, in `current`'s orientation, shape (3,)."""
+        moved = self.camera_position[current] - self.camera_position[previous]
+        return np.asarray(moved @ self.world_from_camera[current])
+
+
+@dataclass(frozen=True)
+class StoredSet:
+    """Scenes of a folder, in the order of its sub-folders and their metadata; pictures are read when asked for.
+
+    `renderer` is the one that the metadata names; the original names none.
+    """
+
+    folder: Path
+    width: int
+    height: int
+    horizontal_fov_deg: float
+    renderer: str
+    entries: tuple[tuple[Path, dict[str, Any]], ...]
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    @property
+    def camera(self) -> Camera:
+        """The ideal pinhole camera of every picture."""
+        return Camera.from_fov(self.width, self.height, self.horizontal_fov_deg)
+
+    @property
+    def step_m(self) -> float:
+        """Median, over the scenes, of the way between two frames, metres."""
+        speeds = np.array([facts["speed"] for _, facts in self.entries], dtype=np.float64)
+        times = np.array([facts["time_step"] for _, facts in self.entries], dtype=np.float64)
+        return float(np.median(np.linalg.norm(speeds, axis=1) * times))
+
+    @property
+    def digest(self) -> str:
+        """Short hash of the scenes' metadata, in their order."""
+        facts = [(place.name, scene) for place, scene in self.entries]
+        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+    def __iter__(self) -> Iterator[StoredScene]:
+        return (self.scene(number) for number in range(len(self)))
+
+    def scene(self, number: int) -> StoredScene:
+        """Read scene `number`.
+
+        Raises:
+            BadInput: a file is missing, damaged, or not of the set's size; the file is named.
+        """
+        place, facts = self.entries[number]
+        size = (self.height, self.width)
+        position, orientation = path_from(facts)
+        return StoredScene(
+            np.stack([_picture(place / name, size) for name in facts["imgs"]]),
+            np.stack([_depth(place / name, size) for name in facts["depth"]]),
+            position,
+            orientation,
+        )
+
+    def split(self, seed: int = 0) -> tuple[StoredSet, StoredSet]:
+        """80 % of the shuffled scenes to train with, and the others: the authors' split, if theirs lists by name."""
+        entries = list(self.entries)
+        random.Random(seed).shuffle(entries)
+        first = len(entries) * TRAIN_PERCENT // 100
+        return replace(self, entries=tuple(entries[:first])), replace(self, entries=tuple(entries[first:]))
+
+
+def open_stored_set(folder: Path) -> StoredSet:
+    """The set in `folder`.
+
+    Raises:
+        BadInput: there is no metadata, some of it is damaged or lacks what is needed, or sizes differ.
+    """
+    paths = sorted(folder.glob(f"*/{METADATA}"))
+    if not paths:
+        raise BadInput(f"set {folder}", expected=f"sub-folders with {METADATA}", got="none")
+    heads, entries = set(), []
+    for path in paths:
+        head, scenes = _metadata(path)
+        heads.add(head)
+        if len(heads) > 1:
+            raise BadInput(
+                f"metadata {path}",
+                expected="one resolution, field of view and renderer in a set",
+                got=str(head),
+            )
+        entries += [(path.parent, scene) for scene in scenes]
+    if not entries:
+        raise BadInput(f"set {folder}", expected="at least one scene", got="none")
+    return StoredSet(folder, *heads.pop(), tuple(entries))
+
+
+def _metadata(path: Path) -> tuple[tuple[int, int, float, str], list[dict[str, Any]]]:
+    """(width, height, field of view in degrees, renderer) and the scenes of one sub-folder."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        arguments = found.get("args", {})
+        width, height = (int(n) for n in found.get("resolution") or arguments["resolution"])
+        fov = float(found.get("fov") or arguments["fov"])
+        for number, scene in enumerate(found["scenes"]):
+            _check(scene, f"{path}, scene {number}")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        got = f"no {error}" if isinstance(error, KeyError) else str(error)
+        raise BadInput(f"metadata {path}", expected="that of a Still Box folder", got=got) from error
+    return (width, height, fov, str(arguments.get("renderer", "unknown"))), found["scenes"]
+
+
+def _check(scene: dict[str, Any], where: str) -> None:
+    """Refuse a scene whose numbers do not fit together."""
+    names, frames = scene["imgs"] + scene["depth"], len(scene["imgs"])
+    counts = {"depth": len(scene["depth"]), "orientation": len(scene.get("orientation") or scene["imgs"])}
+    for name, count in counts.items():
+        if frames == 0 or count != frames:
+            raise BadInput(f"{where}, {name}", expected=f"one for each of {frames} imgs", got=str(count))
+    outside = [name for name in names if Path(name).name != name]
+    if outside:
+        raise BadInput(where, expected="names of files beside the metadata", got=outside[0])
+    position, orientation = path_from(scene)
+    if position.shape != (frames, 3) or not (np.isfinite(position).all() and np.isfinite(orientation).all()):
+        raise BadInput(
+            where, expected="speed [right, up, forward] and time_step, finite", got=str(scene["speed"])
+        )
+
+
+def _picture(path: Path, size: tuple[int, int]) -> Image:
+    bgr = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if bgr is None or bgr.shape != (*size, 3):
+        got = "a missing or damaged one" if bgr is None else f"{bgr.shape[1]}x{bgr.shape[0]}"
+        raise BadInput(f"picture {path}", expected=f"an image of {size[1]}x{size[0]} px", got=got)
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def _depth(path: Path, size: tuple[int, int]) -> Depth:
+    expected = f"a depth map of {size[1]}x{size[0]} metres"
+    try:
+        depth_m = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise BadInput(f"depth {path}", expected=expected, got=" ".join(str(error).split())) from error
+    if not isinstance(depth_m, np.ndarray) or depth_m.shape != size or depth_m.dtype.kind != "f":
+        got = f"{depth_m.dtype} {depth_m.shape}" if isinstance(depth_m, np.ndarray) else "an archive"
+        raise BadInput(f"depth {path}", expected=expected, got=got)
+    if not (depth_m > 0).all():
+        raise BadInput(
+            f"depth {path}", expected="depth above 0 everywhere", got=f"{(~(depth_m > 0)).sum()} others"
+        )
+    return np.asarray(depth_m, dtype=np.float32)

@@ -1,0 +1,64 @@
+"""Training pairs from a stored set: the same stream, but scenes are read instead of drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.renderers.raycast import Rendered
+from flightdepth.scenes import chance
+from flightdepth.stillbox.pairs import Flown
+from flightdepth.stillbox.stored import StoredSet
+from flightdepth.stillbox.stream import PairStream
+
+_CROP, _ORDER = 3, 4  # what a random stream is for
+STEP_TOLERANCE = 0.01
+
+
+@dataclass
+class StoredPairs(PairStream):
+    """Pairs of `stored`: scene number n of the stream is its n-th in an order that is shuffled anew each time round.
+
+    Raises:
+        BadInput: the set's pictures, lens or speed are not those that the stream is asked for.
+    """
+
+    stored: StoredSet = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        wanted = {
+            "width": (f"{self.picture.full_width} px", f"{self.stored.width} px"),
+            "field of view": (self.config.horizontal_fov_deg, self.stored.horizontal_fov_deg),
+        }
+        for name, (expected, got) in wanted.items():
+            if expected != got:
+                raise BadInput(f"set {self.stored.folder}, {name}", expected=str(expected), got=str(got))
+        if self.stored.height < self.picture.height:
+            got_px = f"{self.stored.height} px"
+            expected_px = f"at least {self.picture.height} px"
+            raise BadInput(f"set {self.stored.folder}, height", expected=expected_px, got=got_px)
+        step_m = self.stored.step_m
+        if abs(step_m - self.config.step_m) > STEP_TOLERANCE * self.config.step_m:
+            expected_m = f"{self.config.step_m:.3f} m"
+            raise BadInput(f"set {self.stored.folder}, step", expected=expected_m, got=f"{step_m:.3f} m")
+
+    def _render(self, number: int) -> tuple[Flown, Rendered, Camera]:
+        rng = chance.stream(self.seed, _CROP, number)
+        x = int(rng.integers(self.stored.width - self.picture.width + 1))
+        y = int(rng.integers(self.stored.height - self.picture.height + 1))
+        scene = self.stored.scene(self._place(number))
+        rows, columns = slice(y, y + self.picture.height), slice(x, x + self.picture.width)
+        cut = Rendered(
+            np.ascontiguousarray(scene.images[:, rows, columns]),
+            np.ascontiguousarray(scene.depth_m[:, rows, columns]),
+        )
+        return scene, cut, self.stored.camera.cropped(x, y, self.picture.width, self.picture.height)
+
+    def _place(self, number: int) -> int:
+        """Which stored scene number `number` of the stream is."""
+        again, place = divmod(number, len(self.stored))
+        return int(chance.stream(self.seed, _ORDER, again).permutation(len(self.stored))[place])

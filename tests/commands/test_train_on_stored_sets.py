@@ -1,0 +1,122 @@
+"""`flightdepth train --set`: a network that learns from a set on the disk."""
+
+import json
+import shutil
+from functools import partial
+from pathlib import Path
+
+import pytest
+import torch
+
+from flightdepth import cli
+from flightdepth.commands.export import card_of
+from flightdepth.stillbox.stored_pairs import StoredPairs
+from flightdepth.training import loop
+from flightdepth.training.run_folder import read_trained
+
+RECIPE = """
+name = "small"
+base_width = 4
+activation = "none"
+nominal_shift = 3
+depth_min_m = 0.0
+depth_max_m = 100.0
+loss = "l1"
+weight_decay = 1e-4
+ema_decay = 0.9
+warmup_samples = 0
+floor = 0.1
+seed = 3
+
+[[stages]]
+name = "square"
+full_width = 64
+width = 64
+height = 64
+samples = 12
+batch = 4
+learning_rate = 1e-3
+"""
+TRAIN = ("train", "small.toml", "--set", "stillbox")
+
+
+@pytest.fixture(scope="module")
+def stillbox(tmp_path_factory):
+    """Ten scenes of 64 px."""
+    folder = tmp_path_factory.mktemp("sets") / "stillbox"
+    assert cli.main(["render", "64", "--scenes", "10", "--procedural", "2", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def small_world(stillbox, monkeypatch, tmp_path):
+    """A recipe and a set in a folder to work in; eight scenes in the pool, one thread."""
+    monkeypatch.setattr(loop, "StoredPairs", partial(StoredPairs, pool_scenes=8))
+    monkeypatch.chdir(tmp_path)
+    Path("small.toml").write_text(RECIPE)
+    shutil.copytree(stillbox, "stillbox")
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def test_a_run_names_its_set(capsys):
+    assert cli.main([*TRAIN]) == 0
+    out = capsys.readouterr().out
+    assert "stillbox: 10 scenes of 64x64 px, four fifths of them to learn from" in out
+    assert "textures" not in out
+    used = json.loads(Path("runs/small/sets.json").read_text())
+    assert (used["64"]["scenes"], used["64"]["renderer"][:7]) == (8, "raycast")
+
+
+def test_the_card_says_so():
+    cli.main([*TRAIN])
+    assert card_of(read_trained(Path("runs/small")), "small").renderer.startswith("stored: raycast-")
+
+
+def test_a_stopped_run_goes_on_to_the_same_bytes(monkeypatch):
+    assert cli.main([*TRAIN, "--runs", "whole"]) == 0
+    step = loop.Learner.step
+
+    def stopped(learner, batch, stage, sample):
+        if sample == 8:
+            raise KeyboardInterrupt
+        return step(learner, batch, stage, sample)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loop.Learner, "step", stopped)
+        patch.setattr(loop, "train", partial(loop.train, checkpoint_every_s=0))
+        assert cli.main([*TRAIN]) == 130
+    assert cli.main([*TRAIN, "--resume"]) == 0
+    ends = [Path(runs, "small", "checkpoint.safetensors").read_bytes() for runs in ("whole", "runs")]
+    assert ends[0] == ends[1]
+
+
+def test_another_set_is_another_run(capsys):
+    cli.main([*TRAIN])
+    cli.main(["render", "64", "--scenes", "10", "--seed", "2", "--procedural", "2", "--out", "other"])
+    assert cli.main(["train", "small.toml", "--set", "other", "--resume"]) == 2
+    assert "stored sets of run runs/small: expected those that it began with" in capsys.readouterr().err
+
+
+def test_drawn_scenes_are_another_run(capsys):
+    cli.main([*TRAIN])
+    assert cli.main(["train", "small.toml", "--procedural", "2", "--resume"]) == 2
+    assert "textures of run runs/small: expected the 0 that it began with" in capsys.readouterr().err
+
+
+def test_a_stage_without_a_set_is_one_line(capsys):
+    Path("small.toml").write_text(RECIPE.replace("full_width = 64", "full_width = 128"))
+    assert cli.main([*TRAIN]) == 2
+    assert capsys.readouterr().err == (
+        "error: --set: expected a set of 128 px for stage square, got stillbox of 64 px."
+        " Give --set once for each width.\n"
+    )
+
+
+def test_a_damaged_picture_is_one_line(capsys):
+    for path in Path("stillbox/00").glob("RGB_*_00.jpg"):
+        path.write_bytes(b"")
+    assert cli.main([*TRAIN]) == 2
+    assert "picture stillbox/00/RGB_" in capsys.readouterr().err

@@ -1,0 +1,92 @@
+"""Training pairs from a stored set."""
+
+import numpy as np
+import pytest
+from small_sets import TEXTURES, render_small, small_source
+
+from flightdepth.errors import BadInput
+from flightdepth.stillbox import PairRule, Picture
+from flightdepth.stillbox.stored import open_stored_set
+from flightdepth.stillbox.stored_pairs import StoredPairs
+
+SOURCE = small_source()
+WHOLE = Picture(16, 12, 16)
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """Seven scenes, without JPEG's losses in depth."""
+    folder = tmp_path_factory.mktemp("pairs") / "set"
+    render_small(folder, source=SOURCE)
+    return open_stored_set(folder)
+
+
+def opened(stored, *, picture=WHOLE, config=SOURCE.scenes.config, threads=2, seed=5):
+    return StoredPairs(
+        config, TEXTURES, picture, PairRule(), seed, pool_scenes=8, threads=threads, stored=stored
+    )
+
+
+def same(one, other):
+    arrays = ("pairs", "target_m", "displacement")
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in arrays)
+
+
+def test_scenes_come_in_a_new_order_each_time_round(stored):
+    with opened(stored) as stream:
+        rounds = [[stream._place(number) for number in range(first, first + 7)] for first in (0, 7, 14)]
+    assert [sorted(each) for each in rounds] == [list(range(7))] * 3
+    assert rounds[0] != rounds[1] != rounds[2]
+
+
+def test_a_pair_is_one_of_the_set(stored):
+    """Targets at 100 m or scaled from a frame's depth, displacements of whole steps."""
+    with opened(stored) as stream:
+        for index in range(20):
+            pair = stream.pair(index)
+            steps = np.linalg.norm(pair.displacement) / 0.1
+            assert steps == pytest.approx(round(steps), abs=1e-6)
+            assert round(steps) <= 2
+            assert (pair.target_m == 100).all() == (round(steps) == 0)
+            assert pair.camera.fx == pytest.approx(8)
+
+
+def test_depth_is_the_scenes(stored):
+    """A crop of the second frame, times 3 / shift, seen in a mirror or upside down."""
+    depths = [SOURCE.scenes.rendered(n, TEXTURES)[1].depth_m for n in range(7)]
+    crop = Picture(8, 8, 16)
+    with opened(stored, picture=crop) as stream:
+        scene, cut, camera = stream._render(3)
+    whole = depths[stream._place(3)]
+    y, x = (round(full - part) for full, part in ((5.5, camera.cy), (7.5, camera.cx)))
+    assert np.array_equal(cut.depth_m, whole[:, y : y + 8, x : x + 8].clip(0.1, 200))
+    assert cut.images.shape == (3, 8, 8, 3)
+    assert scene.frames == 3
+
+
+def test_a_stream_goes_on_as_if_it_had_never_stopped(stored):
+    with opened(stored) as first, opened(stored, threads=1) as second:
+        first.batch(0, 400)
+        assert same(first.batch(400, 8), second.batch(400, 8))
+
+
+def test_the_seed_decides(stored):
+    with opened(stored) as first, opened(stored, seed=6) as second:
+        assert not same(first.batch(0, 8), second.batch(0, 8))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"picture": Picture(16, 12, 32)}, "width: expected 32 px, got 16 px"),
+        ({"picture": Picture(16, 16, 16)}, "height: expected at least 16 px, got 12 px"),
+        (
+            {"config": small_source(horizontal_fov_deg=60).scenes.config},
+            "field of view: expected 60.0, got 90.0",
+        ),
+        ({"config": small_source(speed_m_s=2).scenes.config}, r"step: expected 0\.200 m, got 0\.100 m"),
+    ],
+)
+def test_a_set_of_another_kind_is_refused(stored, changes, said):
+    with pytest.raises(BadInput, match=said):
+        opened(stored, **changes)
