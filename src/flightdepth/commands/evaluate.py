@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.renderers import renderer
 from flightdepth.commands.terminal import progress_bar, say
 from flightdepth.commands.tracks import tracks
 from flightdepth.errors import BadInput
@@ -18,15 +19,16 @@ if TYPE_CHECKING:
 
 PICTURES = 16  # sheets that --pictures writes
 
-evaluate = typer.Typer(no_args_is_help=True, help="Measure a network.")
+evaluate = typer.Typer(no_args_is_help=True, help="Measure a network, or the renderer.")
 
 
 @evaluate.callback()
 def evaluations() -> None:
-    """Measure a network."""
+    """Measure a network, or the renderer."""
 
 
 evaluate.command("tracks")(tracks)
+evaluate.command("renderer")(renderer)
 
 
 @evaluate.command("network")

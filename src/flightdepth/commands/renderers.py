@@ -1,0 +1,133 @@
+"""`flightdepth evaluate renderer`: the ray caster against Blender's Cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.errors import BadInput
+
+if TYPE_CHECKING:
+    from flightdepth.evaluation.renderer import Frame
+    from flightdepth.scenes import Scene, Textures
+
+SEED, TEXTURES = 101, 40  # of the scenes and of their procedural textures
+PICTURED = 4  # scenes in the picture
+JPEG_QUALITY = 90
+
+
+def renderer(
+    *,
+    scenes: Annotated[int, typer.Option(metavar="N", min=1, help="One frame each.")] = 20,
+    size: Annotated[int, typer.Option(metavar="PX", min=8, help="Width and height.")] = 128,
+    samples: Annotated[int, typer.Option(metavar="N", min=1, help="Rays a pixel in Cycles.")] = 16,
+    outdoor: Annotated[bool, typer.Option("--outdoor", help="Outdoor scenes instead of rooms.")] = False,
+    threads: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Of Cycles. Default: every core.")
+    ] = None,
+    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure there.")] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help=f"Draw {PICTURED} scenes by both and their difference there."),
+    ] = None,
+) -> None:
+    """Render the same scenes by the ray caster and by Blender, and compare depth and colour.
+
+    Edges, where a ray may fall on either side, are counted apart. Needs Blender:
+    `make blender-env`, or a `blender` on the PATH, or FLIGHTDEPTH_BLENDER.
+
+      flightdepth evaluate renderer --scenes 20 --picture renderers.jpg
+    """
+    with extra_packages("flightdepth evaluate renderer", "train"):
+        from flightdepth.evaluation.renderer import MEDIAN_LIMIT, OUTDOOR_MEDIAN_LIMIT, figures
+        from flightdepth.renderers.blender import FINE, Blender
+    for option, path in (("--json", json), ("--picture", picture)):
+        if path is not None and not path.parent.is_dir():
+            raise BadInput(option, expected="a file in an existing folder", got=str(path))
+    if picture is not None and picture.suffix not in (".jpg", ".png"):
+        raise BadInput("--picture", expected="a .jpg or .png file", got=str(picture))
+    with Blender(samples=samples, segments=FINE, threads=threads) as blender:
+        say(blender.name)
+        frames = compared(blender, scenes, size, outdoor)
+        settings = {"blender": blender.name, "samples": samples, "size": size, "outdoor": outdoor}
+    result = figures(frames, OUTDOOR_MEDIAN_LIMIT if outdoor else MEDIAN_LIMIT)
+    show(result)
+    keep(settings | result, frames, json, picture)
+
+
+def compared(blender: Any, scenes: int, size: int, outdoor: bool) -> list[Frame]:
+    """Every scene by both, with a progress bar."""
+    from flightdepth.camera import Camera
+    from flightdepth.evaluation.renderer import both_ways
+
+    textures, drawn = outdoor_set(scenes) if outdoor else room_set(scenes)
+    frames = []
+    with progress_bar("both ways", scenes, "scenes") as bar:
+        for frame in both_ways(drawn, textures, Camera.from_fov(size, size, 90), blender):
+            frames.append(frame)
+            bar.advance(bar.task_ids[0])
+    return frames
+
+
+def room_set(scenes: int) -> tuple[Textures, Iterator[tuple[int, Scene]]]:
+    """Still Box as it is by default."""
+    from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
+
+    config = StillBoxConfig()
+    return Textures.procedural(TEXTURES, SEED), (
+        (number, draw_scene(config, TEXTURES, SEED, number)) for number in range(scenes)
+    )
+
+
+def outdoor_set(scenes: int) -> tuple[Textures, Iterator[tuple[int, Scene]]]:
+    """Fields, trees and houses under a sky."""
+    from flightdepth.scenes.outdoor import draw_outdoor
+    from flightdepth.scenes.outdoor_config import OutdoorConfig
+    from flightdepth.scenes.outdoor_textures import outdoor_textures
+
+    config = OutdoorConfig()
+    return outdoor_textures(SEED), ((number, draw_outdoor(config, SEED, number)) for number in range(scenes))
+
+
+def show(result: dict[str, Any]) -> None:
+    """The figures as lines."""
+    depth, colour, limits = result["depth"], result["colour"], result["limits"]
+    median = "none" if depth["median"] is None else f"{depth['median']:.1e}"
+    say(f"depth, off edges: median difference {median} (limit {limits['median']:.0e}), relative")
+    say(f"  off by more than 1 %: {depth['off_share']:.4%} of pixels (limit {limits['off_share']:.2%})")
+    say(
+        f"  edges: {depth['edge_share']:.1%} of pixels, {depth['edge_off_share']:.2%} of them off by more than 1 %"
+    )
+    say(f"  sky in one picture only: {depth['sky_in_one_share']:.4%} of pixels")
+    say(
+        f"colour: mean difference {colour['mean_difference']:.2f} of 255, off edges "
+        f"{colour['mean_difference_off_edges']:.2f}; means {colour['mean_ours']:.1f} and {colour['mean_theirs']:.1f}"
+    )
+    say(
+        "the two agree" if result["within_limits"] else "the two do NOT agree: look at --json, scene by scene"
+    )
+
+
+def keep(result: dict[str, Any], frames: list[Frame], json: Path | None, picture: Path | None) -> None:
+    """Write what was asked for."""
+    import cv2
+
+    from flightdepth.evaluation.provenance import source_commit
+    from flightdepth.evaluation.renderer import picture as drawn
+    from flightdepth.files import write_atomic, write_json
+    from flightdepth.renderers.raycast import VERSION
+
+    if json is not None:
+        write_json(json, {"commit": source_commit(), "renderer": VERSION, "seed": SEED} | result)
+        say(f"figures: {json}")
+    if picture is not None:
+        pixels = cv2.cvtColor(drawn(frames[:PICTURED]), cv2.COLOR_RGB2BGR)
+        quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if picture.suffix == ".jpg" else []
+        data = cv2.imencode(picture.suffix, pixels, quality)[1]
+        write_atomic(picture, data.tobytes())
+        say(f"picture: {picture}")
