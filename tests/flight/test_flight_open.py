@@ -86,8 +86,8 @@ def test_a_flight_at_constant_speed(video):
         items = list(flight)
         assert "7.5 m/s" in flight.telemetry_name
     assert order(items)[:4] == [("V", 0), ("F", 0), ("V", 40 * MS), ("F", 40 * MS)]
-    assert items[0].velocity.tolist() == [0, 0, 7.5]
-    assert items[0].frame == "camera"
+    assert items[0].velocity.tolist() == [7.5, 0, 0]
+    assert items[0].frame == "world"
 
 
 def test_a_speed_stands_above_telemetry_inside(video):

@@ -142,7 +142,7 @@ def test_an_output_that_is_no_number_is_no_measurement(fusion: Fusion) -> None:
 
 
 def test_sigma_is_the_weighted_mean() -> None:
-    fused = fuse(one(0.25, 0.65), np.array([0.3, 0.1]), CARD, sigma_m=one(1.0, 3.0))
+    fused = fuse(one(0.25, 0.65), np.array([0.3, 0.1]), CARD, fusion=Fusion.PAPER, sigma_m=one(1.0, 3.0))
     np.testing.assert_allclose(fused.sigma_m, 2.0, rtol=1e-5)
 
 
@@ -167,3 +167,49 @@ def test_the_papers_fusion_believes_contradictions():
 def test_a_bound_that_contradicts_a_measurement_voids_it():
     fused = fuse(one(0.95, 0.2), np.array([3.0, 0.3]), CARD)  # at least 900 m, and 20 m
     assert np.isnan(fused.depth_m).all()
+
+
+def fused_with_sigma(beta, sigma_m, displacements=(0.1, 0.3)):
+    sigma = np.array(sigma_m, dtype=np.float32).reshape(-1, 1, 1)
+    return fuse(one(*beta), np.array(displacements), CARD, sigma_m=sigma)
+
+
+def test_ranges_with_error_bars_weigh_by_them() -> None:
+    # alpha 1000/3: 20 m by both ranges but for 2 m; sigma 1 m and 2 m weigh 4 to 1.
+    found = fused_with_sigma((0.6, 0.22), (1.0, 2.0))
+    np.testing.assert_allclose(found.depth_m, [[(4 * 20 + 22) / 5]], rtol=1e-5)
+    np.testing.assert_allclose(found.sigma_m, [[(4 * 1 + 2) / 5]], rtol=1e-5)
+
+
+def test_a_range_that_knows_nothing_has_no_say() -> None:
+    found = fused_with_sigma((0.6, 0.22), (25.0, 2.0))
+    np.testing.assert_allclose(found.depth_m, [[22.0]], rtol=1e-5)
+
+
+def test_a_range_that_knows_nothing_contradicts_nobody() -> None:
+    found = fused_with_sigma((0.6, 0.8), (1.0, 90.0))
+    np.testing.assert_allclose(found.depth_m, [[20.0]], rtol=1e-5)
+
+
+def test_where_no_range_knows_anything_depth_is_unknown() -> None:
+    found = fused_with_sigma((0.6, 0.22), (25.0, 30.0))
+    assert np.isnan(found.depth_m).all()
+    assert found.confidence == 0
+
+
+@given(st.floats(0.02, 0.9))
+def test_confidence_is_the_chance_to_be_right_within_a_quarter(share: float) -> None:
+    """Against Laplace's distribution, drawn."""
+    found = fused_with_sigma((0.6, 0.2), (20 * share, 20 * share))
+    scale = 20 * share / np.quantile(np.abs(np.random.default_rng(0).laplace(0, 1, 200_000)), 0.6827)
+    errors = np.abs(np.random.default_rng(1).laplace(0, scale, 200_000))
+    assert float(found.confidence[0, 0]) == pytest.approx((errors < 5).mean(), abs=0.01)
+
+
+def test_the_papers_fusion_ignores_error_bars() -> None:
+    sigma = np.ones((2, 1, 1), np.float32)
+    plain, told = (
+        fuse(one(0.6, 0.22), np.array([0.1, 0.3]), CARD, fusion=Fusion.PAPER, sigma_m=s)
+        for s in (None, sigma)
+    )
+    assert plain.depth_m == told.depth_m

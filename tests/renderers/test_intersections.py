@@ -2,8 +2,8 @@ import numpy as np
 import plain_hits
 import pytest
 from built_scenes import SHAPES
+from bundled import hit, tori_hits
 
-from flightdepth.renderers.intersections import hit_shape, hit_torus
 from flightdepth.scenes.scene import Shape
 
 
@@ -14,10 +14,6 @@ def rays(seed: int, count: int):
         start = rng.standard_normal(3)
         start *= rng.uniform(2, 30) / np.linalg.norm(start)
         yield start, (rng.uniform(-1.3, 1.3, 3) - start) * rng.uniform(0.01, 2)
-
-
-def hit(shape, radius, o, d, *, t_max=np.inf):
-    return hit_shape(int(shape), radius, *o, *d, 0.0, t_max)
 
 
 @pytest.mark.parametrize("shape", list(Shape))
@@ -102,7 +98,7 @@ def grazing(radius: float, depth: float, seed: int):
 def test_torus_is_met_by_rays_just_below_its_tangent(radius, depth):
     for seed in range(60):
         o, d, half_chord = grazing(radius, depth, seed)
-        t, _ = hit_torus(*o, *d, radius, 0.0, np.inf)
+        t, _ = hit(Shape.TORUS, radius, o, d)
         # In the meridian's plane the tube is a circle: the chord begins half a chord before the middle.
         assert t == pytest.approx(7 - half_chord, abs=1e-7 + 1e-13 / half_chord)
 
@@ -112,7 +108,7 @@ def test_torus_is_met_by_rays_just_below_its_tangent(radius, depth):
 def test_torus_is_missed_by_rays_just_above_its_tangent(radius, depth):
     for seed in range(60):
         o, d, _ = grazing(radius, depth, seed)
-        assert hit_torus(*o, *d, radius, 0.0, np.inf)[0] == np.inf
+        assert hit(Shape.TORUS, radius, o, d)[0] == np.inf
 
 
 def test_torus_hits_lie_on_it_and_nothing_of_it_lies_before_them():
@@ -122,3 +118,12 @@ def test_torus_hits_lie_on_it_and_nothing_of_it_lies_before_them():
         assert plain_hits.torus_value(o + along * d, 0.2).min() > -1e-9
         if t < np.inf:
             assert abs(plain_hits.torus_value(o + t * d, 0.2)) < 1e-9
+
+
+def test_a_ray_meets_a_torus_alike_alone_and_beside_others():
+    o, d = map(np.array, zip(*rays(6, 64), strict=True))
+    together = tori_hits(0.3, o, d)
+    assert 10 < np.isfinite(together).sum() < 54
+    alone = [tori_hits(0.3, [a], [b])[0] for a, b in zip(o, d, strict=True)]
+    np.testing.assert_array_equal(together, alone)
+    np.testing.assert_array_equal(tori_hits(0.3, o[::-1], d[::-1]), together[::-1])

@@ -3,13 +3,12 @@ import dataclasses
 import numpy as np
 import pytest
 from built_scenes import GREY, NO_TEXTURES, SHAPES, built, pose, turned_by
+from bundled import Seen
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.renderers.raycast import render
-from flightdepth.renderers.shading import point_and_normal
-from flightdepth.renderers.tracing import hit_thing
-from flightdepth.renderers.view import prepare_view, prepare_world
+from flightdepth.renderers.tracing import PARTS
 from flightdepth.scenes import Textures
 from flightdepth.scenes.scene import Shape
 
@@ -93,21 +92,35 @@ def test_a_texture_of_one_colour_gives_one_colour(shape):
 def test_normals_are_those_of_the_surface_by_finite_differences(shape):
     place = pose([3.0, 2.0, 1.5], [0.5, -0.5, 8.0], turned_by(5))
     scene = built([(shape, place, SHAPES[shape])])
-    view, step, checked = prepare_view(scene, prepare_world(scene), CAMERA, 0), 1e-5, 0
+    seen, step, checked = Seen(scene, CAMERA), 1e-5, 0
     for x, y in np.random.default_rng(0).uniform(-0.35, 0.35, (300, 2)):
-        three = [(x, y), (x + step, y), (x, y + step)]
-        hits = [hit_thing(view.things, 0, a, b, np.inf) for a, b in three]
-        t = np.array([hit[0] for hit in hits])
-        if not np.isfinite(t).all() or len({hit[1] for hit in hits}) > 1 or np.ptp(t) > 1e-3:
+        depth, label = seen.trace([x, x + step], [y, y + step])
+        t, labels = depth[[0, 0, 1], [0, 1, 0]], label[[0, 0, 1], [0, 1, 0]]
+        if labels[0] >= PARTS or len(set(labels)) > 1 or np.ptp(t) > 1e-3:
             continue
-        points = np.array([[a, b, 1] for a, b in three]) * t[:, None]
+        points = np.array([[x, y, 1], [x + step, y, 1], [x, y + step, 1]]) * t[:, None]
         plain = np.cross(points[1] - points[0], points[2] - points[0])
         plain /= -np.sign(plain @ points[0]) * np.linalg.norm(plain)
-        ours = point_and_normal(view.camera, view.things, 0, hits[0][1], x, y, t[0])
-        np.testing.assert_allclose(ours[:3], points[0], atol=1e-9)
-        np.testing.assert_allclose(ours[3:], plain, atol=2e-3)
+        point, normal = seen.place(labels[0], [x], [y], t[:1])
+        np.testing.assert_allclose(point[0], points[0], atol=1e-9)
+        np.testing.assert_allclose(normal[0], plain, atol=2e-3)
         checked += 1
     assert checked > 50
+
+
+def test_more_lamps_than_there_are_bits_are_refused():
+    with pytest.raises(BadInput, match="expected at most 31, got 32"):
+        picture(built(lamps=((0.0, 0.0, 0.0),) * 32))
+
+
+def test_the_last_of_the_most_lamps_casts_its_shadow():
+    lamp, blocker = (0.0, -16.0, 4.0), pose([1.6, 1.6, 1.6], [0.0, -8.0, 12.0])
+    dim = ((0.0, -19.0, -19.0),) * 30
+    scene = built([(Shape.CUBE, blocker, 0.0)], lamps=(*dim, lamp), power=400.0)
+    powers = np.full((31, 3), 1e-9)
+    powers[-1] = 400.0
+    seen = picture(dataclasses.replace(scene, lamp_power=powers))
+    assert abs(int(seen[MIDDLE, MIDDLE, 0]) - encoded(0.1 * GREY)) <= 1
 
 
 def test_a_scene_with_more_textures_than_there_are_is_refused():

@@ -50,3 +50,13 @@ def test_textures_repeat(noise):
     np.testing.assert_allclose(
         colours(noise, 1 / EDGE), colours(noise, 1 / EDGE, np.add(PLACES, [1, 2])), atol=1e-6
     )
+
+
+def test_levels_and_blends_are_those_of_the_logarithm(noise):
+    for footprint in np.geomspace(0.3, 3000, 200) / EDGE:
+        wide = max(footprint * EDGE, 1.0)
+        level = min(int(np.floor(np.log2(wide))), 8)
+        share = min(wide / 2**level - 1, 1.0)
+        near, far = (texture_colour(noise.texels, 0, 0.3, 0.7, 2.0**n / EDGE) for n in (level, level + 1))
+        mixed = np.array(near) + share * (np.array(far) - near)
+        np.testing.assert_allclose(texture_colour(noise.texels, 0, 0.3, 0.7, footprint), mixed, atol=1e-12)

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -22,14 +22,16 @@ class Difference:
     """The hand-made network in numpy: depth = 100 - 10 |current - previous| / 51, averaged over 4x4 px."""
 
     description = "numpy"
+    architecture = "DepthNet"
     calls = 0
 
-    def __call__(self, pairs: np.ndarray) -> np.ndarray:
+    def __call__(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         self.calls += 1
+        (pairs,) = inputs.values()
         n, height, width, _ = pairs.shape
         change = np.abs(pairs[..., 3:].astype(np.float32) - pairs[..., :3]).mean(axis=3) / 51
         cells = change.reshape(n, height // 4, 4, width // 4, 4).mean(axis=(2, 4))
-        return np.asarray((100 - 10 * cells).clip(0, 100), dtype=np.float32)
+        return {"depth_m": np.asarray((100 - 10 * cells).clip(0, 100), dtype=np.float32)}
 
 
 def grey(camera: Camera, level: int) -> np.ndarray:
@@ -95,9 +97,9 @@ def test_previous_comes_first_and_channels_keep_their_order() -> None:
     seen: list[np.ndarray] = []
 
     class Recorder(Difference):
-        def __call__(self, pairs: np.ndarray) -> np.ndarray:
-            seen.append(pairs)
-            return super().__call__(pairs)
+        def __call__(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+            seen.append(inputs["pairs"])
+            return super().__call__(inputs)
 
     previous = np.arange(64 * 64 * 3, dtype=np.uint8).reshape(64, 64, 3)
     current = previous[::-1]

@@ -1,5 +1,6 @@
 """The networks: nothing but layers."""
 
 from flightdepth.architectures.depthnet import Activation, DepthNet
+from flightdepth.architectures.motionnet import MotionNet
 
-__all__ = ["Activation", "DepthNet"]
+__all__ = ["Activation", "DepthNet", "MotionNet"]

@@ -45,6 +45,16 @@ def double_depth() -> nn.ConvTranspose2d:
     return nn.ConvTranspose2d(1, 1, 4, 2, 1, bias=False)
 
 
+def he_normal(network: nn.Module) -> None:
+    """He's normal initialisation by fan-out, as in the authors' code."""
+    for module in network.modules():
+        if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
+            fan_out = module.kernel_size[0] * module.kernel_size[1] * module.out_channels
+            nn.init.normal_(module.weight, 0.0, (2 / fan_out) ** 0.5)
+            if module.bias is not None:
+                nn.init.zeros_(module.bias)
+
+
 class DepthNet(nn.Module):
     """Images to depth. `base_width` 32 is the paper's network (10.3 M parameters), 16 the tiny one (2.6 M)."""
 
@@ -75,7 +85,7 @@ class DepthNet(nn.Module):
         self.upsampled_depth5_to_4 = double_depth()
         self.upsampled_depth4_to_3 = double_depth()
         self.upsampled_depth3_to_2 = double_depth()
-        self._initialise()
+        he_normal(self)
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """Normalised images [B, 6, H, W] to depth in metres at D0, finest first.
@@ -101,12 +111,3 @@ class DepthNet(nn.Module):
     def _activated(self, raw: Tensor) -> Tensor:
         depth = raw[:, 0].float()
         return functional.elu(depth) + 1 if self.activation == "elu+1" else depth
-
-    def _initialise(self) -> None:
-        """He's normal initialisation by fan-out, as in the authors' code."""
-        for module in self.modules():
-            if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
-                fan_out = module.kernel_size[0] * module.kernel_size[1] * module.out_channels
-                nn.init.normal_(module.weight, 0.0, (2 / fan_out) ** 0.5)
-                if module.bias is not None:
-                    nn.init.zeros_(module.bias)

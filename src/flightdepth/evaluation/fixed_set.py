@@ -8,16 +8,18 @@ from flightdepth.stillbox import PairRule, Picture, TestSet
 from flightdepth.stillbox.testset import SCENES
 from flightdepth.weights.card import NetworkCard
 
+ANY_LENS_PX = 256
+
 
 def fixed_set(card: NetworkCard, *, scenes: int = SCENES, textures: Textures | None = None) -> TestSet:
-    """Nominal pairs, square, at the network's focal length, clipped to its range.
+    """Nominal pairs, square, at the network's focal length (any lens: 256 px, 90 degrees), clipped to its range.
 
     `textures` None takes the fixed set's own; others make a set of one's own, not to be compared.
     """
     if scenes < 1:
         raise BadInput("scenes of a test set", expected="at least 1", got=str(scenes))
-    width = square_width(card)
-    full_width = round(2 * card.focal_px)  # 90 degrees of view
+    width = ANY_LENS_PX if card.any_lens else square_width(card)
+    full_width = ANY_LENS_PX if card.any_lens else round(2 * card.focal_px)  # 90 degrees of view
     rule = PairRule(card.nominal_shift, card.depth_min_m, card.depth_max_m)
     return TestSet(Picture(width, width, full_width), rule, scenes, textures=textures)
 

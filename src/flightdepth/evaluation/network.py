@@ -14,6 +14,7 @@ from flightdepth.evaluation.metrics import PERCENTILES, PictureErrors, picture_e
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.evaluation.peer import ClassicalPeer, best_constant_m, known_pixels
 from flightdepth.evaluation.provenance import source_commit
+from flightdepth.evaluation.spread import spread_summary
 from flightdepth.runtimes.network import Network
 
 Maps = NDArray[np.float32]
@@ -21,29 +22,29 @@ Maps = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Answers:
-    """Maps [h, w] in metres at D0 for one pair: the truth, the network's and the classical peer's."""
+    """Maps [h, w] in metres at D0 for one pair: the truth, the network's, the classical peer's, the spread."""
 
     truth_m: Maps
     network_m: Maps
     classical_m: Maps
     displacement: NDArray[np.float64]
+    sigma_m: Maps | None = None
 
 
 def answers(network: Network, pairs: Iterable[TruePair]) -> Iterator[Answers]:
     """Ask the network and the classical peer for each pair."""
-    card = network.card
+    peer = ClassicalPeer(network.card.depth_min_m, network.card.depth_max_m)
     for pair in pairs:
-        task = Task.of(pair, card)
-        prediction = network.predict([pair.previous], pair.current, [card.D0_m], task.camera)
+        task = Task.of(pair, network.card)
+        prediction = task.ask(network, pair)
         # At D0 the peer's range is the network's; with the displacement shortened to D0, so are its metres.
-        peer = ClassicalPeer(card.depth_min_m, card.depth_max_m)
-        nominal = np.asarray(pair.displacement, dtype=np.float64) / task.scale
-        classical_m = peer.depth(pair.previous, pair.current, nominal, task.camera)
+        classical_m = peer.depth(pair.previous, pair.current, task.nominal, task.camera)
         yield Answers(
             task.truth_m,
             prediction.depth_m[0],
             pooled(classical_m, task.truth_m.shape),
             np.asarray(pair.displacement, dtype=np.float64),
+            None if prediction.sigma_m is None else prediction.sigma_m[0],
         )
 
 
@@ -69,7 +70,18 @@ def evaluate_network(
     summaries["constant"]["depth_m"] = constant_m
     result = provenance(network, set_name, seed, len(rows))
     result |= {"truth_percentiles_m": percentiles(truths), **summaries, "l1_ratios": l1_ratios(summaries)}
+    result |= {"spread": spread} if (spread := spread_of(rows)) else {}
     return {key: without_nan(value) for key, value in result.items()}
+
+
+def spread_of(rows: list[Answers]) -> dict[str, Any] | None:
+    """How far the network's own error bar can be trusted, over all pixels; None where it gives none."""
+    told = [row for row in rows if row.sigma_m is not None]
+    if not told:
+        return None
+    errors = [np.abs(row.network_m - row.truth_m).ravel() for row in told]
+    sigmas = [row.sigma_m.ravel() for row in told if row.sigma_m is not None]
+    return spread_summary(*(np.concatenate(each).astype(np.float64) for each in (errors, sigmas)))
 
 
 def provenance(network: Network, set_name: str, seed: int | None, pairs: int) -> dict[str, Any]:
@@ -104,10 +116,7 @@ def bf16_relative_cost(f32: Network, bf16: Network, pairs: Iterable[TruePair]) -
     largest = 0.0
     for pair in pairs:
         task = Task.of(pair, f32.card)
-        exact, rounded = (
-            network.predict([pair.previous], pair.current, [f32.card.D0_m], task.camera).depth_m[0]
-            for network in (f32, bf16)
-        )
+        exact, rounded = (task.ask(network, pair).depth_m[0] for network in (f32, bf16))
         errors["f32"].append(picture_errors(exact, task.truth_m))
         errors["bf16"].append(picture_errors(rounded, task.truth_m))
         largest = max(largest, float((np.abs(rounded - exact) / np.maximum(exact, 1e-3)).max()))

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.evaluation.metrics import pooled
+from flightdepth.runtimes.network import Network
+from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
 Image = NDArray[np.uint8]
@@ -48,16 +50,21 @@ class Task:
     truth_m  [h, w] metres at D0: depth * D0 / |displacement|, clipped to the card's range, then averaged over
              4x4 px (paper, III.B); for a nominal pair the depth itself
     scale    metres of depth per metre at D0
+    nominal  the displacement shortened or lengthened to D0, metres (3,)
+    card     the network's at the pair's focal length
     """
 
     camera: Camera
     truth_m: Maps
     scale: float
+    nominal: NDArray[np.float64]
+    card: NetworkCard
 
     @classmethod
     def of(cls, pair: TruePair, card: NetworkCard) -> Task:
-        """The task of a pair that was drawn at the network's own focal length; anything else is refused."""
+        """The task of a pair that was drawn at a focal length that the network knows; anything else is refused."""
         height, width = pair.depth_m.shape
+        card = card.at_focal(pair.focal_px)
         if abs(pair.focal_px / card.focal_px - 1) > 0.01 or height % 64 or width % 64:
             raise BadInput(
                 "test set",
@@ -70,4 +77,11 @@ class Task:
         scale = length_m / card.D0_m
         at_D0 = (pair.depth_m / np.float32(scale)).clip(card.depth_min_m, card.depth_max_m)
         camera = Camera(width, height, pair.focal_px, pair.focal_px, (width - 1) / 2, (height - 1) / 2)
-        return cls(camera, pooled(at_D0, (height // 4, width // 4)), scale)
+        nominal = np.asarray(pair.displacement, dtype=np.float64) / scale
+        return cls(camera, pooled(at_D0, (height // 4, width // 4)), scale, nominal, card)
+
+    def ask(self, network: Network, pair: TruePair) -> Prediction:
+        """What the network says of the pair, at the pair's own focal length."""
+        return network.at_focal(self.card.focal_px).predict(
+            [pair.previous], pair.current, self.nominal[None], self.camera
+        )

@@ -52,11 +52,11 @@ def sheet(current: Image, truth_m: Maps, prediction_m: Maps, far_m: float) -> Im
 
 def write_sheets(network: Network, pairs: Iterable[TruePair], folder: Path) -> list[Path]:
     """Write one sheet per pair as `000.png`, `001.png`, ... into an existing folder."""
-    card, paths = network.card, []
+    paths = []
     for number, pair in enumerate(pairs):
-        task = Task.of(pair, card)
-        prediction = network.predict([pair.previous], pair.current, [card.D0_m], task.camera)
-        picture = sheet(pair.current, task.truth_m, prediction.depth_m[0], card.depth_max_m)
+        task = Task.of(pair, network.card)
+        prediction = task.ask(network, pair)
+        picture = sheet(pair.current, task.truth_m, prediction.depth_m[0], network.card.depth_max_m)
         encoded = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1]
         paths.append(folder / f"{number:03d}.png")
         write_atomic(paths[-1], encoded.tobytes())

@@ -49,9 +49,22 @@ def angle_table(result: Mapping[str, Any]) -> Table:
     return table
 
 
+def spread_table(result: Mapping[str, Any]) -> Table:
+    """The error bar beside the error, in ten groups of rising sigma."""
+    spread = result["spread"]
+    title = f"error bar: {spread['inside_one']:.1%} of errors inside one sigma, {spread['inside_two']:.1%} inside two"
+    table = Table(title=title, box=None)
+    for heading in ("sigma m", "L1 m", "inside one"):
+        table.add_column(heading, justify="right")
+    for group in spread["by_sigma"]:
+        table.add_row(number(group["sigma_m"], 2), number(group["l1_m"], 2), f"{group['inside_one']:.0%}")
+    return table
+
+
 def tables(result: Mapping[str, Any]) -> Sequence[Table]:
     """All tables of a result, in reading order."""
-    return metrics_table(result), depth_table(result), angle_table(result)
+    first = (metrics_table(result), depth_table(result), angle_table(result))
+    return (*first, spread_table(result)) if "spread" in result else first
 
 
 def number(value: float | None, digits: int) -> str:

@@ -1,4 +1,4 @@
-"""A flight without a log: a constant speed straight ahead."""
+"""A flight without a log: a constant speed, nobody knows which way."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from flightdepth.flight.records import VelocitySample
 
 
 def forward_velocity(stamp_ns: int, speed_m_s: float) -> VelocitySample:
-    """Velocity along the optical axis. Only its length matters to DepthNet."""
+    """Northwards, since some way it must be: without an attitude only the length counts."""
     if not (math.isfinite(speed_m_s) and speed_m_s >= 0):
         raise BadInput("--speed", expected="a finite number of m/s, 0 or more", got=str(speed_m_s))
-    return VelocitySample(stamp_ns, np.array([0.0, 0.0, speed_m_s]), "camera")
+    return VelocitySample(stamp_ns, np.array([speed_m_s, 0.0, 0.0]), "world")

@@ -6,12 +6,14 @@ import math
 import time
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.ranges.direction import estimate_direction
 from flightdepth.ranges.displacement import Trajectory, VelocityFrame
 from flightdepth.ranges.fusion import Fused, Fusion, fuse
 from flightdepth.ranges.network import DepthNetwork, Image, Map
@@ -22,6 +24,7 @@ from flightdepth.ranges.turning import in_view, is_visible, turned
 from flightdepth.runtimes.prediction import Prediction
 
 MAX_RANGES = 4
+NO_DIRECTION = "direction of motion unknown: no log tells it, and too few tracked points do"
 NON_ROTATING = "camera-frame velocity without attitude: the camera is taken not to turn"
 
 
@@ -55,10 +58,11 @@ class MultiRangeEstimator:
             raise BadInput("buffer", expected="more than 0 seconds", got=str(buffer_s))
         self._network, self._camera, self._fusion = network, camera, Fusion(fusion)
         self._grid = network.grid(camera)
+        self._card = network.card.at_focal(self._grid.camera.fx)
         self._trajectory = Trajectory()
         self._buffer = FrameBuffer(buffer_s)
         self._planner = Planner(
-            network.card,
+            self._card,
             ranges,
             sides=min(camera.width / camera.fx, camera.height / camera.fy),
             memory_s=buffer_s,
@@ -117,6 +121,9 @@ class MultiRangeEstimator:
         self._buffer.add(current)
         if isinstance(pairs, str):
             return self._unknown(pairs, started)
+        pairs = self._with_directions(pairs, current)
+        if not pairs:
+            return self._unknown(NO_DIRECTION, started)
         prediction = self._predict(pairs, current)
         fused = self._fuse(pairs, prediction)
         self._planner.learn(stamp_ns, fused, self._grid.valid)
@@ -131,6 +138,18 @@ class MultiRangeEstimator:
             return lines.reason
         wanted_m, depths_m = self._planner.wanted(current.stamp_ns, lines.length_m[lines.usable])
         return pick(lines, frames, current.index, wanted_m, depths_m)
+
+    def _with_directions(self, pairs: tuple[Pair, ...], current: Frame) -> tuple[Pair, ...]:
+        """The pairs whose direction is known or can be seen in the pictures, where the network needs it."""
+        if not self._network.card.knows_direction:
+            return pairs
+        return tuple(found for pair in pairs if (found := self._directed(pair, current)) is not None)
+
+    def _directed(self, pair: Pair, current: Frame) -> Pair | None:
+        if pair.directed:
+            return pair
+        seen = estimate_direction(pair.previous.image, current.image, self._grid.camera)
+        return None if seen is None else replace(pair, displacement_m=seen.unit * pair.length_m)
 
     def _predict(self, pairs: tuple[Pair, ...], current: Frame) -> Prediction:
         """One batch through the network; earlier frames first turned into the current orientation."""
@@ -153,7 +172,7 @@ class MultiRangeEstimator:
         return fuse(
             prediction.beta,
             lengths_m,
-            self._network.card,
+            self._card,
             fusion=self._fusion,
             sigma_m=prediction.sigma_m,
             seen=seen,

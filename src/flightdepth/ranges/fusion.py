@@ -21,6 +21,14 @@ EPSILON = 1e-3
 LOWER_MARGIN = 0.02
 # Two ranges contradict each other when no depth is within this factor of what both say.
 TOLERANCE = 1.5
+# A range whose own error bar is this share of its depth or more knows nothing.
+WORST_SIGMA = 1.0
+LEAST_SIGMA = 0.01  # no depth is better known than that, whatever a network says
+# Confidence, where error bars are known: how likely depth is right to within this share.
+RIGHT_WITHIN = 0.25
+LAPLACE_68 = (
+    1.148  # two in three errors of scale b are within 1.148 b (Laplace), as two in three are within sigma
+)
 NOTHING, AT_MOST, MEASURED, AT_LEAST = range(4)  # what a range says of a pixel
 
 
@@ -40,7 +48,8 @@ class Fused:
     depth_m         weighted mean of the ranges that measured the pixel
     confidence      0..1: the largest weight among the ranges, as a share of the largest possible. 1: one
                     range saw the pixel at beta_mean, where the network is best; near 0: all saw it near an
-                    end of their range; exactly 0: no range measured it, and depth is NaN.
+                    end of their range; exactly 0: no range measured it, and depth is NaN. With error bars: the
+                    chance that depth is right within RIGHT_WITHIN, by sigma_m.
     farther_than_m  where depth is NaN: largest "at least" of the ranges that say so
     nearer_than_m   where depth is NaN: smallest "at most" of the ranges that say so
     sigma_m         weighted mean of the ranges' deviations, None where the network does not tell. The ranges
@@ -74,24 +83,39 @@ def fuse(
 
     zeta_i = alpha D*_i beta_i; w_i = epsilon + f(beta_i); depth = sum_i w_i zeta_i / sum_i w_i (paper,
     equations 5 and 6). With `Fusion.SATURATION` an output at an end of the network's range has weight 0 and
-    becomes a bound, and where the ranges contradict each other nothing is known. `seen` [n, h, w] marks what
-    both frames of the pair show; elsewhere the weight is 0.
+    becomes a bound, and where the ranges contradict each other nothing is known; where the network tells
+    `sigma_m`, w_i = 1 / sigma_i^2, and a range with too large a sigma knows nothing. `seen` [n, h, w] marks
+    what both frames of the pair show; elsewhere the weight is 0.
     """
     usable = np.isfinite(beta) if seen is None else np.isfinite(beta) & seen
     reach_m = (card.alpha * displacements_m).astype(np.float32)[:, None, None]
     lower, upper = _ends(card) if fusion is Fusion.SATURATION else (-np.inf, np.inf)
     said = _said(beta, usable, lower, upper)
+    trust = np.float32(EPSILON) + weight(beta)
+    told = sigma_m if fusion is Fusion.SATURATION else None
+    if told is not None:
+        told = np.maximum(told, np.float32(LEAST_SIGMA) * reach_m * beta)
+        said = np.where((said == MEASURED) & (told >= WORST_SIGMA * reach_m * beta), NOTHING, said)
+        trust = 1 / np.square(np.maximum(told, np.float32(1e-6)))
     if fusion is Fusion.SATURATION:
         said = np.where(_agree(said, beta, reach_m, lower, upper), said, NOTHING)
     low, high, measured = said == AT_MOST, said == AT_LEAST, said == MEASURED
-    w = np.where(measured, np.float32(EPSILON) + weight(beta), np.float32(0))
+    w = np.where(measured, trust, np.float32(0))
     total = w.sum(axis=0)
     unknown = total == 0
     share = np.asarray(w / np.where(unknown, 1, total), dtype=np.float32)
     depth = _mean(share, np.where(measured, reach_m * beta, 0), unknown)
     sigma = None if sigma_m is None else _mean(share, np.where(measured, sigma_m, 0), unknown)
+    best = np.asarray(w.max(axis=0) / np.float32(1 + EPSILON), dtype=np.float32)
+    confidence = best if told is None or sigma is None else _chance(depth, sigma)
     farther, nearer = _bounds(low, high, reach_m, unknown, (lower, upper))
-    return Fused(depth, w.max(axis=0) / np.float32(1 + EPSILON), farther, nearer, sigma)
+    return Fused(depth, confidence, farther, nearer, sigma)
+
+
+def _chance(depth_m: Map, sigma_m: Map) -> Map:
+    """How likely the error is below RIGHT_WITHIN of the depth, if errors are Laplace's; 0 where depth is NaN."""
+    chance = 1 - np.exp(np.float32(-LAPLACE_68 * RIGHT_WITHIN) * depth_m / sigma_m)
+    return np.asarray(np.nan_to_num(chance, nan=0.0), dtype=np.float32)
 
 
 def _ends(card: NetworkCard) -> tuple[float, float]:

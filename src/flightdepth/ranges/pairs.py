@@ -67,10 +67,11 @@ class FrameBuffer:
 class Baselines:
     """From each of k buffered frames to the current one.
 
-    displacement_m         [k, 3]     current camera's orientation where both attitudes are known, else world
+    displacement_m         [k, 3]     current camera's orientation where `directed`, else world
     length_m               [k]
     current_from_previous  [k, 3, 3]  the identity where an attitude is unknown
     turn_rad               [k]
+    directed               [k]        whether the displacement's direction is known to the camera
     usable                 [k]        whether a depth can come from this pair
     reason                            why none is usable, None when one is
     """
@@ -79,6 +80,7 @@ class Baselines:
     length_m: Vector
     current_from_previous: Vector
     turn_rad: Vector
+    directed: Flags
     usable: Flags
     reason: str | None
 
@@ -103,15 +105,16 @@ def baselines(
     current = stamp_ns, int(states.segment[-1])
     reason = _reason(frames, current, length, (connected, steady, moved))
     displacement = np.where(oriented[:, None], in_camera, world)
-    return Baselines(displacement, length, turn, turn_rad, connected & steady & moved, reason)
+    directed = oriented | trajectory.non_rotating
+    return Baselines(displacement, length, turn, turn_rad, directed, connected & steady & moved, reason)
 
 
 @dataclass(frozen=True)
 class Pair:
     """An earlier frame chosen for the current one.
 
-    displacement_m (3,) as in Baselines, length_m its length, shift in frames, depth_m the depth that asked
-    for it, current_from_previous (3, 3), turn_rad its angle.
+    displacement_m (3,) and directed as in Baselines, length_m its length, shift in frames, depth_m the depth
+    that asked for it, current_from_previous (3, 3), turn_rad its angle.
     """
 
     previous: Frame
@@ -121,6 +124,7 @@ class Pair:
     depth_m: float
     current_from_previous: Vector
     turn_rad: float
+    directed: bool = True
 
 
 def pick(
@@ -145,6 +149,7 @@ def pick(
             depth_m=chosen[k],
             current_from_previous=lines.current_from_previous[k],
             turn_rad=float(lines.turn_rad[k]),
+            directed=bool(lines.directed[k]),
         )
         for k in sorted(chosen, reverse=True)
     )

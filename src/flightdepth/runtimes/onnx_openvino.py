@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 import openvino as ov
+from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
-from flightdepth.runtimes.contract import INPUT, Depths, Pairs, Precision, check_graph, check_pairs
+from flightdepth.runtimes.contract import Arrays, Precision, architecture_of, check_inputs
 
 # n = 1..4 pairs at two picture sizes; an older shape is compiled again when it returns.
 SHAPES_KEPT = 8
+Shapes = tuple[tuple[str, tuple[int, ...]], ...]
 TYPE_NAMES = {"u8": "uint8", "f32": "float32"}
 
 
@@ -27,7 +29,7 @@ class OpenVinoRuntime:
     def __init__(self, onnx: bytes, *, precision: Precision = "f32", threads: int | None = None) -> None:
         """`threads` None uses every core."""
         self._core = ov.Core()
-        self._model = open_graph(self._core, onnx)
+        self._model, self.architecture = open_graph(self._core, onnx)
         # The precision is always said: OpenVINO takes bf16 by itself where the CPU has it.
         self._settings: dict[str, Any] = {
             "PERFORMANCE_HINT": "LATENCY",
@@ -35,43 +37,44 @@ class OpenVinoRuntime:
         }
         if threads is not None:
             self._settings["INFERENCE_NUM_THREADS"] = threads
-        self._requests: OrderedDict[tuple[int, ...], Any] = OrderedDict()
+        self._requests: OrderedDict[Shapes, Any] = OrderedDict()
         self._lock = Lock()
         self.description = f"OpenVINO {ov.__version__.split('-')[0]}, CPU, {precision}"
 
-    def __call__(self, pairs: Pairs) -> Depths:
-        """Depth at D0, float32 [n, H/4, W/4], of `pairs` uint8 [n, H, W, 6]."""
-        check_pairs(pairs)
+    def __call__(self, inputs: Arrays) -> dict[str, NDArray[np.float32]]:
+        """Outputs by name, of inputs by name."""
+        check_inputs(self.architecture, inputs)
+        contiguous = {name: np.ascontiguousarray(array) for name, array in inputs.items()}
         with self._lock:
-            request = self._request(pairs.shape)
-            # The input is read in place; the output is the request's own buffer, hence the copy.
-            output = request.infer([np.ascontiguousarray(pairs)], share_inputs=True, share_outputs=True)[0]
-            return np.array(output, dtype=np.float32)
+            request = self._request(tuple((name, array.shape) for name, array in contiguous.items()))
+            # The inputs are read in place; the outputs are the request's own buffers, hence the copies.
+            outputs = request.infer(contiguous, share_inputs=True, share_outputs=True)
+            return {port.any_name: np.array(outputs[port], np.float32) for port in outputs}
 
-    def _request(self, shape: tuple[int, ...]) -> Any:
-        request = self._requests.pop(shape, None)
+    def _request(self, shapes: Shapes) -> Any:
+        request = self._requests.pop(shapes, None)
         if request is None:
-            self._model.reshape({INPUT: list(shape)})
+            self._model.reshape({name: list(shape) for name, shape in shapes})
             request = self._core.compile_model(self._model, "CPU", self._settings).create_infer_request()
-        self._requests[shape] = request
+        self._requests[shapes] = request
         if len(self._requests) > SHAPES_KEPT:
             self._requests.popitem(last=False)
         return request
 
 
-def open_graph(core: Any, onnx: bytes) -> Any:
-    """Parse an ONNX file that is in memory and check that it keeps the contract."""
+def open_graph(core: Any, onnx: bytes) -> tuple[Any, str]:
+    """Parse an ONNX file that is in memory; the graph and whose contract it keeps."""
     try:
         model = core.read_model(onnx)
     except RuntimeError as error:
         raise BadInput(
             "ONNX file", expected="a graph that OpenVINO reads", got=str(error).strip().splitlines()[-1]
         ) from error
-    check_graph(
+    architecture = architecture_of(
         {port.any_name: describe(port) for port in model.inputs},
         {port.any_name: describe(port) for port in model.outputs},
     )
-    return model
+    return model, architecture
 
 
 def describe(port: Any) -> str:

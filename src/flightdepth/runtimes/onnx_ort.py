@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput, FlightDepthError, MissingExtra
-from flightdepth.runtimes.contract import INPUT, OUTPUT, Depths, Pairs, check_graph, check_pairs
+from flightdepth.runtimes.contract import OUTPUTS, Arrays, architecture_of, check_inputs
 
 PROVIDERS = {
     "onnxruntime": "CPUExecutionProvider",
@@ -31,18 +32,20 @@ class OnnxRuntime:
         options.log_severity_level = 3
         if threads is not None:
             options.intra_op_num_threads = threads
-        self._session = open_session(onnxruntime, onnx, options, PROVIDERS[device])
+        self._session, self.architecture = open_session(onnxruntime, onnx, options, PROVIDERS[device])
         self.description = f"ONNX Runtime {onnxruntime.__version__}, {PROVIDERS[device]}, f32"
 
-    def __call__(self, pairs: Pairs) -> Depths:
-        """Depth at D0, float32 [n, H/4, W/4], of `pairs` uint8 [n, H, W, 6]."""
-        check_pairs(pairs)
-        (output,) = self._session.run([OUTPUT], {INPUT: np.ascontiguousarray(pairs)})
-        return np.asarray(output, dtype=np.float32)
+    def __call__(self, inputs: Arrays) -> dict[str, NDArray[np.float32]]:
+        """Outputs by name, of inputs by name."""
+        check_inputs(self.architecture, inputs)
+        names = OUTPUTS[self.architecture]
+        contiguous = {name: np.ascontiguousarray(array) for name, array in inputs.items()}
+        outputs = self._session.run(list(names), contiguous)
+        return {name: np.asarray(each, np.float32) for name, each in zip(names, outputs, strict=True)}
 
 
-def open_session(onnxruntime: Any, onnx: bytes, options: Any, provider: str) -> Any:
-    """A session on `provider` and no other, with a graph that keeps the contract."""
+def open_session(onnxruntime: Any, onnx: bytes, options: Any, provider: str) -> tuple[Any, str]:
+    """A session on `provider` and no other, and whose contract its graph keeps."""
     available = onnxruntime.get_available_providers()
     if provider not in available:
         raise BadInput(
@@ -57,11 +60,11 @@ def open_session(onnxruntime: Any, onnx: bytes, options: Any, provider: str) -> 
     # Without a driver ONNX Runtime falls back to the CPU with no more than a warning.
     if provider not in session.get_providers():
         raise FlightDepthError(f"{provider} could not start on this machine: is its driver installed?")
-    check_graph(
+    architecture = architecture_of(
         {port.name: describe(port) for port in session.get_inputs()},
         {port.name: describe(port) for port in session.get_outputs()},
     )
-    return session
+    return session, architecture
 
 
 def describe(port: Any) -> str:

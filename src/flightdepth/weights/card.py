@@ -33,14 +33,15 @@ class NetworkCard(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())
 
     name: str
-    architecture: Literal["DepthNet"]
+    architecture: Literal["DepthNet", "MotionNet"]
     base_width: int = Field(description="feature maps of the first convolution: 32, or 16 for Tiny")
     activation: Literal["elu+1", "none"]
     nominal_shift: int = Field(gt=0, description="frames between the images of a nominal training pair")
     D0_m: float = Field(gt=0, description="displacement of a nominal training pair")
     depth_min_m: float = Field(ge=0, description="lower clip of the training depth; 0 where there is none")
     depth_max_m: float = Field(gt=0, description="upper clip of the training depth")
-    focal_px: float = Field(gt=0, description="focal length of the last training stage")
+    focal_px: float = Field(gt=0, description="focal length that pictures are scaled to, and D0 belongs to")
+    any_lens: bool = Field(default=False, description="trained with many focal lengths: see `at_focal`")
     width: int = Field(gt=0, description="picture width of the last training stage")
     height: int = Field(gt=0, description="picture height of the last training stage")
     samples: int = Field(ge=0, description="training pairs seen, all stages")
@@ -55,6 +56,20 @@ class NetworkCard(BaseModel):
     def alpha(self) -> float:
         """Largest depth over nominal displacement (paper, equation 3)."""
         return self.depth_max_m / self.D0_m
+
+    @property
+    def knows_direction(self) -> bool:
+        """Whether it takes the direction of the displacement, not its length alone."""
+        return self.architecture == "MotionNet"
+
+    def at_focal(self, focal_px: float) -> NetworkCard:
+        """The same network at another focal length, if it knows any: what moves a pixel as far is D0 there.
+
+        D0 focal = constant, since a point at depth Z moves by focal D / Z pixels. Other networks: the card itself.
+        """
+        if not self.any_lens:
+            return self
+        return self.model_copy(update={"focal_px": focal_px, "D0_m": self.D0_m * self.focal_px / focal_px})
 
     @property
     def beta_min(self) -> float:

@@ -1,0 +1,129 @@
+"""The direction of motion from two pictures of a camera that did not turn, where no log tells it.
+
+A static point seen on the rays x1 (now) and x2 (before) moved in the plane that holds both rays and the
+displacement d: d . (x1 x x2) = 0 (the essential constraint without rotation; Hartley and Zisserman, 9.6).
+Two points give d, more give it better; the points must have moved away from where d points, which tells its sign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.ranges.network import Image
+
+Vector = NDArray[np.float64]
+
+MOST_POINTS = 160
+FEWEST_INLIERS = 12
+LEAST_MOTION_PX = 1.0  # median over the points; less is within what tracking and gimbal get wrong
+INLIER_PX = 0.75  # between a point and its epipolar line
+LARGEST_RETURN_PX = 0.5  # a track that does not come back to within this is lost
+TRIALS = 120
+REFINEMENTS = 3
+WORST_SIGMA_RAD = np.radians(15)
+
+
+@dataclass(frozen=True)
+class Direction:
+    """unit (3,): of the displacement, in the cameras' axes; sigma_rad: its standard deviation, any way; inliers."""
+
+    unit: Vector
+    sigma_rad: float
+    inliers: int
+
+
+def estimate_direction(previous: Image, current: Image, camera: Camera) -> Direction | None:
+    """Direction of (position at `current`) - (position at `previous`); uint8 RGB [H, W, 3] of an ideal pinhole.
+
+    None where too few points moved, or their motion says too little.
+    """
+    now, before = tracked_rays(previous, current, camera)
+    return direction_of(now, before, camera.fx)
+
+
+def tracked_rays(previous: Image, current: Image, camera: Camera) -> tuple[Vector, Vector]:
+    """Rays (x, y, 1) of corners of `current` and of the same points in `previous`, [N, 3] each."""
+    grey_now, grey_before = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (current, previous))
+    spacing = max(5, camera.width // 40)
+    corners = cv2.goodFeaturesToTrack(grey_now, MOST_POINTS, 0.01, spacing)
+    if corners is None:
+        return np.empty((0, 3)), np.empty((0, 3))
+    there, found = _tracked(grey_now, grey_before, corners)
+    back, found_back = _tracked(grey_before, grey_now, there)
+    returned = np.linalg.norm((back - corners)[:, 0], axis=1) < LARGEST_RETURN_PX
+    kept = found & found_back & returned
+    return _rays(corners[kept, 0], camera), _rays(there[kept, 0], camera)
+
+
+def direction_of(now: Vector, before: Vector, focal_px: float) -> Direction | None:
+    """From rays [N, 3] to the direction: RANSAC over pairs of points, then weighted least squares."""
+    normals = np.cross(now, before)
+    moved_px = np.linalg.norm(before - now, axis=1) * focal_px
+    if len(now) < FEWEST_INLIERS or np.median(moved_px) < LEAST_MOTION_PX:
+        return None
+    d = _consensus(normals, now, focal_px)
+    for _ in range(REFINEMENTS):
+        inside = np.abs(_off_line(d, normals, now)) * focal_px < INLIER_PX
+        if np.count_nonzero(inside) < FEWEST_INLIERS:
+            return None
+        d, sigma_rad = _least_squares(normals[inside], now[inside], d)
+    if sigma_rad > WORST_SIGMA_RAD:
+        return None
+    return Direction(d * _sign(d, now[inside], before[inside]), sigma_rad, int(np.count_nonzero(inside)))
+
+
+def _tracked(
+    start: NDArray[Any], end: NDArray[Any], points: NDArray[Any]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Where points [N, 1, 2] of one grey picture are in another (Lucas-Kanade), and whether they were found."""
+    there, found, _ = cv2.calcOpticalFlowPyrLK(start, end, points, points.copy())
+    return np.asarray(there, dtype=np.float32), np.asarray(found)[:, 0] == 1
+
+
+def _rays(pixels: NDArray[np.float32], camera: Camera) -> Vector:
+    x = (pixels[:, 0] - camera.cx) / camera.fx
+    y = (pixels[:, 1] - camera.cy) / camera.fy
+    return np.column_stack([x, y, np.ones_like(x)]).astype(np.float64)
+
+
+def _consensus(normals: Vector, now: Vector, focal_px: float) -> Vector:
+    """The direction, of TRIALS drawn from two points each, that most points agree with."""
+    rng = np.random.default_rng(0)  # the same pictures, the same answer
+    pairs = rng.integers(len(normals), size=(TRIALS, 2))
+    trials = np.cross(normals[pairs[:, 0]], normals[pairs[:, 1]])
+    trials /= np.maximum(np.linalg.norm(trials, axis=1, keepdims=True), 1e-12)
+    off_px = np.abs(_off_line(trials[:, None], normals, now)) * focal_px
+    return np.asarray(trials[np.minimum(off_px, INLIER_PX).sum(axis=1).argmin()])
+
+
+def _off_line(d: Vector, normals: Vector, now: Vector) -> Vector:
+    """Distance of each earlier point from its epipolar line d x now, on the plane z = 1."""
+    return np.asarray((d * normals).sum(axis=-1) / np.maximum(_reach(d, now), 1e-6))
+
+
+def _reach(d: Vector, now: Vector) -> Vector:
+    """Length of the line's normal: |(d_y - y d_z, d_x - x d_z)|, 0 at the focus of expansion."""
+    return np.hypot(d[..., 1] - now[:, 1] * d[..., 2], d[..., 0] - now[:, 0] * d[..., 2])
+
+
+def _least_squares(normals: Vector, now: Vector, d: Vector) -> tuple[Vector, float]:
+    """The unit vector with the least sum of squared distances, and its standard deviation, radians.
+
+    The spread of a smallest eigenvector is the noise over the root of the next eigenvalue.
+    """
+    rows = normals / np.maximum(_reach(d, now), 1e-3)[:, None]
+    values, vectors = np.linalg.eigh(rows.T @ rows)
+    noise = np.sqrt(max(values[0], 0.0) / max(len(rows) - 2, 1))
+    return vectors[:, 0], float(noise / np.sqrt(max(values[1], 1e-18)))
+
+
+def _sign(d: Vector, now: Vector, before: Vector) -> float:
+    """+1 where the points came from the side that a displacement along d says, else -1."""
+    towards = d[:2] - now[:, :2] * d[2]
+    return 1.0 if ((before - now)[:, :2] * towards).sum() >= 0 else -1.0

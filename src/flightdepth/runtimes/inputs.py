@@ -1,0 +1,39 @@
+"""Pictures on the network's grid to the arrays that its graph takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.runtimes.contract import CURRENT, FIELD, PAIRS, SWEEPS, Arrays
+from flightdepth.sweep import sweep
+
+Image = NDArray[np.uint8]
+
+
+def paired_inputs(previous_n: Sequence[Image], current: Image) -> Arrays:
+    """For a DepthNet: each earlier picture [H, W, 3] beside the current one."""
+    pairs = np.empty((len(previous_n), *current.shape[:2], 6), dtype=np.uint8)
+    for pair, previous in zip(pairs, previous_n, strict=True):
+        cv2.merge([previous, current], pair)  # five times as fast as assigning to slices of three channels
+    return {PAIRS: pairs}
+
+
+def swept_inputs(
+    previous_n: Sequence[Image], current: Image, displacements: NDArray[np.float64], camera: Camera
+) -> Arrays:
+    """For a MotionNet: each earlier picture swept along its displacement, [n, 3]."""
+    sweeps = [
+        sweep(previous, current, moved, camera)
+        for previous, moved in zip(previous_n, displacements, strict=True)
+    ]
+    levels = zip(*(each.swept for each in sweeps), strict=True)
+    return {
+        CURRENT: np.stack([each.current for each in sweeps]),
+        **{name: np.stack(level) for name, level in zip(SWEEPS, levels, strict=True)},
+        FIELD: np.stack([each.field for each in sweeps]),
+    }

@@ -1,0 +1,47 @@
+"""The figures of an error bar, on errors whose spread is known."""
+
+import numpy as np
+import pytest
+
+from flightdepth.evaluation.spread import left_over, spread_summary
+
+
+@pytest.fixture(scope="module")
+def honest():
+    """Normal errors with known deviations from 0.1 to 10 m."""
+    rng = np.random.default_rng(0)
+    sigma = np.exp(rng.uniform(np.log(0.1), np.log(10), 100_000))
+    return np.abs(rng.normal(0, sigma)), sigma
+
+
+def test_normal_errors_lie_inside_as_a_table_says(honest):
+    found = spread_summary(*honest)
+    assert found["inside_one"] == pytest.approx(0.683, abs=0.005)
+    assert found["inside_two"] == pytest.approx(0.954, abs=0.005)
+    assert all(group["inside_one"] == pytest.approx(0.683, abs=0.02) for group in found["by_sigma"])
+
+
+def test_errors_grow_with_an_honest_sigma(honest):
+    rows = spread_summary(*honest)["by_sigma"]
+    ratio = [row["l1_m"] / row["sigma_m"] for row in rows]
+    assert ratio == pytest.approx([np.sqrt(2 / np.pi)] * 10, rel=0.05)
+
+
+def test_a_sigma_that_knows_nothing_orders_nothing(honest):
+    error, sigma = honest
+    shuffled = np.random.default_rng(1).permutation(sigma)
+    found = spread_summary(error, shuffled)
+    assert found["sparsification"]["by_sigma"] == pytest.approx([1.0] * 10, abs=0.05)
+    assert found["area"] > 2 * spread_summary(error, sigma)["area"]
+
+
+def test_the_error_itself_is_the_best_order(honest):
+    error, sigma = honest
+    assert spread_summary(error, error)["area"] == 0
+    assert spread_summary(error, sigma)["area"] > 0
+
+
+def test_left_over_by_hand():
+    error = np.array([4.0, 1.0, 2.0, 3.0, 0.0, 5.0, 6.0, 7.0, 8.0, 9.0])
+    assert left_over(error, error)[5] == pytest.approx(2.0 / 4.5)
+    assert left_over(error, -error)[5] == pytest.approx(7.0 / 4.5)

@@ -1,0 +1,76 @@
+"""Direction of motion: exact rays, noisy rays, outliers, and pictures of scenes with known motion."""
+
+import numpy as np
+import pytest
+
+from flightdepth.camera import Camera
+from flightdepth.ranges.direction import direction_of, estimate_direction
+from flightdepth.stillbox import PairRule, Picture, TestSet
+
+FOCAL = 200.0
+WAYS = [(1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (0.5, 0.3, 0.8), (-0.7, 0.1, -0.4)]
+
+
+def rays_of(way, *, count=120, noise_px=0.0, outliers=0, seed=0):
+    """Rays to random points now and before a move of 0.5 m."""
+    rng = np.random.default_rng(seed)
+    points = np.column_stack([rng.uniform(-1, 1, count), rng.uniform(-0.6, 0.6, count), np.ones(count)])
+    points *= rng.uniform(4, 30, (count, 1))
+    moved = points + 0.5 * np.array(way) / np.linalg.norm(way)
+    now, before = points / points[:, 2:], moved / moved[:, 2:]
+    before[:, :2] += rng.normal(0, noise_px / FOCAL, (count, 2))
+    before[:outliers, :2] += rng.normal(0, 20 / FOCAL, (outliers, 2))
+    return now, before
+
+
+def degrees_between(a, b) -> float:
+    cosine = np.dot(a, b) / np.linalg.norm(a) / np.linalg.norm(b)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_exact_rays_give_the_direction_and_its_sign(way):
+    found = direction_of(*rays_of(way), FOCAL)
+    assert degrees_between(found.unit, way) < 1e-3
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_third_of_outliers_does_not_matter(way):
+    found = direction_of(*rays_of(way, noise_px=0.2, outliers=40), FOCAL)
+    assert degrees_between(found.unit, way) < 3
+    assert 60 < found.inliers < 100
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_sigma_tells_the_error(way):
+    """Of 40 tries two in three and more lie within one sigma, nearly all within three."""
+    tries = [direction_of(*rays_of(way, noise_px=0.2, seed=seed), FOCAL) for seed in range(40)]
+    shares = [degrees_between(each.unit, way) / np.degrees(each.sigma_rad) for each in tries]
+    assert np.mean(np.array(shares) < 1.5) > 0.55
+    assert np.mean(np.array(shares) < 4) > 0.9
+
+
+def test_too_few_points_tell_nothing():
+    now, before = rays_of((1, 0, 0), count=10)
+    assert direction_of(now, before, FOCAL) is None
+
+
+def test_points_that_do_not_move_tell_nothing():
+    now, _ = rays_of((1, 0, 0))
+    rng = np.random.default_rng(0)
+    before = now + np.column_stack([rng.normal(0, 0.2 / FOCAL, (len(now), 2)), np.zeros(len(now))])
+    assert direction_of(now, before, FOCAL) is None
+
+
+def test_a_blank_picture_has_no_direction():
+    blank = np.full((64, 64, 3), 90, np.uint8)
+    assert estimate_direction(blank, blank, Camera.from_fov(64, 64, 90)) is None
+
+
+def test_rendered_pairs():
+    camera = Camera.from_fov(256, 256, 90)
+    pairs = TestSet(Picture(256, 256, 256), PairRule(), scenes=12)
+    found = [(estimate_direction(p.previous, p.current, camera), p.displacement) for p in pairs]
+    errors = [degrees_between(each.unit, moved) for each, moved in found if each is not None]
+    assert len(errors) >= 11
+    assert np.median(errors) < 2
