@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
 
+from flightdepth.sweep import LEVELS
 from flightdepth.weights.card import NetworkCard
 
 
@@ -72,3 +75,30 @@ def difference_card(**changes: object) -> NetworkCard:
         "samples": 0,
     }
     return NetworkCard.model_validate(facts | changes)
+
+
+SWEPT_CAP_M = 100.0
+
+
+def swept_card(focal_px: float = 64.0) -> NetworkCard:
+    """Of `BestHypothesis`: 100 m at 0.3 m through 64 px of focal length."""
+    facts: dict[str, object] = {"name": "best-hypothesis", "architecture": "MotionNet", "any_lens": True}
+    facts |= {"D0_m": 0.3, "depth_min_m": 0.0, "depth_max_m": SWEPT_CAP_M, "focal_px": 64.0}
+    return difference_card(**facts).at_focal(focal_px)
+
+
+class BestHypothesis:
+    """A MotionNet without weights: each pixel takes the hypothesis of level 1 that looks most alike."""
+
+    description = "numpy"
+    architecture = "MotionNet"
+
+    def __call__(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        grey = inputs["current"].astype(np.float32) @ np.float32([0.299, 0.587, 0.114])
+        costs = np.abs(inputs["sweep_1"].astype(np.float32) - grey[:, None])
+        n, k, height, width = costs.shape
+        best = costs.reshape(n, k, height // 4, 4, width // 4, 4).mean(axis=(3, 5)).argmin(axis=1)
+        shift_px = np.array(LEVELS[0].shifts_px)[best]
+        depth_m = 0.3 * 64.0 / np.maximum(shift_px, 1e-3)
+        depth_m = np.minimum(depth_m, SWEPT_CAP_M).astype(np.float32)
+        return {"depth_m": depth_m, "sigma_m": 0.1 * depth_m}

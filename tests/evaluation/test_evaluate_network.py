@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -29,13 +30,14 @@ class Constant:
     """Answers `depth_m` everywhere."""
 
     description = "numpy"
+    architecture = "DepthNet"
 
     def __init__(self, depth_m: float) -> None:
         self.depth_m = depth_m
 
-    def __call__(self, pairs: np.ndarray) -> np.ndarray:
-        n, height, width, _ = pairs.shape
-        return np.full((n, height // 4, width // 4), self.depth_m, np.float32)
+    def __call__(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        n, height, width, _ = inputs["pairs"].shape
+        return {"depth_m": np.full((n, height // 4, width // 4), self.depth_m, np.float32)}
 
 
 def pairs() -> list[PlanePair]:

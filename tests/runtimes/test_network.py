@@ -3,6 +3,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +13,7 @@ import flightdepth.runtimes.network as network_module
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.runtimes.network import Network, load_network, nearest_network, networks
-from tests_networks import difference_card
+from tests_networks import BestHypothesis, difference_card, swept_card
 
 SQUARE = Camera.from_fov(64, 64, 90)
 WIDE = Camera.from_fov(200, 120, 70)
@@ -193,3 +194,35 @@ def test_of_equal_focal_lengths_the_smaller_network_wins(
 def test_no_network_at_all_is_said(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="Give --network FILE"):
         nearest_network(WIDE, tmp_path)
+
+
+def checkers(camera: Camera, left: int = 0) -> np.ndarray:
+    """Smooth noise, seen `left` pixels farther to the left."""
+    noise = np.random.default_rng(4).integers(0, 256, (camera.height, camera.width + 40), dtype=np.uint8)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.0) * 3.0 - 256
+    seen = smooth[:, 20 + left : 20 + left + camera.width].clip(0, 255).astype(np.uint8)
+    return np.repeat(seen[..., None], 3, axis=2)
+
+
+@pytest.mark.parametrize("focal_px", [48.0, 64.0, 128.0])
+@pytest.mark.parametrize(("pixels", "way"), [(2, 1), (-3, -1)])
+def test_a_motion_network_finds_metres_through_any_lens(focal_px: float, pixels: int, way: int) -> None:
+    """All moved by whole pixels sideways: depth = focal * displacement / pixels."""
+    camera = Camera(192, 128, focal_px, focal_px, 90.0, 60.0)
+    network = Network(swept_card(), BestHypothesis()).at_focal(focal_px)
+    # What was `pixels` farther right before came from there: the displacement points right.
+    depth = network.depth(checkers(camera, -pixels), checkers(camera), [0.5 * way, 0.0, 0.0], camera)
+    expected = focal_px * 0.5 / abs(pixels)
+    assert np.median(depth) == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_motion_network_tells_its_error_in_metres() -> None:
+    network = Network(swept_card(), BestHypothesis())
+    prediction = network.predict([checkers(SQUARE, -2)], checkers(SQUARE), [[2.0, 0.0, 0.0]], SQUARE)
+    assert prediction.sigma_m == pytest.approx(0.1 * prediction.depth_m, rel=1e-5)
+
+
+def test_a_motion_network_needs_the_direction() -> None:
+    network = Network(swept_card(), BestHypothesis())
+    with pytest.raises(BadInput, match=r"expected vectors \[1, 3\]: it needs the direction"):
+        network.depth(grey(SQUARE, 1), grey(SQUARE, 2), 0.3, SQUARE)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.noise import noise
 from flightdepth.commands.renderers import renderer
 from flightdepth.commands.terminal import progress_bar, say
 from flightdepth.commands.tracks import tracks
@@ -29,6 +30,7 @@ def evaluations() -> None:
 
 evaluate.command("tracks")(tracks)
 evaluate.command("renderer")(renderer)
+evaluate.command("noise")(noise)
 
 
 @evaluate.command("network")

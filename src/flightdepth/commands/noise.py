@@ -1,0 +1,69 @@
+"""`flightdepth evaluate noise`: what wrong telemetry costs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.errors import BadInput
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def noise(
+    networks: Annotated[
+        list[str], typer.Argument(metavar="NETWORK...", help="Shipped names, or ONNX files, side by side.")
+    ],
+    *,
+    scenes: Annotated[int, typer.Option(metavar="N", help="Scenes of the test set.")] = 100,
+    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure there.")] = None,
+) -> None:
+    """Error on the fixed test set when the reported motion is wrong: direction, speed, rotation.
+
+    All networks see the same wrong pairs, so they must share a test set: the same
+    focal length (a network for any lens has that of any other) and range.
+
+      flightdepth evaluate noise motion-tiny depthnet-256
+    """
+    with extra_packages("flightdepth evaluate", "train"):
+        from flightdepth.evaluation.fixed_set import fixed_set, set_name
+        from flightdepth.evaluation.noise import noise_rows
+    from rich.console import Console
+
+    from flightdepth.files import write_json
+    from flightdepth.runtimes.network import load_network
+
+    if json is not None and not json.parent.is_dir():
+        raise BadInput("--json", expected="a file in an existing folder", got=str(json))
+    opened = [load_network(name, "openvino", precision="f32") for name in networks]
+    pairs = fixed_set(next((n.card for n in opened if not n.card.any_lens), opened[0].card), scenes=scenes)
+    with progress_bar("noise", len(pairs), "scenes") as bar:
+
+        def counted() -> Any:
+            for pair in pairs:
+                yield pair
+                bar.advance(bar.task_ids[0])
+
+        rows = noise_rows(opened, counted())
+    Console().print(table(rows, set_name(pairs)))
+    if json is not None:
+        write_json(json, {"set": set_name(pairs), "scenes": scenes, "rows": rows})
+        say(f"figures: {json}")
+
+
+def table(rows: list[dict[str, Any]], title: str) -> Table:
+    """L1 in metres: a row for each kind and size of error, a column for each network."""
+    from rich.table import Table
+
+    names = [key for key in rows[0] if key not in ("kind", "size")]
+    grid = Table(title=f"L1 in metres on {title}", box=None)
+    for heading in ("reported motion", "", *names):
+        grid.add_column(heading, justify="left" if heading == "reported motion" else "right")
+    for row in rows:
+        grid.add_row(row["kind"], f"{row['size']:g}", *(f"{row[name]:.2f}" for name in names))
+    return grid

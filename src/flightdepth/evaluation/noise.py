@@ -1,0 +1,81 @@
+"""What wrong telemetry costs: the error of a network on pairs whose reported motion is off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.evaluation.metrics import picture_errors
+from flightdepth.evaluation.pairs import Task, TruePair
+from flightdepth.runtimes.network import Network
+from flightdepth.scenes import chance
+from flightdepth.stillbox.motion_noise import rotated, tilted
+
+# Kind of error -> its sizes: degrees, share of the speed, degrees.
+KINDS: Mapping[str, tuple[float, ...]] = {
+    "direction off, degrees": (0.0, 1.0, 2.0, 5.0, 10.0),
+    "speed off, share": (0.0, 0.02, 0.05, 0.1),
+    "unreported rotation, degrees": (0.0, 0.02, 0.05, 0.1, 0.2, 0.5),
+}
+SEED = 11
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """A pair as telemetry reports it: the earlier picture, and the displacement at D0, metres (3,)."""
+
+    previous: NDArray[np.uint8]
+    nominal: NDArray[np.float64]
+
+
+def noise_rows(
+    networks: Sequence[Network], pairs: Iterable[TruePair], kinds: Mapping[str, tuple[float, ...]] = KINDS
+) -> list[dict[str, Any]]:
+    """Rows {kind, size, L1 in metres per network}: one for each kind of error and size, over all pairs.
+
+    Every network is asked about the same wrong pairs; the truth stays what it is.
+    """
+    errors: dict[tuple[str, float], list[list[float]]] = {
+        (kind, size): [[] for _ in networks] for kind, sizes in kinds.items() for size in sizes
+    }
+    for number, pair in enumerate(pairs):
+        for (kind, size), columns in errors.items():
+            rng = chance.stream(SEED, number)
+            for network, column in zip(networks, columns, strict=True):
+                column.append(_error_m(network, pair, kind, size, rng.spawn(1)[0]))
+    return [
+        {"kind": kind, "size": size}
+        | {network.card.name: float(np.mean(column)) for network, column in zip(networks, columns, strict=True)}
+        for (kind, size), columns in errors.items()
+    ]
+
+
+def _error_m(network: Network, pair: TruePair, kind: str, size: float, rng: np.random.Generator) -> float:
+    task = Task.of(pair, network.card)
+    wrong = WRONGS[kind](task, pair, size, rng)
+    found = network.at_focal(task.card.focal_px).predict(
+        [wrong.previous], pair.current, wrong.nominal[None], task.camera
+    )
+    return picture_errors(found.depth_m[0], task.truth_m).l1_m
+
+
+def _direction(task: Task, pair: TruePair, degrees: float, rng: np.random.Generator) -> Wrong:
+    return Wrong(pair.previous, tilted(task.nominal, chance.unit_vector(rng), degrees))
+
+
+def _speed(task: Task, pair: TruePair, share: float, rng: np.random.Generator) -> Wrong:
+    return Wrong(pair.previous, task.nominal * (1 + (share if rng.random() < 0.5 else -share)))
+
+
+def _rotation(task: Task, pair: TruePair, degrees: float, rng: np.random.Generator) -> Wrong:
+    vector = chance.unit_vector(rng) * np.radians(degrees)
+    return Wrong(rotated(pair.previous, task.camera, vector), task.nominal)
+
+
+WRONGS: Mapping[str, Callable[[Task, TruePair, float, np.random.Generator], Wrong]] = dict(
+    zip(KINDS, (_direction, _speed, _rotation), strict=True)
+)

@@ -1,0 +1,57 @@
+"""Wrong motion: what each kind does to a network that looks along it, and to one that knows its length alone."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from plane_pairs import plane_pair
+
+from flightdepth.camera import Camera
+from flightdepth.evaluation.noise import KINDS, noise_rows
+from flightdepth.runtimes.network import Network
+from tests_networks import BestHypothesis, difference_card, swept_card
+
+CAMERA = Camera.from_fov(128, 64, 90)
+DIRECTION, SPEED, ROTATION = KINDS
+
+
+class Flat:
+    """Answers 9.6 m whatever it sees: 2 px of shift at D0."""
+
+    description, architecture = "numpy", "DepthNet"
+
+    def __call__(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        n, height, width, _ = inputs["pairs"].shape
+        return {"depth_m": np.full((n, height // 4, width // 4), 9.6, np.float32)}
+
+
+@pytest.fixture(scope="module")
+def rows():
+    depth_m = 64 * 0.3 / 2.0
+    moves = [(0.3, 0.0, 0.0), (0.0, -0.3, 0.0), (-0.2, 0.2236, 0.0)]
+    pairs = [plane_pair(CAMERA, move, distance_m=depth_m, seed=seed) for seed, move in enumerate(moves)]
+    flat = Network(difference_card(focal_px=64.0, depth_min_m=0.0, depth_max_m=100.0), Flat())
+    found = noise_rows([Network(swept_card(), BestHypothesis()), flat], pairs)
+    return {(row["kind"], row["size"]): row for row in found}
+
+
+def test_the_sweep_finds_the_plane_when_all_is_right(rows):
+    """Along the border the earlier picture lacks what is seen; elsewhere each pixel is right."""
+    assert all(rows[kind, 0.0]["best-hypothesis"] < 0.7 for kind in KINDS)
+
+
+def test_a_wrong_direction_harms_who_looks_along_it_only(rows):
+    swept = [rows[DIRECTION, size]["best-hypothesis"] for size in KINDS[DIRECTION]]
+    assert swept[-1] > 2 * swept[0]
+    flat = {round(rows[DIRECTION, size]["difference"], 6) for size in KINDS[DIRECTION]}
+    assert len(flat) == 1
+
+
+def test_a_wrong_speed_is_a_wrong_scale(rows):
+    assert rows[SPEED, 0.1]["difference"] == pytest.approx(0.96, abs=0.02)
+    assert rows[SPEED, 0.1]["best-hypothesis"] == pytest.approx(0.96, abs=0.5)
+
+
+def test_an_unreported_rotation_harms_the_sweep(rows):
+    swept = [rows[ROTATION, size]["best-hypothesis"] for size in KINDS[ROTATION]]
+    assert swept[-1] > 1.5 * swept[0]
