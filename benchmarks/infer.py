@@ -2,7 +2,8 @@
 
     python benchmarks/infer.py [--networks NAME_OR_FILE ...] [--sizes 64 ... 512] [--batches 1 2 4] [--json FILE]
 
-A call takes frame pairs that are on the network's grid already and gives depth at 1/4 of the size. The runtimes
+A call takes frame pairs that are on the network's grid already and gives depth at 1/4 of the size. "inputs" is what
+comes before any runtime: to lay pairs side by side, or to sweep them along the motion. All networks and runtimes
 take turns, so that a busy machine slows all of them alike; compare ratios within one run.
 PyTorch is timed too where it is installed.
 """
@@ -12,8 +13,9 @@ from __future__ import annotations
 import argparse
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -21,14 +23,17 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from flightdepth.camera import Camera
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.files import write_json
+from flightdepth.runtimes.contract import Arrays, Runtime
+from flightdepth.runtimes.inputs import paired_inputs, swept_inputs
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime, cpu_name, cpu_runs_bf16
 from flightdepth.runtimes.onnx_ort import OnnxRuntime
 from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.store import StoredNetwork, read_network, shipped_networks
 
-Call = Callable[[np.ndarray], np.ndarray]
+Call = Callable[[], object]
 
 
 @dataclass(frozen=True)
@@ -43,61 +48,87 @@ class Timing:
     calls: int
 
 
-def runtimes(stored: StoredNetwork) -> dict[str, Call]:
-    found: dict[str, Call] = {"OpenVINO f32": OpenVinoRuntime(stored.onnx)}
-    if cpu_runs_bf16():
-        found["OpenVINO bf16"] = OpenVinoRuntime(stored.onnx, precision="bf16")
-    if find_spec("onnxruntime"):
-        found["ONNX Runtime f32"] = OnnxRuntime(stored.onnx)
+def calls_of(stored: StoredNetwork, size: int, batch: int) -> dict[str, Call]:
+    """What is timed for one network, by the name of its column."""
+    pictures = np.random.default_rng(0).integers(0, 256, (batch + 1, size, size, 3), dtype=np.uint8)
+    earlier, current = list(pictures[1:]), pictures[0]
+    moves = np.random.default_rng(1).normal(size=(batch, 3))
+    camera = Camera.from_fov(size, size, 90)
+
+    def inputs() -> Arrays:
+        if stored.card.knows_direction:
+            return swept_inputs(earlier, current, moves, camera)
+        return paired_inputs(earlier, current)
+
+    made, found = inputs(), {"inputs": inputs}
+    opened = {name: partial(runtime, made) for name, runtime in runtimes(stored.onnx).items()}
     if find_spec("torch"):
-        found["PyTorch f32"] = pytorch(stored.card)
+        opened["PyTorch f32"] = pytorch(stored.card, made)
+    return found | opened
+
+
+@lru_cache
+def runtimes(onnx: bytes) -> dict[str, Runtime]:
+    found: dict[str, Runtime] = {"OpenVINO f32": OpenVinoRuntime(onnx)}
+    if cpu_runs_bf16():
+        found["OpenVINO bf16"] = OpenVinoRuntime(onnx, precision="bf16")
+    if find_spec("onnxruntime"):
+        found["ONNX Runtime f32"] = OnnxRuntime(onnx)
     return found
 
 
-def pytorch(card: NetworkCard) -> Call:
+def pytorch(card: NetworkCard, made: Arrays) -> Call:
     """The same layers in PyTorch. Their weights are drawn anew: they do not change the time."""
     import torch
 
-    from flightdepth.architectures.depthnet import DepthNet
+    from flightdepth.architectures import DepthNet, MotionNet
+    from flightdepth.training.inputs import motion_inputs
+    from flightdepth.training.pictures import normalised
 
-    network = DepthNet(card.base_width, card.activation).eval().to(memory_format=torch.channels_last)
+    network = (
+        MotionNet(card.base_width) if card.knows_direction else DepthNet(card.base_width, card.activation)
+    )
+    network = network.eval().to(memory_format=torch.channels_last)
+    arrays = [torch.from_numpy(array) for array in made.values()]
 
-    def call(pairs: np.ndarray) -> np.ndarray:
+    def call() -> object:
         with torch.inference_mode():
-            images = torch.from_numpy(pairs).permute(0, 3, 1, 2).float()
-            return network((images / 255 - 0.5) / 0.2)[0].numpy()
+            return network(*(motion_inputs(*arrays) if card.knows_direction else (normalised(*arrays),)))
 
     return call
 
 
-def times_ms(calls: dict[str, Call], pairs: np.ndarray, seconds: float) -> dict[str, np.ndarray]:
-    """Let the runtimes take turns of 2 + 10 calls for about `seconds`, the first 2 of a turn not counted.
+def times_ms(calls: Mapping[tuple[str, str], Call], seconds: float) -> dict[tuple[str, str], np.ndarray]:
+    """Let the calls take turns of 2 + 10 for about `seconds` each, the first 2 of a turn not counted.
 
     Turns of a single call would charge a runtime for the worker threads of the one before, which spin on for
     some milliseconds in wait of more.
     """
-    taken: dict[str, list[float]] = {name: [] for name in calls}
-    end = time.perf_counter() + seconds
+    taken: dict[tuple[str, str], list[float]] = {name: [] for name in calls}
+    end = time.perf_counter() + seconds * len(calls)
     while not all(taken.values()) or time.perf_counter() < end:
         for name, call in calls.items():
             time.sleep(0.02)
             for number in range(12):
                 start = time.perf_counter()
-                call(pairs)
+                call()
                 if number >= 2:
                     taken[name].append((time.perf_counter() - start) * 1e3)
     return {name: np.array(values) for name, values in taken.items()}
 
 
-def measure(stored: StoredNetwork, sizes: list[int], batches: list[int], seconds: float) -> list[Timing]:
-    calls, rng, timings = runtimes(stored), np.random.default_rng(0), []
-    for size in sizes:
-        for batch in batches:
-            pairs = rng.integers(0, 256, (batch, size, size, 6), dtype=np.uint8)
-            for name, taken in times_ms(calls, pairs, seconds).items():
-                median, p95 = np.percentile(taken, [50, 95])
-                row = (stored.card.name, stored.card.sha256, name, size, batch)
-                timings.append(Timing(*row, round(float(median), 3), round(float(p95), 3), len(taken)))
+def measure(networks: Sequence[StoredNetwork], size: int, batch: int, seconds: float) -> list[Timing]:
+    """All networks and runtimes at one size and batch, side by side."""
+    calls = {
+        (stored.card.name, name): call
+        for stored in networks
+        for name, call in calls_of(stored, size, batch).items()
+    }
+    weights, timings = {stored.card.name: stored.card.sha256 for stored in networks}, []
+    for (network, name), taken in times_ms(calls, seconds).items():
+        median, p95 = np.percentile(taken, [50, 95])
+        row = (network, weights[network], name, size, batch)
+        timings.append(Timing(*row, round(float(median), 3), round(float(p95), 3), len(taken)))
     return timings
 
 
@@ -122,14 +153,17 @@ def main() -> None:
     parser.add_argument("--networks", nargs="+", default=list(shipped_networks()))
     parser.add_argument("--sizes", nargs="+", type=int, default=[64, 128, 256, 512])
     parser.add_argument("--batches", nargs="+", type=int, default=[1, 2, 4])
-    parser.add_argument("--seconds", type=float, default=1.0, help="of turns per size and batch")
+    parser.add_argument(
+        "--seconds", type=float, default=1.0, help="of each network and runtime, per size and batch"
+    )
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     if not given.networks:
         parser.error("no network ships with this build; give --networks FILE.onnx")
-    timings = []
-    for name in given.networks:
-        timings += measure(read_network(name), given.sizes, given.batches, given.seconds)
+    networks, timings = [read_network(name) for name in given.networks], []
+    for size in given.sizes:
+        for batch in given.batches:
+            timings += measure(networks, size, batch, given.seconds)
     cpu = cpu_name()
     Console().print(table(timings, cpu))
     if given.json:

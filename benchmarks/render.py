@@ -1,4 +1,8 @@
-"""Frames per second of the ray caster: `python benchmarks/render.py [--seconds 4] [--json FILE]`."""
+"""Frames per second of the ray caster: `python benchmarks/render.py [--seconds 4] [--scaling] [--json FILE]`.
+
+Beside it, where Blender is installed, Cycles at 4 samples in the same run. `--scaling` adds how the cost of a frame
+grows with objects, pixels and threads.
+"""
 
 from __future__ import annotations
 
@@ -8,54 +12,118 @@ import os
 import platform
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
+
+from cycles import cycles_frames_per_s
 
 from flightdepth.camera import Camera
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
 
+SEED = 5
+WIDTHS = (64, 128, 256, 512)
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Frames/s by the clock, and by processor time: what the same cores reach when nothing else runs on them."""
+
+    clock: float
+    processor: float
+
 
 def cpu_name() -> str:
     info = Path("/proc/cpuinfo")
-    names = [line.split(":")[1] for line in info.read_text().splitlines() if line.startswith("model name")]
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.split(":")[1] for line in lines if line.startswith("model name")]
     return names[0].strip() if names else platform.processor()
 
 
-def frames_per_s(width: int, textures: Textures, seconds: float, threads: int) -> tuple[float, float]:
-    """Whole scenes of ten frames, one a thread, drawing included; compiled before the clocks start.
+def usable_cores() -> int:
+    """Cores that this process may run on."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
-    By the wall clock, and by processor time: what the same cores reach when nothing else runs on them.
-    """
-    camera, config = Camera.from_fov(width, width, 90), StillBoxConfig()
-    scenes = iter(range(10**9))
+
+def raycast_rate(
+    width: int, textures: Textures, seconds: float, threads: int, config: StillBoxConfig | None = None
+) -> Rate:
+    """Whole scenes of ten frames, one a thread, drawing included; compiled before the clocks start."""
+    camera, drawn, coming = Camera.from_fov(width, width, 90), config or StillBoxConfig(), count()
 
     def one(number: int) -> int:
-        return len(render(draw_scene(config, len(textures), 5, number), textures, camera).images)
+        return len(render(draw_scene(drawn, len(textures), SEED, number), textures, camera).images)
 
     one(0)
     began, began_cpu, frames = time.perf_counter(), time.process_time(), 0
     with ThreadPoolExecutor(threads) as executor:
         while time.perf_counter() - began < seconds:
-            frames += sum(executor.map(one, [next(scenes) for _ in range(4 * threads)]))
-    return frames / (time.perf_counter() - began), threads * frames / (time.process_time() - began_cpu)
+            frames += sum(executor.map(one, [next(coming) for _ in range(4 * threads)]))
+    clock, processor = time.perf_counter() - began, time.process_time() - began_cpu
+    return Rate(frames / clock, threads * frames / processor)
+
+
+def cycles_rate(width: int, threads: int) -> Rate | None:
+    """The same scenes through Cycles, drawing and the exchange of files included; None without Blender."""
+    rates = cycles_frames_per_s(width, threads)
+    return Rate(rates[0], threads * rates[1]) if rates else None
+
+
+def print_rates(ours: dict[int, Rate], theirs: dict[int, Rate]) -> None:
+    print(
+        "   size  by the clock  by processor time"
+        + ("   Cycles: clock  processor     ratio" if theirs else "")
+    )
+    for width, rate in ours.items():
+        print(f"{width:4d} px{rate.clock:14.0f}{rate.processor:19.0f}", end="" if theirs else "\n")
+        if theirs:
+            slow = theirs[width]
+            ratios = f"{rate.clock / slow.clock:.0f} / {rate.processor / slow.processor:.0f}"
+            print(f"{slow.clock:16.1f}{slow.processor:11.1f}{ratios:>10s}")
+
+
+def print_scaling(textures: Textures, seconds: float, threads: int) -> dict[str, dict[int, Rate]]:
+    """How the cost of a frame grows: with objects (128 px), with pixels, with threads (128 px)."""
+    few = {n: StillBoxConfig(meshes=(n, n)) for n in (0, 5, 10, 20, 40, 80)}
+    tables = {
+        "objects": {n: raycast_rate(128, textures, seconds, 1, config) for n, config in few.items()},
+        "width": {w: raycast_rate(w, textures, seconds, 1) for w in (32, *WIDTHS, 1024)},
+        "threads": {n: raycast_rate(128, textures, seconds, n) for n in range(1, threads + 1)},
+    }
+    for name, table in tables.items():
+        print(f"{name:>8s}  frames/s by the clock  ms of processor time a frame")
+        for number, rate in table.items():
+            cores = number if name == "threads" else 1
+            print(f"{number:8d}{rate.clock:23.0f}{1000 * cores / rate.processor:30.3f}")
+    return tables
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=4.0)
+    parser.add_argument("--threads", type=int, default=usable_cores())
+    parser.add_argument("--scaling", action="store_true")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    threads = os.cpu_count() or 1
     textures = Textures.procedural(64, 1)
-    rates = {w: frames_per_s(w, textures, options.seconds, threads) for w in (64, 128, 256, 512)}
-    print(f"{VERSION} on {threads} cores of {cpu_name()}, frames/s")
-    print("   size  by the clock  by processor time")
-    for width, (wall, processor) in rates.items():
-        print(f"{width:4d} px{wall:14.0f}{processor:19.0f}")
+    print(f"{VERSION}, {options.threads} threads on {cpu_name()}, frames/s")
+    ours = {w: raycast_rate(w, textures, options.seconds, options.threads) for w in WIDTHS}
+    cycles = {w: cycles_rate(w, options.threads) for w in WIDTHS}
+    theirs = {w: rate for w, rate in cycles.items() if rate}
+    if not theirs:
+        print("Cycles is left out: Blender is not installed")
+    print_rates(ours, theirs)
+    scaling = print_scaling(textures, options.seconds, options.threads) if options.scaling else {}
     if options.json:
-        facts = {"renderer": VERSION, "cpu": cpu_name(), "threads": threads, "seconds": options.seconds}
-        names = ("by_the_clock", "by_processor_time")
-        figures = {width: dict(zip(names, pair, strict=True)) for width, pair in rates.items()}
+        facts = {
+            "renderer": VERSION,
+            "cpu": cpu_name(),
+            "threads": options.threads,
+            "seconds": options.seconds,
+        }
+        tables = {"raycast": ours, "cycles at 4 samples": theirs} | scaling
+        figures = {name: {n: vars(rate) for n, rate in table.items()} for name, table in tables.items()}
         options.json.write_text(json.dumps(facts | {"frames_per_s": figures}, indent=2))
 
 

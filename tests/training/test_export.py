@@ -8,11 +8,13 @@ import pytest
 import torch
 from torch import nn
 
-from flightdepth.architectures import DepthNet
+from flightdepth.architectures import DepthNet, MotionNet
+from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.runtimes.inputs import swept_inputs
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 from flightdepth.runtimes.onnx_ort import OnnxRuntime
-from flightdepth.training.export import Deployed, in_half_precision, to_onnx, weights_of
+from flightdepth.training.export import Deployed, DeployedMotion, in_half_precision, to_onnx, weights_of
 
 BASE_WIDTH = 8
 RANGE_M = (10.0, 60.0)
@@ -113,3 +115,38 @@ def test_an_onnx_file_of_somebody_else_has_no_weights():
     graph = onnx.helper.make_graph([], "empty", [], [])
     with pytest.raises(BadInput, match="flightdepth export"):
         weights_of(onnx.helper.make_model(graph).SerializeToString())
+
+
+@pytest.fixture(scope="module")
+def motion():
+    torch.manual_seed(6)
+    network = MotionNet(8)
+    network.predict_depth2.bias.data.fill_(35)
+    model = DeployedMotion(network, 0.0, 100.0).eval()
+    exact = to_onnx(model)
+    return model, exact, in_half_precision(exact)
+
+
+@pytest.mark.parametrize("runtime", [OpenVinoRuntime, OnnxRuntime])
+@pytest.mark.parametrize("shape", [(1, 64, 64), (2, 192, 320), (3, 128, 256)])
+def test_a_runtime_agrees_with_pytorch_on_sweeps(motion, runtime, shape):
+    model, exact, _ = motion
+    n, height, width = shape
+    camera = Camera.from_fov(width, height, 80)
+    pictures = pairs(n, height, width)
+    moves = np.random.default_rng(0).normal(size=(n, 3))
+    inputs = swept_inputs([pair[..., :3] for pair in pictures], pictures[0, ..., 3:], moves, camera)
+    with torch.no_grad():
+        depth, sigma = (each.numpy() for each in model(*(torch.from_numpy(a) for a in inputs.values())))
+    found = runtime(exact)(inputs)
+    assert found["depth_m"].shape == (n, height // 4, width // 4)
+    assert np.abs(found["depth_m"] - depth).max() < 1e-3 * depth.max()
+    assert np.abs(found["sigma_m"] - sigma).max() < 1e-3 * sigma.max()
+
+
+def test_weights_of_a_motion_network_come_back(motion):
+    model, exact, half = motion
+    kept = {key: value for key, value in model.network.state_dict().items() if value.is_floating_point()}
+    found, rounded = weights_of(exact), weights_of(half)
+    assert all(torch.equal(found[key], value) for key, value in kept.items())
+    assert all(torch.allclose(rounded[key], value, rtol=1e-3, atol=1e-6) for key, value in kept.items())

@@ -49,7 +49,10 @@ def noise_rows(
                 column.append(_error_m(network, pair, kind, size, rng.spawn(1)[0]))
     return [
         {"kind": kind, "size": size}
-        | {network.card.name: float(np.mean(column)) for network, column in zip(networks, columns, strict=True)}
+        | {
+            network.card.name: float(np.mean(column))
+            for network, column in zip(networks, columns, strict=True)
+        }
         for (kind, size), columns in errors.items()
     ]
 

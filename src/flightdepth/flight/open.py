@@ -21,7 +21,7 @@ from flightdepth.flight.records import (
     VelocitySample,
     seconds,
 )
-from flightdepth.flight.telemetry_csv import read_csv
+from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.video import Video
 
 NO_CAMERA = "Give --hfov DEGREES (the horizontal field of view) or --camera FILE."
@@ -122,7 +122,7 @@ def choose_telemetry(video: Video, telemetry: str | Path | None, speed_m_s: floa
     if speed_m_s is not None:
         forward_velocity(0, speed_m_s)  # refuses a speed that is not one, before the first frame
         return None
-    log = read_gpmf(video.path) if telemetry is None else read_csv(Path(telemetry))
+    log = read_gpmf(video.path) if telemetry is None else read_telemetry(Path(telemetry))
     if log is None:
         got = "none inside the video"
         raise BadInput(f"telemetry of {video.path}", expected="a velocity", got=got, mend=NO_TELEMETRY)

@@ -73,6 +73,17 @@ class AttitudeSample:
         object.__setattr__(self, "world_from_camera", unit_quaternion(self.world_from_camera))
 
 
+@dataclass(frozen=True, eq=False)
+class BodyAttitudeSample:
+    """Attitude of the drone: unit quaternion (w, x, y, z), world (NED) from body (x forward, y right)."""
+
+    stamp_ns: int
+    world_from_body: Vector
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "world_from_body", unit_quaternion(self.world_from_body))
+
+
 Sample = VelocitySample | AttitudeSample
 
 
@@ -101,13 +112,15 @@ class GyroscopeTrack:
 class Telemetry:
     """All that one log says about a flight, in time order, on the video's clock.
 
-    `name` is a line for people; `counts` says how much of the log was dropped, and why.
+    `name` is a line for people; `counts` says how much of the log was dropped, and why. `body_attitudes` are
+    the drone's own, in time order; they say nothing of a camera until somebody knows how it is mounted.
     """
 
     name: str
     samples: tuple[Sample, ...]
     counts: dict[str, int] = field(default_factory=dict)
     gyroscope: GyroscopeTrack | None = None
+    body_attitudes: tuple[BodyAttitudeSample, ...] = ()
 
     def __post_init__(self) -> None:
         stamps = [sample.stamp_ns for sample in self.samples]

@@ -86,6 +86,12 @@ def read_csv(path: Path) -> Telemetry:
         raise BadInput(what, expected="a CSV file", got=f"something else ({error})", mend=MEND) from error
 
 
+def looks_like_csv(head: bytes, path: Path) -> bool:
+    """Whether the file's first line is text with a comma in it."""
+    line = head.split(b"\n", 1)[0]
+    return b"," in line and b"\0" not in line and line.decode("utf-8", "replace").isprintable()
+
+
 def write_csv(path: Path, samples: Iterable[Sample]) -> None:
     """Write velocities of one frame, and attitudes that share their stamps; `read_csv` gives them back."""
     ordered = list(samples)

@@ -13,7 +13,11 @@ from flightdepth.scenes.textures import EDGE, LEVELS
 
 # First texel of each mip level in a texture's block.
 LEVEL_OFFSET = np.cumsum([0] + [(EDGE >> level) ** 2 for level in range(LEVELS)])[:LEVELS].astype(np.int64)
-LINEAR = ((np.arange(256) / 255.0) ** 2.2).astype(np.float32)  # sRGB byte -> linear light
+LINEAR = ((np.arange(256) / 255.0) ** 2.2).astype(np.float32).astype(np.float64)  # sRGB byte -> linear light
+FINER = np.array(
+    [0] + [n.bit_length() - 1 for n in range(1, EDGE)] + [LEVELS - 2]
+)  # texels in a pixel -> level
+SHRINK = 0.5 ** np.arange(LEVELS)
 ENCODE_STEPS = 4096
 ENCODED = np.rint(255 * (np.arange(ENCODE_STEPS + 1) / ENCODE_STEPS) ** (1 / 2.2)).astype(np.uint8)
 
@@ -61,35 +65,36 @@ def texture_place(
 
 
 @compiled
-def _bilinear(texels: NDArray[np.uint8], texture: int, level: int, u: float, v: float) -> Vec3:
+def _bilinear(block: NDArray[np.uint8], level: int, u: float, v: float) -> Vec3:
     """Linear-light colour of one mip level, repeating at the border."""
     edge = EDGE >> level
     x, y = u * edge - 0.5, v * edge - 0.5
     floor_x, floor_y = math.floor(x), math.floor(y)
     ax, ay = x - floor_x, y - floor_y
+    # Unsigned, or the compiler would look at each for a place counted from the end.
     x0, y0 = int(floor_x) & (edge - 1), int(floor_y) & (edge - 1)
     x1, y1 = (x0 + 1) & (edge - 1), (y0 + 1) & (edge - 1)
     base = LEVEL_OFFSET[level]
-    i00, i01 = base + y0 * edge + x0, base + y0 * edge + x1
-    i10, i11 = base + y1 * edge + x0, base + y1 * edge + x1
+    i00, i01 = np.uintp(base + y0 * edge + x0), np.uintp(base + y0 * edge + x1)
+    i10, i11 = np.uintp(base + y1 * edge + x0), np.uintp(base + y1 * edge + x1)
     w00, w01, w10, w11 = (1 - ax) * (1 - ay), ax * (1 - ay), (1 - ax) * ay, ax * ay
     r = (
-        w00 * LINEAR[texels[texture, i00, 0]]
-        + w01 * LINEAR[texels[texture, i01, 0]]
-        + w10 * LINEAR[texels[texture, i10, 0]]
-        + w11 * LINEAR[texels[texture, i11, 0]]
+        w00 * LINEAR[block[i00, 0]]
+        + w01 * LINEAR[block[i01, 0]]
+        + w10 * LINEAR[block[i10, 0]]
+        + w11 * LINEAR[block[i11, 0]]
     )
     g = (
-        w00 * LINEAR[texels[texture, i00, 1]]
-        + w01 * LINEAR[texels[texture, i01, 1]]
-        + w10 * LINEAR[texels[texture, i10, 1]]
-        + w11 * LINEAR[texels[texture, i11, 1]]
+        w00 * LINEAR[block[i00, 1]]
+        + w01 * LINEAR[block[i01, 1]]
+        + w10 * LINEAR[block[i10, 1]]
+        + w11 * LINEAR[block[i11, 1]]
     )
     b = (
-        w00 * LINEAR[texels[texture, i00, 2]]
-        + w01 * LINEAR[texels[texture, i01, 2]]
-        + w10 * LINEAR[texels[texture, i10, 2]]
-        + w11 * LINEAR[texels[texture, i11, 2]]
+        w00 * LINEAR[block[i00, 2]]
+        + w01 * LINEAR[block[i01, 2]]
+        + w10 * LINEAR[block[i10, 2]]
+        + w11 * LINEAR[block[i11, 2]]
     )
     return r, g, b
 
@@ -100,12 +105,12 @@ def texture_colour(texels: NDArray[np.uint8], texture: int, u: float, v: float, 
 
     Between two levels the blend is linear in the footprint, which spares a logarithm.
     """
-    mantissa, exponent = math.frexp(max(footprint * EDGE, 1.0))  # mantissa in [0.5, 1)
-    lower = min(exponent - 1, LEVELS - 2)
-    blend = min(2.0 * mantissa - 1.0, 1.0) if exponent <= LEVELS - 1 else 1.0
-    r, g, b = _bilinear(texels, texture, lower, u, v)
+    wide = max(footprint * EDGE, 1.0)
+    lower = FINER[np.uintp(int(wide) if wide < EDGE else EDGE)]
+    blend = wide * SHRINK[lower] - 1.0 if wide < EDGE else 1.0
+    r, g, b = _bilinear(texels[texture], lower, u, v)
     if blend > 0.0:
-        r1, g1, b1 = _bilinear(texels, texture, lower + 1, u, v)
+        r1, g1, b1 = _bilinear(texels[texture], lower + 1, u, v)
         r, g, b = r + blend * (r1 - r), g + blend * (g1 - g), b + blend * (b1 - b)
     return r, g, b
 

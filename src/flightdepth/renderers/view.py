@@ -8,6 +8,7 @@ of a record as single numbers, `origin_0`, `ray_12` (see `_flat`).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,19 +78,9 @@ FLAT_THING, FLAT_MATERIAL, FLAT_LAMP, FLAT_CAMERA = map(_flat, (THING, MATERIAL,
 class World(NamedTuple):
     """What does not change while the camera moves."""
 
-    things: Records  # THING [K + 1]
+    things: Records  # flat THING [K + 1]
     materials: Records  # flat MATERIAL [M]
     lamps: Records  # flat LAMP [L]
-
-
-class View(NamedTuple):
-    """One camera position, flat records. A ray is (x, y, 1) in camera space, so t is the z-depth."""
-
-    camera: Records  # [1]
-    things: Records  # [K + 1]
-    near_to_far: Ints  # [K]
-    materials: Records  # [M]
-    lamps: Records  # [L]
 
 
 def prepare_world(scene: Scene) -> World:
@@ -114,56 +105,79 @@ def prepare_world(scene: Scene) -> World:
         materials[name] = getattr(scene.materials, name)
     lamps = np.zeros(len(scene.lamp_position), LAMP)
     lamps["position"], lamps["power"] = scene.lamp_position, scene.lamp_power
-    return World(things, materials.view(FLAT_MATERIAL), lamps.view(FLAT_LAMP))
+    return World(things.view(FLAT_THING), materials.view(FLAT_MATERIAL), lamps.view(FLAT_LAMP))
 
 
-def prepare_view(scene: Scene, world: World, camera: Camera, frame: int) -> View:
-    """Lay out frame `frame` as `camera` sees it."""
-    position, turn = scene.camera_position[frame], scene.world_from_camera[frame]
-    things = world.things.copy()
-    linear = things["from_world"][:, :, :3]
-    things["origin"] = linear @ position + things["from_world"][:, :, 3]
-    things["ray"] = linear @ turn
-    record = _camera_record(scene, camera, frame)
-    _place_in_picture(record, things.view(FLAT_THING))
-    near_to_far = np.argsort(things["nearest"][:-1], kind="stable")
-    return View(record, things.view(FLAT_THING), near_to_far, world.materials, world.lamps)
-
-
-def _camera_record(scene: Scene, camera: Camera, frame: int) -> Records:
-    record = np.zeros(1, CAMERA)
-    record["position"], record["turn"] = scene.camera_position[frame], scene.world_from_camera[frame]
+def prepare_cameras(scene: Scene, camera: Camera, frames: Sequence[int]) -> Records:
+    """Lay out where `camera` is in each frame, flat CAMERA [F]. A ray is (x, y, 1), so t is the z-depth."""
+    records = np.zeros(len(frames), CAMERA)
+    which = list(frames)
+    records["position"], records["turn"] = scene.camera_position[which], scene.world_from_camera[which]
     for name in ("fx", "fy", "cx", "cy"):
-        record[name] = getattr(camera, name)
-    record["wall"], record["ambient"] = scene.room_material, scene.ambient
-    record["horizon"], record["zenith"] = scene.sky_colour
-    record["has_room"] = np.isfinite(scene.room_half).all()
-    return record.view(FLAT_CAMERA)
+        records[name] = getattr(camera, name)
+    records["wall"], records["ambient"] = scene.room_material, scene.ambient
+    records["horizon"], records["zenith"] = scene.sky_colour
+    records["has_room"] = np.isfinite(scene.room_half).all()
+    return records.view(FLAT_CAMERA)
 
 
 @compiled
-def _place_in_picture(cameras: Records, things: Records) -> None:
-    """Fill `outline`, `nearest` and the rectangle of every object: where in the picture its bound can be."""
-    camera = cameras[0]
-    for k in range(len(things) - 1):
+def place_things(cameras: Records, things: Records, near_to_far: Ints) -> None:
+    """Fill what depends on the camera, cameras[0], in `things`, and the objects' order by least depth."""
+    objects = len(things) - 1
+    _write_origin_and_ray(cameras[0], things[objects])
+    for k in range(objects):
         thing = things[k]
+        _write_origin_and_ray(cameras[0], thing)
         _write_outline(thing)
-        x, y, z = (
-            thing.centre_0 - camera.position_0,
-            thing.centre_1 - camera.position_1,
-            thing.centre_2 - camera.position_2,
-        )
-        x, y, z = (
-            camera.turn_00 * x + camera.turn_10 * y + camera.turn_20 * z,
-            camera.turn_01 * x + camera.turn_11 * y + camera.turn_21 * z,
-            camera.turn_02 * x + camera.turn_12 * y + camera.turn_22 * z,
-        )
-        thing.nearest = z - thing.bound
-        if z + thing.bound <= 0.0:  # behind the camera: an empty rectangle
-            thing.left, thing.right, thing.top, thing.bottom = 0, 0, 0, 0
-            continue
-        thing.left, thing.right = _interval(x, z, thing.bound, camera.fx, camera.cx)
-        thing.top, thing.bottom = _interval(y, z, thing.bound, camera.fy, camera.cy)
+        _write_rectangle(cameras[0], thing)
+        place = k
+        while place > 0 and things[near_to_far[place - 1]].nearest > thing.nearest:
+            near_to_far[place] = near_to_far[place - 1]
+            place -= 1
+        near_to_far[place] = k
+
+
+@compiled
+def _write_origin_and_ray(camera: Any, a: Any) -> None:
+    """The camera's position and its directions, in object space."""
+    p0, p1, p2 = camera.position_0, camera.position_1, camera.position_2
+    a.origin_0 = a.from_world_00 * p0 + a.from_world_01 * p1 + a.from_world_02 * p2 + a.from_world_03
+    a.origin_1 = a.from_world_10 * p0 + a.from_world_11 * p1 + a.from_world_12 * p2 + a.from_world_13
+    a.origin_2 = a.from_world_20 * p0 + a.from_world_21 * p1 + a.from_world_22 * p2 + a.from_world_23
+    t00, t10, t20 = camera.turn_00, camera.turn_10, camera.turn_20
+    t01, t11, t21 = camera.turn_01, camera.turn_11, camera.turn_21
+    t02, t12, t22 = camera.turn_02, camera.turn_12, camera.turn_22
+    a.ray_00 = a.from_world_00 * t00 + a.from_world_01 * t10 + a.from_world_02 * t20
+    a.ray_01 = a.from_world_00 * t01 + a.from_world_01 * t11 + a.from_world_02 * t21
+    a.ray_02 = a.from_world_00 * t02 + a.from_world_01 * t12 + a.from_world_02 * t22
+    a.ray_10 = a.from_world_10 * t00 + a.from_world_11 * t10 + a.from_world_12 * t20
+    a.ray_11 = a.from_world_10 * t01 + a.from_world_11 * t11 + a.from_world_12 * t21
+    a.ray_12 = a.from_world_10 * t02 + a.from_world_11 * t12 + a.from_world_12 * t22
+    a.ray_20 = a.from_world_20 * t00 + a.from_world_21 * t10 + a.from_world_22 * t20
+    a.ray_21 = a.from_world_20 * t01 + a.from_world_21 * t11 + a.from_world_22 * t21
+    a.ray_22 = a.from_world_20 * t02 + a.from_world_21 * t12 + a.from_world_22 * t22
+
+
+@compiled
+def _write_rectangle(camera: Any, thing: Any) -> None:
+    """Where in the picture the bound can be: `nearest` and the rectangle."""
+    x, y, z = (
+        thing.centre_0 - camera.position_0,
+        thing.centre_1 - camera.position_1,
+        thing.centre_2 - camera.position_2,
+    )
+    x, y, z = (
+        camera.turn_00 * x + camera.turn_10 * y + camera.turn_20 * z,
+        camera.turn_01 * x + camera.turn_11 * y + camera.turn_21 * z,
+        camera.turn_02 * x + camera.turn_12 * y + camera.turn_22 * z,
+    )
+    thing.nearest = z - thing.bound
+    if z + thing.bound <= 0.0:  # behind the camera: an empty rectangle
+        thing.left, thing.right, thing.top, thing.bottom = 0, 0, 0, 0
+        return
+    thing.left, thing.right = _interval(x, z, thing.bound, camera.fx, camera.cx)
+    thing.top, thing.bottom = _interval(y, z, thing.bound, camera.fy, camera.cy)
 
 
 @compiled

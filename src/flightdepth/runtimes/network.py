@@ -41,7 +41,9 @@ class Network:
         if camera not in self._grids:
             if len(self._grids) == GRIDS_KEPT:
                 self._grids.pop(next(iter(self._grids)))
-            self._grids[camera] = NetworkGrid(camera, self.card.focal_px)
+            # Pixels that the source does not have would tell a network for any lens nothing.
+            focal_px = min(self.card.focal_px, camera.fx) if self.card.any_lens else self.card.focal_px
+            self._grids[camera] = NetworkGrid(camera, focal_px)
         return self._grids[camera]
 
     def depth(
@@ -150,9 +152,9 @@ def networks() -> tuple[str, ...]:
 
 
 def nearest_network(camera: Camera, folder: Path = SHIPPED) -> str:
-    """The network in `folder` whose training focal length is nearest to the camera's, as a ratio.
+    """The network in `folder` for a camera: one for any lens, else that of the nearest focal length, as a ratio.
 
-    Of several at the same focal length the smallest, which is the one for flights in real time; then by name.
+    Of several the smallest, which is the one for flights in real time; then by name.
     """
     names = shipped_networks(folder)
     if not names:
@@ -162,6 +164,7 @@ def nearest_network(camera: Camera, folder: Path = SHIPPED) -> str:
 
     def rank(name: str) -> tuple[float, int, str]:
         card = read_card(folder / f"{name}.onnx")
-        return round(abs(math.log(card.focal_px / camera.fx)), 6), card.base_width, name
+        off = 0.0 if card.any_lens else round(abs(math.log(card.focal_px / camera.fx)), 6)
+        return off, card.base_width, name
 
     return min(names, key=rank)

@@ -1,0 +1,129 @@
+"""How well depth explains a pair: the earlier picture, warped by depth and displacement, beside the current one.
+
+A point of `current` at ray (x, y, 1) and depth Z was seen by a camera that did not turn at
+(x + w d_x, y + w d_y) / (1 + w d_z), with w = 1/Z. Occlusion is not modelled: what the earlier picture hid is
+compared with what hid it, so even the true depth leaves an error beside edges. The interpolation smooths noise a
+little, which favours every warp over none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+
+Image = NDArray[np.uint8]
+Map = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+Vector = NDArray[np.float64]
+
+NEAREST_M = 1e-3  # a network's output of exactly 0 has no inverse
+# Sideways shifts, pixels, of the constant depths to choose from: a quarter of a pixel to a sixth of the width.
+CONSTANT_SHIFTS_PX = np.geomspace(0.25, 64.0, 33)
+LEAST_INSIDE = 0.5  # of the known pixels, for a constant depth that may be called the best
+
+
+@dataclass(frozen=True)
+class Match:
+    """error: mean |grey difference| after the warp, as a share of that without any warp on the same pixels
+    (0 perfect, 1 as good as the plane at infinity); NaN where nothing can be compared. inside: those pixels,
+    as a share of the known ones.
+    """
+
+    error: float
+    inside: float
+
+
+class WarpedPair:
+    """Two pictures uint8 RGB [H, W, 3] of an ideal pinhole that did not turn, `displacement` (3,) metres apart.
+
+    `known_previous`, `known_current`, bool [H, W]: the pixel shows the scene, not padding.
+    """
+
+    def __init__(
+        self,
+        previous: Image,
+        current: Image,
+        displacement: Vector,
+        camera: Camera,
+        *,
+        known_previous: Flags,
+        known_current: Flags,
+    ) -> None:
+        self._previous, self._current = grey(previous), grey(current)
+        self._known_previous = known_previous.astype(np.float32)
+        self._comparable = known_previous & known_current
+        self._displacement, self._camera = displacement, camera
+        self._rays = camera.rays()
+        self._unmoved = np.abs(self._current - self._previous)
+
+    def error_map(self, depth_m: Map) -> Map:
+        """|grey difference|, 0..255, float32 [H, W], after warping by depth [H, W] or [h, w]; NaN outside."""
+        return self._error(inverse_at(depth_m, self._camera))
+
+    def unmoved_map(self) -> Map:
+        """The same without any warp: the plane at infinity."""
+        return np.where(self._comparable, self._unmoved, np.float32(np.nan)).astype(np.float32)
+
+    def match(self, depth_m: Map) -> Match:
+        """How well depth in metres, [H, W] or [h, w], NaN = unknown, explains the pair."""
+        return self._match(inverse_at(depth_m, self._camera))
+
+    def best_constant(self) -> Match:
+        """The match of the one depth, chosen with both pictures in sight, that explains the pair best."""
+        length_m = max(float(np.linalg.norm(self._displacement)), NEAREST_M)
+        size = self._current.shape
+        matches = [
+            self._match(np.full(size, shift_px / (self._camera.fx * length_m), np.float32))
+            for shift_px in CONSTANT_SHIFTS_PX
+        ]
+        kept = [match for match in matches if match.inside >= LEAST_INSIDE and np.isfinite(match.error)]
+        return min(kept, key=lambda match: match.error, default=Match(float("nan"), 0.0))
+
+    def _match(self, inverse: Map) -> Match:
+        error = self._error(inverse)
+        inside = np.isfinite(error)
+        without = float(self._unmoved[inside].sum(dtype=np.float64))
+        share = float(error[inside].sum(dtype=np.float64)) / without if without > 0 else float("nan")
+        return Match(share, np.count_nonzero(inside) / max(1, np.count_nonzero(self._comparable)))
+
+    def _error(self, inverse: Map) -> Map:
+        x, y = self._seen_at(inverse)
+        linear, outside = cv2.INTER_LINEAR, cv2.BORDER_CONSTANT
+        there = cv2.remap(self._previous, x, y, linear, borderMode=outside)
+        known = cv2.remap(self._known_previous, x, y, linear, borderMode=outside) > 0.999
+        error = np.abs(self._current - there)
+        return np.where(known & self._comparable, error, np.float32(np.nan)).astype(np.float32)
+
+    def _seen_at(self, inverse: Map) -> tuple[Map, Map]:
+        """Pixels (x, y) of the earlier picture, [H, W] each; far outside it where depth is unknown."""
+        dx, dy, dz = self._displacement
+        ahead = 1 + inverse * dz
+        sound = np.isfinite(inverse) & (ahead > 0)
+        ahead = np.where(sound, ahead, 1)
+        x = self._camera.fx * (self._rays[..., 0] + inverse * dx) / ahead + self._camera.cx
+        y = self._camera.fy * (self._rays[..., 1] + inverse * dy) / ahead + self._camera.cy
+        far = 2.0 * max(self._camera.width, self._camera.height)
+        x, y = (np.where(sound, part.clip(-far, far), -far).astype(np.float32) for part in (x, y))
+        return x, y
+
+
+def grey(image: Image) -> Map:
+    """Grey 0..255 float32 [H, W] of an RGB picture."""
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+
+
+def inverse_at(depth_m: Map, camera: Camera) -> Map:
+    """Inverse depth float32 at the camera's size; between the pixels of a smaller map it runs straight.
+
+    The inverse depth of a plane does so too, and that of the sky is 0.
+    """
+    inverse = (1 / np.maximum(depth_m, np.float32(NEAREST_M))).astype(np.float32)
+    size = (camera.width, camera.height)
+    if inverse.shape == size[::-1]:
+        return inverse
+    return np.asarray(cv2.resize(inverse, size, interpolation=cv2.INTER_LINEAR), dtype=np.float32)

@@ -1,0 +1,193 @@
+"""What the logs of autopilots share: records on a clock that starts at power-up, good ones and bad ones."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.errors import BadInput
+from flightdepth.flight.gimbal import GimbalAttitude, camera_attitude
+from flightdepth.flight.records import (
+    NS_PER_S,
+    AttitudeSample,
+    BodyAttitudeSample,
+    Sample,
+    Telemetry,
+    VelocitySample,
+)
+from flightdepth.motion import Vector, rotation_from_quaternion
+
+Stamps = NDArray[np.int64]
+Indices = NDArray[np.intp]
+
+# A log's time that steps back, or ahead, by more starts a new run; less is a packet that overtook another.
+STEP_NS = 2 * NS_PER_S
+# A run of fewer records beside longer ones is a damaged stamp.
+SHORTEST_RUN = 3
+# Left free after a reboot, so that nobody integrates across it: more than any gap that is bridged (1.5 s).
+REBOOT_GAP_NS = 2 * NS_PER_S
+# Stamps beyond are damage: microseconds since 1970 reach this in 2096, and ns still fit into int64.
+LAST_STAMP_US = 4 * 10**15
+# No drone flies faster; a filter's output that does not change for so long while moving has died.
+MAX_SPEED_M_S = 150.0
+STUCK_NS = 2 * NS_PER_S
+# How old the body's heading may be where a gimbal's yaw counts from it.
+HEADING_AGE_NS = NS_PER_S // 2
+
+
+class Velocity(NamedTuple):
+    """Velocity north, east, down in m/s; the standard deviation of each, or None."""
+
+    ned: Sequence[float]
+    sigma: float | None = None
+
+
+class BodyAttitude(NamedTuple):
+    """Quaternion (w, x, y, z), world (NED) from body (x forward, y right, z down)."""
+
+    quaternion: Sequence[float]
+
+
+class Record(NamedTuple):
+    """One value of a log; `stamp_ns` since the autopilot's power-up, `received_ns` by another clock, or 0."""
+
+    stamp_ns: int
+    value: Velocity | BodyAttitude | GimbalAttitude
+    received_ns: int = 0
+
+
+def boots(stamps_ns: Stamps, counts: Counter[str]) -> list[Indices]:
+    """Indices of the records [n] of each power-up, in the order of the log; lone damaged stamps are left out.
+
+    A log whose time starts again holds another power-up. Within one, times never go back by STEP_NS.
+    """
+    breaks = np.flatnonzero(np.abs(np.diff(stamps_ns)) > STEP_NS) + 1
+    runs = np.split(np.arange(len(stamps_ns)), breaks)
+    long_runs = [run for run in runs if len(run) >= SHORTEST_RUN] or runs
+    if lost := len(stamps_ns) - sum(map(len, long_runs)):
+        counts["records with a damaged time"] += lost
+    found: list[Indices] = []
+    for run in long_runs:
+        if found and stamps_ns[run[0]] > stamps_ns[found[-1][-1]]:
+            found[-1] = np.concatenate([found[-1], run])
+        else:
+            found.append(run)
+    return found
+
+
+def longest_boot(records: Sequence[Record], counts: Counter[str]) -> list[Record]:
+    """The records of the longest power-up; without another clock nobody knows where the others belong."""
+    found = boots(np.array([record.stamp_ns for record in records], dtype=np.int64), counts)
+    longest = max(found, key=len, default=np.arange(0))
+    if left := sum(map(len, found)) - len(longest):
+        counts["records of other power-ups of the autopilot"] += left
+    return [records[index] for index in longest.tolist()]
+
+
+def placed_boots(records: Sequence[Record], counts: Counter[str]) -> list[Record]:
+    """All records on the receiver's clock: one offset for each power-up, a gap between two of them.
+
+    The receiver's clock may be set while it runs, so only the first records of a power-up tell its offset.
+    """
+    stamps = np.array([record.stamp_ns for record in records], dtype=np.int64)
+    received = np.array([record.received_ns for record in records], dtype=np.int64)
+    placed: list[Record] = []
+    for boot in boots(stamps, counts):
+        offset = int(np.median(received[boot[:50]] - stamps[boot[:50]]))
+        if placed:
+            counts["reboots of the autopilot"] += 1
+            earliest = placed[-1].stamp_ns + REBOOT_GAP_NS
+            offset = max(offset, earliest - int(stamps[boot].min()))
+        placed += [records[i]._replace(stamp_ns=records[i].stamp_ns + offset) for i in boot.tolist()]
+    return placed
+
+
+def autopilot_telemetry(name: str, records: Sequence[Record], counts: Counter[str]) -> Telemetry:
+    """Telemetry from the records of a log on one clock; its time 0 is the first record's."""
+    zero_ns = min((record.stamp_ns for record in records), default=0)
+    gate = Gate(counts)
+    for stamp_ns, value, _ in records:
+        gate.take(stamp_ns - zero_ns, value)
+    if not gate.velocities:
+        why = ", ".join(f"{count} {reason}" for reason, count in counts.items())
+        raise BadInput(f"telemetry {name}", expected="a velocity", got=f"none ({why})" if why else "none")
+    camera = f", {len(gate.cameras)} camera attitudes" if gate.cameras else ""
+    what = f"{len(gate.velocities)} velocities, {len(gate.bodies)} body attitudes{camera}"
+    # Sorting is stable: a velocity stays before an attitude of the same time.
+    samples: list[Sample] = [*gate.velocities, *gate.cameras]
+    return Telemetry(
+        f"{name}: {what}; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock",
+        tuple(sorted(samples, key=lambda sample: sample.stamp_ns)),
+        dict(counts),
+        body_attitudes=tuple(gate.bodies),
+    )
+
+
+@dataclass
+class Gate:
+    """Takes records in the order of the log, keeps the sound ones and counts the others."""
+
+    counts: Counter[str]
+    velocities: list[VelocitySample] = field(default_factory=list)
+    bodies: list[BodyAttitudeSample] = field(default_factory=list)
+    cameras: list[AttitudeSample] = field(default_factory=list)
+    _unchanged_since_ns: int = 0
+
+    def take(self, stamp_ns: int, value: Velocity | BodyAttitude | GimbalAttitude) -> None:
+        """Keep one record, or count why not."""
+        if isinstance(value, Velocity):
+            self._take_velocity(stamp_ns, value)
+        elif not is_rotation(value.quaternion):
+            self.counts["attitudes that are no rotation"] += 1
+        elif isinstance(value, BodyAttitude):
+            if self._later(stamp_ns, self.bodies, "body attitudes"):
+                self.bodies.append(BodyAttitudeSample(stamp_ns, np.array(value.quaternion)))
+        elif self._later(stamp_ns, self.cameras, "camera attitudes"):
+            attitude = camera_attitude(value, self._heading_rad(stamp_ns))
+            if attitude is None:
+                self.counts["gimbal attitudes without a heading"] += 1
+            else:
+                self.cameras.append(AttitudeSample(stamp_ns, attitude))
+
+    def _take_velocity(self, stamp_ns: int, value: Velocity) -> None:
+        velocity = np.array(value.ned, dtype=np.float64)
+        if not np.isfinite(velocity).all():
+            self.counts["velocities that are not numbers"] += 1
+        elif np.linalg.norm(velocity) > MAX_SPEED_M_S:
+            self.counts[f"velocities above {MAX_SPEED_M_S:.0f} m/s"] += 1
+        elif self._later(stamp_ns, self.velocities, "velocities") and self._alive(stamp_ns, velocity):
+            sound = value.sigma is not None and math.isfinite(value.sigma) and value.sigma >= 0
+            self.velocities.append(VelocitySample(stamp_ns, velocity, sigma=value.sigma if sound else None))
+
+    def _alive(self, stamp_ns: int, velocity: Vector) -> bool:
+        newest = self.velocities[-1].velocity if self.velocities else None
+        if newest is None or not velocity.any() or not np.array_equal(newest, velocity):
+            self._unchanged_since_ns = stamp_ns
+        alive = stamp_ns - self._unchanged_since_ns <= STUCK_NS
+        self.counts["stuck velocities"] += not alive
+        return alive
+
+    def _later(
+        self, stamp_ns: int, kept: Sequence[VelocitySample | BodyAttitudeSample | AttitudeSample], kind: str
+    ) -> bool:
+        later = not kept or stamp_ns > kept[-1].stamp_ns
+        self.counts[f"{kind} not later than the one before"] += not later
+        return later
+
+    def _heading_rad(self, stamp_ns: int) -> float | None:
+        if not self.bodies or abs(stamp_ns - self.bodies[-1].stamp_ns) > HEADING_AGE_NS:
+            return None
+        rotation = rotation_from_quaternion(self.bodies[-1].world_from_body)
+        return math.atan2(rotation[1, 0], rotation[0, 0])
+
+
+def is_rotation(quaternion: Iterable[float]) -> bool:
+    """Whether four numbers are a unit quaternion, as far as a log's rounding allows."""
+    length = math.sqrt(sum(float(number) ** 2 for number in quaternion if abs(number) < 2))
+    return 0.9 < length < 1.1 and all(abs(number) < 1.1 for number in quaternion)

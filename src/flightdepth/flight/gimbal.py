@@ -1,0 +1,78 @@
+"""The camera's attitude from a gimbal's report, or from the body that carries the camera.
+
+A gimbal's frame and a body's frame are both x forward (the way the camera looks), y right, z down, so
+`motion.NED_FROM_CAMERA` also turns camera axes into theirs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from enum import IntFlag
+from typing import NamedTuple
+
+from flightdepth.flight.records import AttitudeSample, Sample, Telemetry
+from flightdepth.motion import (
+    NED_FROM_CAMERA,
+    Vector,
+    quaternion_from_rotation,
+    rotation_from_euler,
+    rotation_from_quaternion,
+)
+
+
+class GimbalFlags(IntFlag):
+    """Bits of MAVLink's GIMBAL_DEVICE_FLAGS that say what a gimbal's yaw counts from."""
+
+    YAW_LOCK = 16
+    YAW_IN_VEHICLE_FRAME = 32
+    YAW_IN_EARTH_FRAME = 64
+
+
+class GimbalAttitude(NamedTuple):
+    """What MAVLink's GIMBAL_DEVICE_ATTITUDE_STATUS says, message 285 of its common set.
+
+    quaternion     (w, x, y, z): roll and pitch against the horizon; yaw against north or the body's heading
+    flags          bits of GimbalFlags
+    delta_yaw_rad  the body's heading, if it is known: q_earth = q_delta_yaw * q_vehicle
+    """
+
+    quaternion: Sequence[float]
+    flags: int
+    delta_yaw_rad: float = math.nan
+
+
+def camera_attitude(gimbal: GimbalAttitude, heading_rad: float | None) -> Vector | None:
+    """Quaternion (w, x, y, z) world_from_camera, or None where the yaw counts from an unknown heading.
+
+    With neither frame's flag set, YAW_LOCK decides and `delta_yaw_rad` is void: the rule of older gimbals.
+    """
+    flags = GimbalFlags(gimbal.flags & 0x70)
+    rotation = rotation_from_quaternion(gimbal.quaternion)
+    explicit = flags & (GimbalFlags.YAW_IN_VEHICLE_FRAME | GimbalFlags.YAW_IN_EARTH_FRAME)
+    from_north = GimbalFlags.YAW_IN_EARTH_FRAME if explicit else GimbalFlags.YAW_LOCK
+    if not flags & from_north:
+        told = bool(explicit) and math.isfinite(gimbal.delta_yaw_rad)
+        yaw_rad = gimbal.delta_yaw_rad if told else heading_rad
+        if yaw_rad is None:
+            return None
+        rotation = rotation_from_euler(0.0, 0.0, yaw_rad) @ rotation
+    return quaternion_from_rotation(rotation @ NED_FROM_CAMERA)
+
+
+def with_fixed_camera(telemetry: Telemetry, body_from_camera: Vector = NED_FROM_CAMERA) -> Telemetry:
+    """The telemetry with the attitude of a camera that is screwed to the body.
+
+    `body_from_camera` is a rotation, shape (3, 3); by default the camera looks ahead, along the body's x.
+    """
+    velocities = [sample for sample in telemetry.samples if not isinstance(sample, AttitudeSample)]
+    cameras = [
+        AttitudeSample(
+            body.stamp_ns,
+            quaternion_from_rotation(rotation_from_quaternion(body.world_from_body) @ body_from_camera),
+        )
+        for body in telemetry.body_attitudes
+    ]
+    samples: list[Sample] = sorted([*velocities, *cameras], key=lambda sample: sample.stamp_ns)
+    return replace(telemetry, samples=tuple(samples))

@@ -1,0 +1,51 @@
+"""Telemetry of any known format, recognised by what is in the file, never by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from flightdepth.errors import BadInput
+from flightdepth.flight.records import Telemetry
+from flightdepth.flight.telemetry_csv import looks_like_csv, read_csv
+
+HEAD_BYTES = 4096
+
+
+class Format(NamedTuple):
+    """A kind of log: its name for people, whether a file is one, and how it is read.
+
+    `recognises` gets the file's first HEAD_BYTES bytes (none of a folder) and its path; it never raises.
+    """
+
+    name: str
+    recognises: Callable[[bytes, Path], bool]
+    read: Callable[[Path], Telemetry]
+
+
+# Asked from the first to the last: those with a magic number before those that are only text.
+FORMATS: tuple[Format, ...] = (Format("CSV", looks_like_csv, read_csv),)
+
+
+def read_telemetry(path: Path) -> Telemetry:
+    """Read a log of any known format."""
+    head = first_bytes(path)
+    for log_format in FORMATS:
+        if log_format.recognises(head, path):
+            return log_format.read(path)
+    known = ", ".join(log_format.name for log_format in FORMATS)
+    got = "something else" if head or path.is_dir() else "an empty file"
+    raise BadInput(f"telemetry {path}", expected=f"one of {known}", got=got)
+
+
+def first_bytes(path: Path) -> bytes:
+    """The first HEAD_BYTES bytes of a file, none of a folder."""
+    try:
+        if path.is_dir():
+            return b""
+        with path.open("rb") as file:
+            return file.read(HEAD_BYTES)
+    except OSError as error:
+        got = error.strerror or str(error)
+        raise BadInput(f"telemetry {path}", expected="a log that can be read", got=got) from error
