@@ -1,9 +1,10 @@
 """Which fixed test set belongs to a network."""
 
+import numpy as np
 import pytest
 
 from flightdepth.errors import BadInput
-from flightdepth.evaluation.fixed_set import fixed_set, set_name
+from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set, set_name
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import Picture
 from flightdepth.weights.card import Stage
@@ -47,3 +48,28 @@ def test_names_tell_sets_apart():
 def test_no_scenes_are_no_set():
     with pytest.raises(BadInput, match="at least 1, got 0"):
         fixed_set(difference_card(), scenes=0)
+
+
+def any_lens(**changes):
+    return difference_card(architecture="MotionNet", any_lens=True, focal_px=256.0, **changes)
+
+
+def test_a_network_for_any_lens_has_the_256_px_set():
+    assert fixed_set(any_lens()).picture == Picture(256, 256, 256)
+
+
+def test_another_lens_is_for_networks_that_know_any():
+    pair = fixed_set(any_lens(), scenes=1, horizontal_fov_deg=60.0).pair(0)
+    assert pair.focal_px == pytest.approx(128 / np.tan(np.radians(30)))
+    with pytest.raises(BadInput, match="expected 90 degrees, its own"):
+        fixed_set(difference_card(), horizontal_fov_deg=60.0)
+
+
+def test_outdoor_pairs_have_a_sky_and_move_half_a_metre():
+    pairs = outdoor_set(difference_card(focal_px=64.0), scenes=4)
+    assert set_name(pairs) == "outdoor flights 128 px"
+    for pair in pairs:
+        assert pair.depth_m.shape == (128, 128)
+        assert 0.35 < np.linalg.norm(pair.displacement) < 0.7
+        assert np.isinf(pair.depth_m).any()
+        assert pair.depth_m.min() > 1

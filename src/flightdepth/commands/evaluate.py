@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flightdepth.commands.baselines import baselines
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.noise import noise
 from flightdepth.commands.renderers import renderer
@@ -16,7 +17,7 @@ from flightdepth.errors import BadInput
 
 if TYPE_CHECKING:
     from flightdepth.runtimes.network import Network
-    from flightdepth.stillbox import TestSet
+    from flightdepth.stillbox import OutdoorTestSet, TestSet
 
 PICTURES = 16  # sheets that --pictures writes
 
@@ -31,6 +32,7 @@ def evaluations() -> None:
 evaluate.command("tracks")(tracks)
 evaluate.command("renderer")(renderer)
 evaluate.command("noise")(noise)
+evaluate.command("baselines")(baselines)
 
 
 @evaluate.command("network")
@@ -46,13 +48,24 @@ def evaluate_network_command(
     textures: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Photos to dress the scenes in: a set of your own.")
     ] = None,
+    outdoor: Annotated[
+        bool, typer.Option("--outdoor", help="Drone flights under a sky instead of rooms.")
+    ] = False,
+    fov: Annotated[
+        float, typer.Option(metavar="DEG", help="Another lens, for networks that know any.")
+    ] = 90.0,
 ) -> None:
     """Errors on the fixed test set, beside the best constant depth and the classical peer.
 
-    flightdepth evaluate network depthnet-256 --json depthnet-256.json
+      flightdepth evaluate network depthnet-256 --json depthnet-256.json
+
+    Where no network was trained, and through another lens:
+
+      flightdepth evaluate network motion-tiny --outdoor
+      flightdepth evaluate network motion-tiny --fov 60
     """
     with extra_packages("flightdepth evaluate", "train"):
-        from flightdepth.evaluation.fixed_set import fixed_set
+        from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set
         from flightdepth.scenes import textures_from_folder
     from flightdepth.runtimes.network import load_network
 
@@ -61,13 +74,19 @@ def evaluate_network_command(
             raise BadInput(option, expected="an existing folder", got=str(target))
     opened = load_network(network, "openvino", precision="f32")
     own = None if textures is None else textures_from_folder(textures)
-    pairs = fixed_set(opened.card, scenes=scenes, textures=own)
+    if outdoor and (own is not None or fov != 90):
+        raise BadInput("--outdoor", expected="no --textures and no --fov beside it", got="both")
+    pairs = (
+        outdoor_set(opened.card, scenes=scenes)
+        if outdoor
+        else fixed_set(opened.card, scenes=scenes, textures=own, horizontal_fov_deg=fov)
+    )
     result = evaluated(opened, pairs)
     show(result)
     keep(result, opened, pairs, json, pictures)
 
 
-def evaluated(network: Network, pairs: TestSet) -> dict[str, Any]:
+def evaluated(network: Network, pairs: TestSet | OutdoorTestSet) -> dict[str, Any]:
     """All figures, with a progress bar."""
     from flightdepth.evaluation.fixed_set import set_name
     from flightdepth.evaluation.network import evaluate_network
@@ -95,7 +114,11 @@ def show(result: dict[str, Any]) -> None:
 
 
 def keep(
-    result: dict[str, Any], network: Network, pairs: TestSet, json: Path | None, pictures: Path | None
+    result: dict[str, Any],
+    network: Network,
+    pairs: TestSet | OutdoorTestSet,
+    json: Path | None,
+    pictures: Path | None,
 ) -> None:
     """Write what was asked for."""
     from flightdepth.evaluation.pictures import write_sheets

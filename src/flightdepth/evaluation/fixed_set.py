@@ -3,33 +3,54 @@
 from __future__ import annotations
 
 from flightdepth.errors import BadInput
-from flightdepth.scenes import Textures
-from flightdepth.stillbox import PairRule, Picture, TestSet
+from flightdepth.scenes import StillBoxConfig, Textures
+from flightdepth.stillbox import OutdoorTestSet, PairRule, Picture, TestSet
 from flightdepth.stillbox.testset import SCENES
 from flightdepth.weights.card import NetworkCard
 
 ANY_LENS_PX = 256
 
 
-def fixed_set(card: NetworkCard, *, scenes: int = SCENES, textures: Textures | None = None) -> TestSet:
+def outdoor_set(card: NetworkCard, *, scenes: int = SCENES) -> OutdoorTestSet:
+    """Flights outdoors, like no training room, at the network's focal length (any lens: 256 px, 90 degrees)."""
+    return OutdoorTestSet(ANY_LENS_PX if card.any_lens else round(2 * card.focal_px), scenes)
+
+
+def fixed_set(
+    card: NetworkCard,
+    *,
+    scenes: int = SCENES,
+    textures: Textures | None = None,
+    horizontal_fov_deg: float = 90.0,
+) -> TestSet:
     """Nominal pairs, square, at the network's focal length (any lens: 256 px, 90 degrees), clipped to its range.
 
-    `textures` None takes the fixed set's own; others make a set of one's own, not to be compared.
+    `textures` None takes the fixed set's own; others make a set of one's own, not to be compared, and so does
+    another field of view, which a network for any lens alone can take.
     """
+    if horizontal_fov_deg != 90.0 and not card.any_lens:
+        raise BadInput(
+            f"--fov for {card.name}", expected="90 degrees, its own", got=f"{horizontal_fov_deg:g}"
+        )
     if scenes < 1:
         raise BadInput("scenes of a test set", expected="at least 1", got=str(scenes))
     width = ANY_LENS_PX if card.any_lens else square_width(card)
     full_width = ANY_LENS_PX if card.any_lens else round(2 * card.focal_px)  # 90 degrees of view
     rule = PairRule(card.nominal_shift, card.depth_min_m, card.depth_max_m)
-    return TestSet(Picture(width, width, full_width), rule, scenes, textures=textures)
+    config = StillBoxConfig(horizontal_fov_deg=horizontal_fov_deg)
+    return TestSet(Picture(width, width, full_width), rule, scenes, textures=textures, config=config)
 
 
-def set_name(pairs: TestSet) -> str:
+def set_name(pairs: TestSet | OutdoorTestSet) -> str:
     """What a table calls a test set."""
+    if isinstance(pairs, OutdoorTestSet):
+        return f"outdoor flights {pairs.width} px"
     picture = pairs.picture
     textures = "" if pairs.textures is None else ", own textures"
     crop = "" if picture.width == picture.full_width else f", crops of {picture.full_width} px"
-    return f"Still Box {picture.width} px{crop}, shift {pairs.rule.nominal_shift}{textures}"
+    fov = pairs.config.horizontal_fov_deg
+    lens = "" if fov == 90 else f", {fov:g} degrees"
+    return f"Still Box {picture.width} px{crop}, shift {pairs.rule.nominal_shift}{lens}{textures}"
 
 
 def square_width(card: NetworkCard) -> int:

@@ -2,6 +2,6 @@
 
 from flightdepth.stillbox.pairs import Batch, PairRule
 from flightdepth.stillbox.stream import PairStream, Picture
-from flightdepth.stillbox.testset import TestPair, TestSet
+from flightdepth.stillbox.testset import OutdoorTestSet, TestPair, TestSet
 
-__all__ = ["Batch", "PairRule", "PairStream", "Picture", "TestPair", "TestSet"]
+__all__ = ["Batch", "OutdoorTestSet", "PairRule", "PairStream", "Picture", "TestPair", "TestSet"]

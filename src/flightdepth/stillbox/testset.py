@@ -9,8 +9,11 @@ from functools import lru_cache
 
 from flightdepth.renderers.raycast import render
 from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
+from flightdepth.scenes.outdoor_config import OutdoorConfig
+from flightdepth.scenes.outdoor_textures import outdoor_textures
 from flightdepth.scenes.scene import Floats
 from flightdepth.stillbox.pairs import Depth, Image, PairRule
+from flightdepth.stillbox.sets import SceneSet
 from flightdepth.stillbox.stream import Picture
 
 SCENES = 300
@@ -70,3 +73,36 @@ class TestSet:
         rendered = render(scene, textures, camera, frames=frames)
         moved = scene.displacement(*frames)
         return TestPair(rendered.images[0], rendered.images[1], rendered.depth_m[1], moved, camera.fx)
+
+
+@dataclass(frozen=True)
+class OutdoorTestSet:
+    """Pairs of frames 0.1 s apart (0.4 to 0.6 m) of drone flights outdoors, any heading, under a sky; 90 degrees."""
+
+    __test__ = False
+
+    width: int
+    scenes: int = 100
+    seed: int = SEED
+
+    def __len__(self) -> int:
+        return self.scenes
+
+    def __iter__(self) -> Iterator[TestPair]:
+        with ThreadPoolExecutor(2) as executor:
+            yield from executor.map(self.pair, range(self.scenes))
+
+    def pair(self, number: int) -> TestPair:
+        """The pair of flight `number`, in the middle of its first or second leg in turns."""
+        config = OutdoorConfig(frames=60, rate_hz=10.0, legs="any")
+        drawn = SceneSet(config, self.width, self.width, self.seed)
+        frames = (15, 16) if number % 2 else (45, 46)
+        scene = drawn.scene(number, 0)
+        rendered = render(scene, _outdoor_textures(self.seed), drawn.camera, frames=frames)
+        moved = scene.displacement(*frames)
+        return TestPair(rendered.images[0], rendered.images[1], rendered.depth_m[1], moved, drawn.camera.fx)
+
+
+@lru_cache(maxsize=1)
+def _outdoor_textures(seed: int) -> Textures:
+    return outdoor_textures(seed)
