@@ -87,5 +87,7 @@ class MotionNet(nn.Module):
 
 
 def _cost(difference: Tensor) -> Tensor:
-    """Mean absolute difference over 4x4 pixels, at half the size."""
-    return functional.avg_pool2d(difference.abs(), 4, 2, 1)
+    """Mean absolute difference over 4x4 pixels, at half the size; a convolution is faster than pooling in OpenVINO."""
+    channels = difference.shape[1]
+    box = difference.new_full((channels, 1, 4, 4), 1 / 16)
+    return functional.conv2d(difference.abs(), box, stride=2, padding=1, groups=channels)

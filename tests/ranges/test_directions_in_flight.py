@@ -1,0 +1,76 @@
+"""Which way the estimator tells a network that asks: from the log, from the pictures, or not at all."""
+
+import cv2
+import numpy as np
+import pytest
+
+from flightdepth.camera import Camera
+from flightdepth.ranges import MultiRangeEstimator
+from flightdepth.ranges.estimator import NO_DIRECTION
+from flightdepth.runtimes.network import Network
+from tests_networks import BestHypothesis, swept_card
+
+CAMERA = Camera.from_fov(192, 128, 90)
+FRAME_NS = 100_000_000
+
+
+class Told(Network):
+    """Remembers the displacements that it was given."""
+
+    def __init__(self):
+        super().__init__(swept_card(), BestHypothesis())
+        self.displacements = []
+
+    def predict(self, previous_n, current, displacements, camera):
+        self.displacements.extend(np.asarray(displacements))
+        return super().predict(previous_n, current, displacements, camera)
+
+
+def picture(number: int) -> np.ndarray:
+    """Smooth noise that moves 3 px to the left with each frame: the camera flies to the right."""
+    noise = np.random.default_rng(4).integers(0, 256, (128, 240), dtype=np.uint8)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.0) * 3.0 - 256
+    seen = smooth[:, 3 * number : 3 * number + 192].clip(0, 255).astype(np.uint8)
+    return np.repeat(seen[..., None], 3, axis=2)
+
+
+def flown(velocity, frame, *, attitude=None, pictures=picture):
+    """Network and last result of a flight of six frames at 1 m/s."""
+    network = Told()
+    estimator = MultiRangeEstimator(network, CAMERA, ranges=1)
+    for number in range(7):
+        estimator.add_velocity(number * FRAME_NS, velocity, frame=frame)
+        if attitude is not None:
+            estimator.add_attitude(number * FRAME_NS, attitude)
+    results = [estimator.add_frame(number * FRAME_NS, pictures(number)) for number in range(6)]
+    return network, results[-1]
+
+
+def test_a_velocity_in_the_camera_s_frame_is_taken_as_it_is():
+    network, _ = flown([0.6, 0.8, 0.0], "camera")
+    units = [moved / np.linalg.norm(moved) for moved in network.displacements]
+    assert np.allclose(units, [0.6, 0.8, 0.0])
+
+
+def test_a_world_velocity_is_turned_into_the_camera():
+    """Facing north, level: east is right."""
+    north = [0.5, 0.5, 0.5, 0.5]
+    network, _ = flown([0.0, 1.0, 0.0], "world", attitude=north)
+    units = [moved / np.linalg.norm(moved) for moved in network.displacements]
+    assert np.allclose(units, [1.0, 0.0, 0.0])
+
+
+def test_without_an_attitude_the_pictures_tell():
+    network, result = flown([0.0, 0.0, 1.0], "world")
+    lengths = [np.linalg.norm(moved) for moved in network.displacements]
+    units = np.array(network.displacements) / np.array(lengths)[:, None]
+    assert np.degrees(np.arccos(np.clip(units @ [1.0, 0.0, 0.0], -1, 1))).max() < 3
+    assert result.displacements_m == pytest.approx(lengths[-1:], rel=1e-6)
+    # 3 px a frame, 0.1 m a frame, 96 px of focal length.
+    assert np.nanmedian(result.depth_m) == pytest.approx(96 * 0.1 / 3, rel=0.25)
+
+
+def test_blank_pictures_tell_nothing():
+    _, result = flown([0.0, 0.0, 1.0], "world", pictures=lambda _: np.full((128, 192, 3), 90, np.uint8))
+    assert result.reason == NO_DIRECTION
+    assert np.isnan(result.depth_m).all()
