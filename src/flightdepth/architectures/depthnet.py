@@ -55,18 +55,20 @@ def he_normal(network: nn.Module) -> None:
                 nn.init.zeros_(module.bias)
 
 
-class DepthNet(nn.Module):
-    """Images to depth. `base_width` 32 is the paper's network (10.3 M parameters), 16 the tiny one (2.6 M)."""
+class Trunk(nn.Module):
+    """Six encoders, four decoders with skips, and depth at five scales: DepthNet but for what it takes and gives.
 
-    def __init__(self, base_width: int = 32, activation: Activation = "elu+1") -> None:
+    `inputs`: feature maps that conv1, conv2, conv3 and conv4 take besides those of the layer before.
+    """
+
+    def __init__(self, base_width: int, inputs: tuple[int, int, int, int]) -> None:
         super().__init__()
-        self.activation = activation
         w = base_width
-        self.conv1 = conv(6, w, 2)
-        self.conv2 = conv(w, 2 * w, 2)
-        self.conv3 = conv(2 * w, 4 * w, 2)
+        self.conv1 = conv(inputs[0], w, 2)
+        self.conv2 = conv(w + inputs[1], 2 * w, 2)
+        self.conv3 = conv(2 * w + inputs[2], 4 * w, 2)
         self.conv3_1 = conv(4 * w, 4 * w)
-        self.conv4 = conv(4 * w, 8 * w, 2)
+        self.conv4 = conv(4 * w + inputs[3], 8 * w, 2)
         self.conv4_1 = conv(8 * w, 8 * w)
         self.conv5 = conv(8 * w, 8 * w, 2)
         self.conv5_1 = conv(8 * w, 8 * w)
@@ -87,14 +89,10 @@ class DepthNet(nn.Module):
         self.upsampled_depth3_to_2 = double_depth()
         he_normal(self)
 
-    def forward(self, images: Tensor) -> list[Tensor]:
-        """Normalised images [B, 6, H, W] to depth in metres at D0, finest first.
-
-        [B, H/4, W/4], [B, H/8, W/8] ... [B, H/64, W/64]; H and W are multiples of 64.
+    def decoded(self, skip2: Tensor, skip3: Tensor, skip4: Tensor) -> tuple[list[Tensor], Tensor]:
+        """From the features at 1/4, 1/8 and 1/16: depths before the activation, finest first, [B, 1, h, w] each,
+        and the features that the finest is made of.
         """
-        skip2 = self.conv2(self.conv1(images))
-        skip3 = self.conv3_1(self.conv3(skip2))
-        skip4 = self.conv4_1(self.conv4(skip3))
         skip5 = self.conv5_1(self.conv5(skip4))
         features = self.conv6_1(self.conv6(skip5))
         raw = [self.predict_depth6(features)]
@@ -106,8 +104,29 @@ class DepthNet(nn.Module):
         ):
             features = torch.cat((skip, up(features), double(raw[-1])), dim=1)
             raw.append(predict(features))
-        return [self._activated(depth) for depth in reversed(raw)]
+        return raw[::-1], features
 
-    def _activated(self, raw: Tensor) -> Tensor:
-        depth = raw[:, 0].float()
-        return functional.elu(depth) + 1 if self.activation == "elu+1" else depth
+
+def activated(raw: Tensor, activation: Activation) -> Tensor:
+    """Depth [B, h, w] in float32, of a prediction [B, 1, h, w]."""
+    depth = raw[:, 0].float()
+    return functional.elu(depth) + 1 if activation == "elu+1" else depth
+
+
+class DepthNet(Trunk):
+    """Images to depth. `base_width` 32 is the paper's network (10.3 M parameters), 16 the tiny one (2.6 M)."""
+
+    def __init__(self, base_width: int = 32, activation: Activation = "elu+1") -> None:
+        super().__init__(base_width, (6, 0, 0, 0))
+        self.activation = activation
+
+    def forward(self, images: Tensor) -> list[Tensor]:
+        """Normalised images [B, 6, H, W] to depth in metres at D0, finest first.
+
+        [B, H/4, W/4], [B, H/8, W/8] ... [B, H/64, W/64]; H and W are multiples of 64.
+        """
+        skip2 = self.conv2(self.conv1(images))
+        skip3 = self.conv3_1(self.conv3(skip2))
+        skip4 = self.conv4_1(self.conv4(skip3))
+        raw, _ = self.decoded(skip2, skip3, skip4)
+        return [activated(depth, self.activation) for depth in raw]
