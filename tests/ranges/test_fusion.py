@@ -197,7 +197,7 @@ def test_where_no_range_knows_anything_depth_is_unknown() -> None:
     assert found.confidence == 0
 
 
-@given(st.floats(0.02, 0.9))
+@given(st.floats(0.02, 0.39))
 def test_confidence_is_the_chance_to_be_right_within_a_quarter(share: float) -> None:
     """Against Laplace's distribution, drawn."""
     found = fused_with_sigma((0.6, 0.2), (20 * share, 20 * share))

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flightdepth.ranges.displacement import Trajectory
-from flightdepth.ranges.pairs import MAX_FRAMES, Frame, FrameBuffer, baselines, pick
+from flightdepth.ranges.pairs import MAX_FRAMES, Baselines, Frame, FrameBuffer, baselines, pick, seen_from
 
 S = 1_000_000_000
 STEP = S // 30
@@ -94,3 +94,41 @@ def test_shifts_count_all_frames_of_a_fast_camera() -> None:
     kept = frames(60)[::2]
     lines = baselines(straight(3.0, 60), kept, 60 * STEP, 0.3)
     assert pick(lines, kept, 60, np.array([0.6]), np.array([1.0]))[0].shift == 6
+
+
+def lines_of(displacements):
+    moved = np.array(displacements, dtype=float)
+    count = len(moved)
+    return Baselines(
+        displacement_m=moved,
+        length_m=np.linalg.norm(moved, axis=1),
+        current_from_previous=np.repeat(np.eye(3)[None], count, axis=0),
+        turn_rad=np.zeros(count),
+        directed=np.zeros(count, dtype=bool),
+        usable=np.ones(count, dtype=bool),
+        reason=None,
+    )
+
+
+def test_a_direction_is_looked_for_over_a_longer_baseline() -> None:
+    """Straight flight, 0.1 m a frame: pairs of 0.2 and 0.4 m are served by the frame 0.6 m away, or by 0.4 m."""
+    buffered = frames(20)
+    lines = lines_of([[0.1 * (20 - index), 0, 0] for index in range(20)])
+    pairs = pick(lines, buffered, 20, np.array([0.2, 0.4]), np.array([1.0, 2.0]))
+    ((looked_at, served),) = seen_from(lines, buffered, pairs)
+    assert [frame.index for frame in looked_at] == [20 - 6, 20 - 4]
+    assert [pair.shift for pair in served] == [2, 4]
+
+
+def test_frames_from_before_a_bend_tell_no_direction() -> None:
+    """Ten frames to the east, then five to the north: the pair of 0.2 m looks back no farther than the bend."""
+    path = [[0.1 * k, 0, 0] for k in range(10)] + [[0.9, 0.1 * k, 0] for k in range(1, 6)]
+    here = np.array([0.9, 0.6, 0])
+    buffered = frames(len(path))
+    lines = lines_of([here - np.array(place) for place in path])
+    pairs = pick(lines, buffered, len(path), np.array([0.2, 1.0]), np.array([1.0, 2.0]))
+    groups = seen_from(lines, buffered, pairs)
+    assert len(groups) == 2
+    for looked_at, served in groups:
+        after_the_bend = max(pair.length_m for pair in served) < 0.3
+        assert all((frame.index >= 9) == after_the_bend for frame in looked_at)

@@ -37,6 +37,7 @@ class RunSettings:
     depth_format: Literal["png", "npz"]
     preview_ranges: bool
     fusion: Literal["saturation", "paper"]
+    telemetry_offset: float = 0.0
 
 
 def run(
@@ -46,6 +47,9 @@ def run(
         Path | None,
         typer.Option(metavar="LOG", help="Velocity log. Without it, the GPMF track inside the video."),
     ] = None,
+    telemetry_offset: Annotated[
+        float, typer.Option(metavar="S", help="Seconds added to the log's times: 0 is the first picture.")
+    ] = 0.0,
     camera: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Calibration: OpenCV, ROS or JSON.")
     ] = None,
@@ -103,7 +107,18 @@ def run(
       flightdepth run a.mp4 b.mp4 --hfov 64.4 --out depth
     """
     settings = RunSettings(
-        telemetry, camera, hfov, network, ranges, speed, start, end, depth_format, preview_ranges, fusion
+        telemetry,
+        camera,
+        hfov,
+        network,
+        ranges,
+        speed,
+        start,
+        end,
+        depth_format,
+        preview_ranges,
+        fusion,
+        telemetry_offset,
     )
     if len(flights) == 1:
         run_one(flights[0], out, settings)
@@ -146,6 +161,7 @@ def run_one(path: Path, target: Path, settings: RunSettings) -> None:
         path,
         settings.telemetry,
         settings.camera,
+        telemetry_offset_s=settings.telemetry_offset,
         speed_m_s=settings.speed,
         hfov_deg=settings.hfov,
         start_s=settings.start,

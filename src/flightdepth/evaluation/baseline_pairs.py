@@ -6,11 +6,13 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.camera import Camera
 from flightdepth.evaluation.tracked_points import PathLength
 from flightdepth.flight import AttitudeSample, Flight, Frame, Steadiness, VelocitySample
 from flightdepth.flight.steadiness import TurnRate
@@ -27,6 +29,15 @@ Vector = NDArray[np.float64]
 
 NEAR_ENOUGH = 0.2  # of the wanted distance
 SPAN_S = 4.0  # how long ago an earlier frame may be, as in the estimator
+SAME_WAY_RAD = math.radians(2)  # between the log's directions of two pairs that may share one
+
+
+class Witness(Enum):
+    """What told the direction of a displacement in the camera's axes."""
+
+    LOG = "the log"
+    PICTURES = "its two pictures"
+    LONGER = "a longer pair of the same frame"
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +48,14 @@ class BaselinePair:
     previous      uint8 RGB [H, W, 3], in the current orientation
     known         bool [H, W]: the pixel of `previous` shows the scene
     displacement  metres (3,), in the current camera's frame
-    from_log      whether its direction is the log's; else it was seen in the two pictures
+    witness       what told its direction
     """
 
     wanted_m: float
     previous: Image
     known: Flags
     displacement: Vector
-    from_log: bool
+    witness: Witness
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,24 +122,29 @@ class BaselinePairs:
         if lines.reason is not None:
             self.left_out[f"frame: {lines.reason.split(':')[0]}"] += 1
             return ()
-        found = (self._pair(lines, current, wanted_m) for wanted_m in self._baselines_m)
-        return tuple(pair for pair in found if pair is not None)
+        pairs: list[BaselinePair] = []
+        directions = _Directions(self._grid.camera)
+        for wanted_m in sorted(self._baselines_m, reverse=True):
+            pairs += self._pair(lines, current, wanted_m, directions)
+        return tuple(reversed(pairs))
 
-    def _pair(self, lines: Baselines, current: Prepared, wanted_m: float) -> BaselinePair | None:
+    def _pair(
+        self, lines: Baselines, current: Prepared, wanted_m: float, directions: _Directions
+    ) -> list[BaselinePair]:
         usable = np.flatnonzero(lines.usable)[::-1]
         nearest = int(usable[np.argmin(np.abs(lines.length_m[usable] - wanted_m))])
         if abs(lines.length_m[nearest] / wanted_m - 1) > NEAR_ENOUGH:
             self.left_out[f"pair: no earlier frame within {NEAR_ENOUGH:.0%} of {wanted_m:g} m"] += 1
-            return None
+            return []
         previous, known = self._turned(lines, nearest)
-        displacement, directed = lines.displacement_m[nearest], bool(lines.directed[nearest])
-        if not directed:
-            seen = estimate_direction(previous, current.image, self._grid.camera)
-            if seen is None:
+        displacement, witness = lines.displacement_m[nearest], Witness.LOG
+        if not lines.directed[nearest]:
+            told = directions.see(previous, current.image, displacement)
+            if told is None:
                 self.left_out[f"pair: no direction to be seen over {wanted_m:g} m"] += 1
-                return None
-            displacement = seen.unit * lines.length_m[nearest]
-        return BaselinePair(wanted_m, previous, known, displacement, directed)
+                return []
+            displacement, witness = told
+        return [BaselinePair(wanted_m, previous, known, displacement, witness)]
 
     def _turned(self, lines: Baselines, k: int) -> tuple[Image, Flags]:
         """The earlier picture in the current orientation, and which of its pixels show the scene."""
@@ -139,3 +155,26 @@ class BaselinePairs:
         size = (camera.width, camera.height)
         known = cv2.warpPerspective(self.known.astype(np.float32), homography(turn, camera), size)
         return turned(image, turn, camera), known > 0.999
+
+
+class _Directions:
+    """Directions of motion that one frame's pairs show, the longest pair first.
+
+    Over a short baseline too little moves; if the log says that the drone flew the same way as over a longer
+    one, what that one showed holds.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+        self._seen: tuple[Vector, Vector] | None = None
+
+    def see(self, previous: Image, current: Image, world: Vector) -> tuple[Vector, Witness] | None:
+        """The displacement (3,) in camera axes that is `world` (3,) in the log's; None where nothing tells it."""
+        length_m = float(np.linalg.norm(world))
+        found = estimate_direction(previous, current, self._camera)
+        if found is not None:
+            self._seen = world / length_m, found.unit
+            return found.unit * length_m, Witness.PICTURES
+        if self._seen is None or float(world @ self._seen[0]) < math.cos(SAME_WAY_RAD) * length_m:
+            return None
+        return self._seen[1] * length_m, Witness.LONGER

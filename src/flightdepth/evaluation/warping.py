@@ -2,8 +2,9 @@
 
 A point of `current` at ray (x, y, 1) and depth Z was seen by a camera that did not turn at
 (x + w d_x, y + w d_y) / (1 + w d_z), with w = 1/Z. Occlusion is not modelled: what the earlier picture hid is
-compared with what hid it, so even the true depth leaves an error beside edges. The interpolation smooths noise a
-little, which favours every warp over none.
+compared with what hid it, so even the true depth leaves an error beside edges. It leaves more where texture is finer
+than the pixels or was drawn differently (on rendered bare fields 0.24 to 0.27 of the error without a warp), so the
+figure ranks methods and has no ideal. Interpolation smooths noise, which favours every warp over none.
 """
 
 from __future__ import annotations
@@ -75,11 +76,10 @@ class WarpedPair:
 
     def best_constant(self) -> Match:
         """The match of the one depth, chosen with both pictures in sight, that explains the pair best."""
-        length_m = max(float(np.linalg.norm(self._displacement)), NEAREST_M)
-        size = self._current.shape
+        length_m = float(np.linalg.norm(self._displacement))
+        inverses = CONSTANT_SHIFTS_PX / (self._camera.fx * length_m)
         matches = [
-            self._match(np.full(size, shift_px / (self._camera.fx * length_m), np.float32))
-            for shift_px in CONSTANT_SHIFTS_PX
+            self._match(np.full(self._current.shape, float(inverse), np.float32)) for inverse in inverses
         ]
         kept = [match for match in matches if match.inside >= LEAST_INSIDE and np.isfinite(match.error)]
         return min(kept, key=lambda match: match.error, default=Match(float("nan"), 0.0))
@@ -89,7 +89,7 @@ class WarpedPair:
         inside = np.isfinite(error)
         without = float(self._unmoved[inside].sum(dtype=np.float64))
         share = float(error[inside].sum(dtype=np.float64)) / without if without > 0 else float("nan")
-        return Match(share, np.count_nonzero(inside) / max(1, np.count_nonzero(self._comparable)))
+        return Match(share, float(inside.sum() / max(1, int(self._comparable.sum()))))
 
     def _error(self, inverse: Map) -> Map:
         x, y = self._seen_at(inverse)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from flightdepth.ranges.direction import estimate_direction
 from flightdepth.ranges.displacement import Trajectory, VelocityFrame
 from flightdepth.ranges.fusion import Fused, Fusion, fuse
 from flightdepth.ranges.network import DepthNetwork, Image, Map
-from flightdepth.ranges.pairs import Frame, FrameBuffer, Pair, baselines, pick
+from flightdepth.ranges.pairs import Frame, FrameBuffer, Pair, Served, baselines, pick, seen_from
 from flightdepth.ranges.plan import Planner
 from flightdepth.ranges.result import RangedDepth
 from flightdepth.ranges.turning import in_view, is_visible, turned
@@ -121,9 +121,6 @@ class MultiRangeEstimator:
         self._buffer.add(current)
         if isinstance(pairs, str):
             return self._unknown(pairs, started)
-        pairs = self._with_directions(pairs, current)
-        if not pairs:
-            return self._unknown(NO_DIRECTION, started)
         prediction = self._predict(pairs, current)
         fused = self._fuse(pairs, prediction)
         self._planner.learn(stamp_ns, fused, self._grid.valid)
@@ -137,19 +134,20 @@ class MultiRangeEstimator:
         if lines.reason is not None:
             return lines.reason
         wanted_m, depths_m = self._planner.wanted(current.stamp_ns, lines.length_m[lines.usable])
-        return pick(lines, frames, current.index, wanted_m, depths_m)
-
-    def _with_directions(self, pairs: tuple[Pair, ...], current: Frame) -> tuple[Pair, ...]:
-        """The pairs whose direction is known or can be seen in the pictures, where the network needs it."""
-        if not self._network.card.knows_direction:
+        pairs = pick(lines, frames, current.index, wanted_m, depths_m)
+        if not self._network.card.knows_direction or all(pair.directed for pair in pairs):
             return pairs
-        return tuple(found for pair in pairs if (found := self._directed(pair, current)) is not None)
+        return self._directed(seen_from(lines, frames, pairs), current) or NO_DIRECTION
 
-    def _directed(self, pair: Pair, current: Frame) -> Pair | None:
-        if pair.directed:
-            return pair
-        seen = estimate_direction(pair.previous.image, current.image, self._grid.camera)
-        return None if seen is None else replace(pair, displacement_m=seen.unit * pair.length_m)
+    def _directed(self, served: Sequence[Served], current: Frame) -> tuple[Pair, ...]:
+        """The pairs with the direction that the pictures tell, where they tell it; shortest shift first."""
+        found = []
+        for frames, pairs in served:
+            tries = (estimate_direction(frame.image, current.image, self._grid.camera) for frame in frames)
+            seen = next((each for each in tries if each is not None), None)
+            if seen is not None:
+                found += [replace(pair, displacement_m=seen.unit * pair.length_m) for pair in pairs]
+        return tuple(sorted(found, key=lambda pair: pair.shift))
 
     def _predict(self, pairs: tuple[Pair, ...], current: Frame) -> Prediction:
         """One batch through the network; earlier frames first turned into the current orientation."""

@@ -19,10 +19,15 @@ EPSILON = 1e-3
 # How near to the lower end of its range an output counts as lying at it: an L1-trained network
 # approaches its clip values without reaching them. At the upper end BETA_MAX serves.
 LOWER_MARGIN = 0.02
+# A network that sweeps compares parts of a pixel: beyond this output a point moved by less than two thirds of one,
+# which a rotation of a tenth of a degree that no one reported does too.
+SWEPT_BETA_MAX = 0.6
+SWEPT_MARGIN = 0.01  # nearer than this the point moved by more than the widest hypothesis
 # Two ranges contradict each other when no depth is within this factor of what both say.
 TOLERANCE = 1.5
-# A range whose own error bar is this share of its depth or more knows nothing.
-WORST_SIGMA = 1.0
+# A range whose own error bar is this share of its depth or more knows nothing: it is as likely wrong by a quarter
+# as right. Sky that a network is not sure of would else ask for ever longer displacements.
+WORST_SIGMA = 0.4
 LEAST_SIGMA = 0.01  # no depth is better known than that, whatever a network says
 # Confidence, where error bars are known: how likely depth is right to within this share.
 RIGHT_WITHIN = 0.25
@@ -89,7 +94,7 @@ def fuse(
     """
     usable = np.isfinite(beta) if seen is None else np.isfinite(beta) & seen
     reach_m = (card.alpha * displacements_m).astype(np.float32)[:, None, None]
-    lower, upper = _ends(card) if fusion is Fusion.SATURATION else (-np.inf, np.inf)
+    lower, upper = ends(card) if fusion is Fusion.SATURATION else (-np.inf, np.inf)
     said = _said(beta, usable, lower, upper)
     trust = np.float32(EPSILON) + weight(beta)
     told = sigma_m if fusion is Fusion.SATURATION else None
@@ -114,12 +119,16 @@ def fuse(
 
 def _chance(depth_m: Map, sigma_m: Map) -> Map:
     """How likely the error is below RIGHT_WITHIN of the depth, if errors are Laplace's; 0 where depth is NaN."""
-    chance = 1 - np.exp(np.float32(-LAPLACE_68 * RIGHT_WITHIN) * depth_m / sigma_m)
+    chance = 1 - np.exp(
+        np.float32(-LAPLACE_68 * RIGHT_WITHIN) * depth_m / np.maximum(sigma_m, np.float32(1e-6))
+    )
     return np.asarray(np.nan_to_num(chance, nan=0.0), dtype=np.float32)
 
 
-def _ends(card: NetworkCard) -> tuple[float, float]:
+def ends(card: NetworkCard) -> tuple[float, float]:
     """At or beyond these, beta is a bound."""
+    if card.knows_direction:
+        return card.beta_min + SWEPT_MARGIN, SWEPT_BETA_MAX
     return card.beta_min + LOWER_MARGIN, BETA_MAX
 
 

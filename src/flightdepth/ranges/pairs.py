@@ -18,6 +18,8 @@ MIN_BASELINE_M = 0.05
 # An integrated displacement must stand out from the velocity's own noise: 0.1 m/s where no sigma is given.
 MIN_SPEED_M_S = 0.1
 SPEED_OVER_SIGMA = 3.0
+LOOK_BACK = 3.0
+SAME_WAY_RAD = np.radians(3)
 
 
 @dataclass(frozen=True)
@@ -153,6 +155,35 @@ def pick(
         )
         for k in sorted(chosen, reverse=True)
     )
+
+
+Served = tuple[tuple[Frame, ...], tuple[Pair, ...]]  # frames to look from, and the pairs that they serve
+
+
+def seen_from(lines: Baselines, frames: Sequence[Frame], pairs: Sequence[Pair]) -> list[Served]:
+    """Frames from which the pairs' directions can be seen, the best first, each with the pairs that it serves.
+
+    A direction is seen best over a baseline that moves pixels by several, and leaves most of them in view: the
+    frame about LOOK_BACK times as far away as the shortest pair; else the longest pair's. Both of those that
+    were flown from in the pair's direction (in world axes) within SAME_WAY_RAD.
+    """
+    found: list[Served] = []
+    left = sorted(pairs, key=lambda pair: pair.length_m)
+    while left:
+        shortest = left[0]
+        straight = lines.usable & _same_way(lines.displacement_m, shortest.displacement_m)
+        off_m = np.where(straight, np.abs(lines.length_m - LOOK_BACK * shortest.length_m), np.inf)
+        near = _same_way(np.array([pair.displacement_m for pair in left]), shortest.displacement_m)
+        served = tuple(pair for pair, same in zip(left, near, strict=True) if same)
+        found.append(((frames[int(off_m.argmin())], served[-1].previous), served))
+        left = [pair for pair, same in zip(left, near, strict=True) if not same]
+    return found
+
+
+def _same_way(displacements_m: Vector, one_m: Vector) -> Flags:
+    """Whether each of some displacements [k, 3] points the way of one, (3,)."""
+    lengths = np.linalg.norm(displacements_m, axis=1) * np.linalg.norm(one_m)
+    return np.asarray(displacements_m @ one_m >= np.cos(SAME_WAY_RAD) * lengths)
 
 
 def _moved(trajectory: Trajectory, length_m: Vector, seconds: Vector) -> Flags:

@@ -30,6 +30,7 @@ class OpenVinoRuntime:
         """`threads` None uses every core."""
         self._core = ov.Core()
         self._model, self.architecture = open_graph(self._core, onnx)
+        self._outputs = [port.any_name for port in self._model.outputs]
         # The precision is always said: OpenVINO takes bf16 by itself where the CPU has it.
         self._settings: dict[str, Any] = {
             "PERFORMANCE_HINT": "LATENCY",
@@ -49,7 +50,9 @@ class OpenVinoRuntime:
             request = self._request(tuple((name, array.shape) for name, array in contiguous.items()))
             # The inputs are read in place; the outputs are the request's own buffers, hence the copies.
             outputs = request.infer(contiguous, share_inputs=True, share_outputs=True)
-            return {port.any_name: np.array(outputs[port], np.float32) for port in outputs}
+            # By place: a compiled port may answer to another of its names.
+            arrays = (np.array(each, np.float32) for each in outputs.to_tuple())
+            return dict(zip(self._outputs, arrays, strict=True))
 
     def _request(self, shapes: Shapes) -> Any:
         request = self._requests.pop(shapes, None)

@@ -1,0 +1,290 @@
+"""Laws of depth over fixed baselines, on a rendered flight whose true depth is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+import pytest
+
+from flightdepth.camera import Camera
+from flightdepth.evaluation.baseline_methods import Answer, PeerMethod
+from flightdepth.evaluation.baseline_pairs import BaselinePairs, Witness
+from flightdepth.evaluation.baseline_sheets import SheetSights, sheet
+from flightdepth.evaluation.baselines import CONSTANT, BaselineStudy, agreement, interval
+from flightdepth.evaluation.warping import WarpedPair
+from flightdepth.flight import Frame, VelocitySample
+from flightdepth.motion import NED_FROM_CAMERA
+from flightdepth.runtimes.grid import NetworkGrid
+from tests_networks import difference_card
+
+RATE_HZ, FRAMES = 15, 36
+BASELINES = (0.8, 2.0)
+CAMERA = Camera.from_fov(256, 192, 64.0)
+
+
+@dataclass
+class Flown:
+    """Stands for a `Flight`: rendered frames, velocities, the truth by frame."""
+
+    images: np.ndarray
+    depth_m: np.ndarray
+    velocity: np.ndarray
+    frame: str
+    camera: Camera = CAMERA
+    gyroscope: None = None
+    turning: frozenset[int] = field(default_factory=frozenset)
+
+    def __iter__(self):
+        for i, image in enumerate(self.images):
+            at = i * 10**9 // RATE_HZ
+            yield VelocitySample(at, self.velocity[i], self.frame)
+            yield Frame(i, at, rolled(image) if i in self.turning else image)
+
+
+def rolled(image: np.ndarray) -> np.ndarray:
+    """As a camera sees it that turned by 6 degrees about its axis."""
+    turn = cv2.getRotationMatrix2D((CAMERA.cx, CAMERA.cy), 6.0, 1.0)
+    return cv2.warpAffine(image, turn, image.shape[1::-1], borderMode=cv2.BORDER_REFLECT)
+
+
+@pytest.fixture(scope="module")
+def rendered():
+    """36 frames straight ahead over fields and mounds, and nothing that hides anything else but those.
+
+    A little out of focus: texture finer than the pixels cannot be interpolated, whatever the depth.
+    """
+    pytest.importorskip("numba")
+    from flightdepth.renderers.raycast import render
+    from flightdepth.scenes.outdoor import draw_outdoor, outdoor_velocity
+    from flightdepth.scenes.outdoor_config import OutdoorConfig
+    from flightdepth.scenes.outdoor_textures import outdoor_textures
+
+    nothing = dict.fromkeys(("near_trees", "trees", "woods", "bushes", "houses"), (0, 0))
+    config = OutdoorConfig(frames=100, rate_hz=RATE_HZ, orientation_noise_rad=0.0, **nothing)
+    scene = draw_outdoor(config, 3)
+    done = render(scene, outdoor_textures(0), CAMERA, frames=range(FRAMES))
+    in_camera = outdoor_velocity(config, 3)[:FRAMES] @ scene.world_from_camera[0]
+    images = np.stack([cv2.GaussianBlur(image, (0, 0), 1.5) for image in done.images])
+    return images, done.depth_m, in_camera
+
+
+@dataclass(frozen=True)
+class Oracle:
+    """The true depth, times a factor; up to `most_m` it counts as measured."""
+
+    flown: Flown
+    factor: float = 1.0
+    name: str = "oracle"
+    most_m: float = 80.0
+
+    def answer(self, previous, current, displacement, camera) -> Answer:
+        del previous, displacement
+        which = next(i for i, image in enumerate(self.flown.images) if np.array_equal(image, current))
+        size = (camera.width // 4, camera.height // 4)
+        inverse = cv2.resize(1 / self.flown.depth_m[which], size, interpolation=cv2.INTER_AREA)
+        depth_m = self.factor / np.maximum(inverse, 1e-9)
+        return Answer(depth_m, depth_m < self.most_m * self.factor)
+
+
+def flight_of(rendered, frame="camera", **changes) -> Flown:
+    images, depth_m, in_camera = rendered
+    velocity = in_camera if frame == "camera" else in_camera @ NED_FROM_CAMERA.T
+    return Flown(images, depth_m, velocity, frame, **changes)
+
+
+def studied(flown, methods, *, every=1):
+    grid = NetworkGrid(CAMERA, CAMERA.fx)
+    pairs = BaselinePairs(flown, grid, BASELINES, every=every)
+    study = BaselineStudy(methods, grid.camera, grid.valid, pairs.known, BASELINES)
+    sights = [study.add(moment) for moment in pairs]
+    return study.result(), pairs, sights
+
+
+def rows(result, what, method) -> list[dict]:
+    return [row for row in result[what] if row["method"] == method]
+
+
+@pytest.fixture(scope="module")
+def measured(rendered):
+    flown = flight_of(rendered)
+    return studied(flown, [Oracle(flown), Oracle(flown, 2.0, "doubled"), PeerMethod((difference_card(),))])
+
+
+def warped(sight) -> WarpedPair:
+    pair, everything = sight.pair, np.ones((CAMERA.height, CAMERA.width), np.bool_)
+    known = {"known_previous": everything, "known_current": everything}
+    return WarpedPair(pair.previous, sight.current, pair.displacement, CAMERA, **known)
+
+
+def test_true_depth_explains_the_pictures(measured):
+    """What is left lies in the distance, where nothing moves by a pixel and texture is finer than that."""
+    for row in rows(measured[0], "photometric", "oracle"):
+        assert row["error_share"]["high"] < 0.3
+        assert row["pixels_inside"] > 0.95
+        assert 0.3 < row["pixels_measured"] < 1
+
+
+def test_no_multiple_of_the_true_depth_explains_them_better(measured):
+    both = [sights for sights in measured[2] if len(sights) == 2]
+    for sight in both[-1]:
+        warp = warped(sight)
+        depth_m = sight.answers["oracle"].depth_m
+        nearer, true, farther = (warp.match(factor * depth_m).error for factor in (0.9, 1.0, 1.1))
+        assert true < 0.9 * min(nearer, farther)
+
+
+def test_doubled_depth_explains_them_less(measured):
+    result = measured[0]
+    for true, doubled in zip(
+        rows(result, "photometric", "oracle"), rows(result, "photometric", "doubled"), strict=True
+    ):
+        assert doubled["error_share"]["low"] > 2 * true["error_share"]["high"]
+        assert doubled["error_share"]["high"] < 1
+
+
+def test_the_best_constant_lies_between_true_depth_and_none(measured):
+    for true, constant in zip(
+        rows(measured[0], "photometric", "oracle"), rows(measured[0], "photometric", CONSTANT), strict=True
+    ):
+        assert true["error_share"]["high"] < constant["error_share"]["mean"] <= 1
+
+
+@pytest.mark.parametrize("method", ["oracle", "doubled"])
+def test_a_depth_that_does_not_hang_on_the_baseline_agrees(measured, method):
+    (row,) = rows(measured[0], "agreement", method)
+    assert row["median_log_ratio"]["mean"] == row["median_log_ratio"]["high"] == 0
+    assert row["median_log_ratio_where_peer_measures"]["mean"] == 0
+    assert 0.3 < row["measured_by_both"]["mean"] < 1
+
+
+@pytest.mark.parametrize(("method", "factor"), [("oracle", 1), ("doubled", 2)])
+def test_the_slope_is_the_ideal_times_the_scale(measured, method, factor):
+    for row in rows(measured[0], "slope", method):
+        assert row["points"] > 20
+        assert row["ideal"] == pytest.approx(-0.99, abs=0.01)  # the camera looks a little down
+        assert row["median"] == pytest.approx(factor * row["ideal"], abs=0.05 * factor)
+
+
+def test_on_its_own_pixels_the_peer_agrees_as_it_does_anyway(measured):
+    (row,) = rows(measured[0], "agreement", "classical peer")
+    assert row["median_log_ratio_where_peer_measures"] == row["median_log_ratio"]
+    assert 0 < row["median_log_ratio"]["mean"] < 0.3
+
+
+def test_the_peer_stands_between_the_truth_and_none(measured):
+    for row in rows(measured[0], "photometric", "classical peer"):
+        assert 0.05 < row["error_share"]["mean"] < 0.7
+
+
+def test_all_that_was_flown_is_counted(measured):
+    result, pairs, _ = measured
+    assert set(result["frames_per_baseline"]) == {"0.8", "2"}
+    assert min(result["frames_per_baseline"].values()) > 25
+    assert result["directions_told_by"][Witness.LOG.value] == sum(result["frames_per_baseline"].values())
+    assert pairs.left_out["frame: first frame"] == 1
+
+
+def test_pairs_are_as_long_as_asked_for(measured):
+    for sights in measured[2]:
+        for sight in sights:
+            length_m = np.linalg.norm(sight.pair.displacement)
+            assert length_m == pytest.approx(sight.pair.wanted_m, rel=0.2)
+
+
+def test_without_an_attitude_the_pictures_tell_the_direction(rendered):
+    """A log in the world's axes knows only how far; the direction seen is near the true one."""
+    flown = flight_of(rendered, "world")
+    result, _, sights = studied(flown, [Oracle(flown)], every=6)
+    assert result["directions_told_by"][Witness.LOG.value] == 0
+    assert result["directions_told_by"][Witness.PICTURES.value] >= 6
+    way = flown.velocity[0] @ NED_FROM_CAMERA
+    for sight in (sight for each in sights for sight in each):
+        found = sight.pair.displacement
+        cosine = found @ way / np.linalg.norm(found) / np.linalg.norm(way)
+        assert cosine > np.cos(np.radians(3))
+
+
+def test_a_short_pair_takes_the_direction_of_a_longer_one(rendered, monkeypatch):
+    from flightdepth.evaluation import baseline_pairs
+
+    see, calls = baseline_pairs.estimate_direction, []
+
+    def once_a_frame(*pair):
+        calls.append(pair)
+        return see(*pair) if len(calls) % 2 else None
+
+    monkeypatch.setattr(baseline_pairs, "estimate_direction", once_a_frame)
+    flown = flight_of(rendered, "world")
+    result, _, sights = studied(flown, [Oracle(flown)], every=12)
+    (short, long), *_ = [each for each in sights if len(each) == 2]
+    assert (short.pair.witness, long.pair.witness) == (Witness.LONGER, Witness.PICTURES)
+    ways = [sight.pair.displacement / np.linalg.norm(sight.pair.displacement) for sight in (short, long)]
+    assert ways[0] == pytest.approx(ways[1])
+    assert result["directions_told_by"][Witness.LONGER.value] > 0
+
+
+def test_a_turn_leaves_out_its_frames_and_the_pairs_across_it(rendered):
+    flown = flight_of(rendered, "world", turning=frozenset({18}))
+    pairs = BaselinePairs(flown, NetworkGrid(CAMERA, CAMERA.fx), BASELINES, every=1)
+    found = [[pair.wanted_m for pair in moment.pairs] for moment in pairs]
+    assert pairs.left_out["frame in a fast turn"] == 2  # into it, and out of it
+    assert found[17] == [0.8, 2.0]
+    assert found[18:22] == [[], [], [], []]
+    assert found[24] == [0.8]
+    assert found[30] == [0.8, 2.0]
+
+
+def test_the_sheet_holds_a_row_for_each_pair(measured):
+    kept = SheetSights(2)
+    for sights in measured[2]:
+        if len(sights) == 2:
+            kept.add(sights)
+    assert len(kept.chosen) == 2
+    assert kept.chosen[1][0].index - kept.chosen[0][0].index > 10
+    picture = sheet(kept.chosen, NetworkGrid(CAMERA, CAMERA.fx).valid)
+    assert picture.shape == (4 * (192 + 22), 8 * 258 + 100, 3)
+    assert picture.std() > 10
+
+
+# Figures by hand
+
+
+def answer(*depths_m, measured=None) -> Answer:
+    known = [True] * len(depths_m) if measured is None else measured
+    return Answer(np.array([depths_m], np.float32), np.array([known]))
+
+
+def test_agreement_by_hand():
+    one, other = answer(10, 20, 40, 80), answer(20, 20, 10, 1, measured=[True, True, True, False])
+    log, share = agreement(one, other, np.array([[True, True, True, True]]))
+    assert log == pytest.approx(np.log(2))  # of log 2, 0 and log 4
+    assert share == 0.75
+    assert agreement(one, other, np.array([[False, True, False, True]])) == (0, 0.5)
+
+
+def test_nothing_measured_by_both_agrees_on_nothing():
+    one, other = answer(1, 2, measured=[True, False]), answer(1, 2, measured=[False, True])
+    log, share = agreement(one, other, np.ones((1, 2), np.bool_))
+    assert np.isnan(log)
+    assert share == 0
+
+
+def test_the_interval_holds_the_mean_of_what_is_known():
+    found = interval([1.0, 2.0, 3.0, float("nan")])
+    assert (found["mean"], found["frames"]) == (2, 3)
+    assert 1 <= found["low"] < 2 < found["high"] <= 3
+    assert interval([float("nan")])["frames"] == 0
+
+
+def test_what_the_peer_cannot_see_is_not_measured():
+    """Straight ahead, nothing moves in the middle."""
+    from plane_pairs import plane_pair
+
+    pair = plane_pair(CAMERA, (0.0, 0.0, 0.8))
+    found = PeerMethod((difference_card(),)).answer(pair.previous, pair.current, pair.displacement, CAMERA)
+    assert found.depth_m.shape == found.measured.shape == (48, 64)
+    assert not found.measured[23:25, 31:33].any()
+    assert found.measured[4:10, 4:10].mean() > 0.9
+    assert np.median(found.depth_m[found.measured]) == pytest.approx(10, rel=0.05)
