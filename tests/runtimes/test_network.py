@@ -226,3 +226,12 @@ def test_a_motion_network_needs_the_direction() -> None:
     network = Network(swept_card(), BestHypothesis())
     with pytest.raises(BadInput, match=r"expected vectors \[1, 3\]: it needs the direction"):
         network.depth(grey(SQUARE, 1), grey(SQUARE, 2), 0.3, SQUARE)
+
+
+@pytest.mark.parametrize("name", networks())
+def test_every_shipped_network_runs(name: str) -> None:
+    camera = Camera.from_fov(256, 128, 80)
+    depth = load_network(name).depth(checkers(camera, -2), checkers(camera), [0.3, 0.0, 0.0], camera)
+    assert depth.shape == (128, 256)
+    assert np.isfinite(depth).mean() > 0.9
+    assert depth.min() >= 0

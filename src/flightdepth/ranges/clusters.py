@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.ranges.fusion import BETA_MEAN
+from flightdepth.ranges.fusion import best_beta
 from flightdepth.ranges.network import Map
 from flightdepth.weights.card import NetworkCard
 
@@ -45,7 +45,7 @@ def centroids(
 
 def wanted_displacements(centroids_m: Vector, card: NetworkCard, limit_m: float) -> Vector:
     """D_i = C_i / (alpha beta_mean), metres (paper, equation 4), none longer than `limit_m`."""
-    return np.minimum(centroids_m / (card.alpha * BETA_MEAN), limit_m)
+    return np.minimum(centroids_m / (card.alpha * best_beta(card)), limit_m)
 
 
 def _k_means(samples: Map, count: int, last: Vector | None) -> Vector:

@@ -22,6 +22,7 @@ LOWER_MARGIN = 0.02
 # A network that sweeps compares parts of a pixel: beyond this output a point moved by less than two thirds of one,
 # which a rotation of a tenth of a degree that no one reported does too.
 SWEPT_BETA_MAX = 0.6
+SWEPT_BETA_MEAN = 0.2  # its relative error is least where points move by 1 to 4 pixels (docs/networks.md)
 SWEPT_MARGIN = 0.01  # nearer than this the point moved by more than the widest hypothesis
 # Two ranges contradict each other when no depth is within this factor of what both say.
 TOLERANCE = 1.5
@@ -123,6 +124,11 @@ def _chance(depth_m: Map, sigma_m: Map) -> Map:
         np.float32(-LAPLACE_68 * RIGHT_WITHIN) * depth_m / np.maximum(sigma_m, np.float32(1e-6))
     )
     return np.asarray(np.nan_to_num(chance, nan=0.0), dtype=np.float32)
+
+
+def best_beta(card: NetworkCard) -> float:
+    """The output that a displacement is chosen for (paper, section IV.B: beta_mean)."""
+    return SWEPT_BETA_MEAN if card.knows_direction else BETA_MEAN
 
 
 def ends(card: NetworkCard) -> tuple[float, float]:

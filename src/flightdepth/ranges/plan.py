@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.ranges.clusters import centroids, wanted_displacements
-from flightdepth.ranges.fusion import BETA_MAX, BETA_MEAN, Fused
+from flightdepth.ranges.fusion import Fused, best_beta, ends
 from flightdepth.ranges.network import Map
 from flightdepth.weights.card import NetworkCard
 
@@ -109,7 +109,7 @@ class Planner:
 
     def _scout_near(self, shortest_m: float) -> Vector:
         assert self._nearer_m is not None
-        depth_m = np.array([self._nearer_m * BETA_MEAN / BETA_MAX])
+        depth_m = np.array([self._nearer_m * best_beta(self._card) / ends(self._card)[1]])
         self._start_over = bool(self._displacements(depth_m)[0] <= shortest_m)
         return depth_m
 
