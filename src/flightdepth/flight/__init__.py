@@ -1,12 +1,21 @@
 """Video and telemetry of a flight: frames, velocities and attitudes on one clock."""
 
 from flightdepth.flight.open import Flight, open_flight
-from flightdepth.flight.records import AttitudeSample, Frame, GyroscopeTrack, Telemetry, VelocitySample
+from flightdepth.flight.records import (
+    AttitudeSample,
+    BodyAttitudeSample,
+    Frame,
+    GyroscopeTrack,
+    Telemetry,
+    VelocitySample,
+)
 from flightdepth.flight.steadiness import Steadiness, TurnRate
+from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.telemetry_csv import read_csv, write_csv
 
 __all__ = [
     "AttitudeSample",
+    "BodyAttitudeSample",
     "Flight",
     "Frame",
     "GyroscopeTrack",
@@ -16,5 +25,6 @@ __all__ = [
     "VelocitySample",
     "open_flight",
     "read_csv",
+    "read_telemetry",
     "write_csv",
 ]

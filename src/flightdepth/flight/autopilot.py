@@ -34,6 +34,8 @@ SHORTEST_RUN = 3
 REBOOT_GAP_NS = 2 * NS_PER_S
 # Stamps beyond are damage: microseconds since 1970 reach this in 2096, and ns still fit into int64.
 LAST_STAMP_US = 4 * 10**15
+# A reason that the walkers of binary logs share.
+DAMAGED_BYTES = "bytes skipped: damaged or cut off"
 # No drone flies faster; a filter's output that does not change for so long while moving has died.
 MAX_SPEED_M_S = 150.0
 STUCK_NS = 2 * NS_PER_S
@@ -68,7 +70,7 @@ def boots(stamps_ns: Stamps, counts: Counter[str]) -> list[Indices]:
     A log whose time starts again holds another power-up. Within one, times never go back by STEP_NS.
     """
     breaks = np.flatnonzero(np.abs(np.diff(stamps_ns)) > STEP_NS) + 1
-    runs = np.split(np.arange(len(stamps_ns)), breaks)
+    runs = np.split(np.arange(len(stamps_ns)), breaks) if len(stamps_ns) else []
     long_runs = [run for run in runs if len(run) >= SHORTEST_RUN] or runs
     if lost := len(stamps_ns) - sum(map(len, long_runs)):
         counts["records with a damaged time"] += lost
@@ -101,21 +103,22 @@ def placed_boots(records: Sequence[Record], counts: Counter[str]) -> list[Record
     for boot in boots(stamps, counts):
         offset = int(np.median(received[boot[:50]] - stamps[boot[:50]]))
         if placed:
-            counts["reboots of the autopilot"] += 1
-            earliest = placed[-1].stamp_ns + REBOOT_GAP_NS
+            counts["reboots inside the log"] += 1
+            earliest = max(record.stamp_ns for record in placed) + REBOOT_GAP_NS
             offset = max(offset, earliest - int(stamps[boot].min()))
         placed += [records[i]._replace(stamp_ns=records[i].stamp_ns + offset) for i in boot.tolist()]
     return placed
 
 
 def autopilot_telemetry(name: str, records: Sequence[Record], counts: Counter[str]) -> Telemetry:
-    """Telemetry from the records of a log on one clock; its time 0 is the first record's."""
-    zero_ns = min((record.stamp_ns for record in records), default=0)
+    """Telemetry from the records of a log on one clock, in any order; its time 0 is the first record's."""
+    ordered = sorted(records, key=lambda record: record.stamp_ns)
+    zero_ns = ordered[0].stamp_ns if ordered else 0
     gate = Gate(counts)
-    for stamp_ns, value, _ in records:
+    for stamp_ns, value, _ in ordered:
         gate.take(stamp_ns - zero_ns, value)
     if not gate.velocities:
-        why = ", ".join(f"{count} {reason}" for reason, count in counts.items())
+        why = ", ".join(f"{count} {reason}" for reason, count in (+counts).items())
         raise BadInput(f"telemetry {name}", expected="a velocity", got=f"none ({why})" if why else "none")
     camera = f", {len(gate.cameras)} camera attitudes" if gate.cameras else ""
     what = f"{len(gate.velocities)} velocities, {len(gate.bodies)} body attitudes{camera}"
@@ -124,14 +127,14 @@ def autopilot_telemetry(name: str, records: Sequence[Record], counts: Counter[st
     return Telemetry(
         f"{name}: {what}; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock",
         tuple(sorted(samples, key=lambda sample: sample.stamp_ns)),
-        dict(counts),
+        dict(+counts),  # without the zeros
         body_attitudes=tuple(gate.bodies),
     )
 
 
 @dataclass
 class Gate:
-    """Takes records in the order of the log, keeps the sound ones and counts the others."""
+    """Takes records in time order, keeps the sound ones and counts the others."""
 
     counts: Counter[str]
     velocities: list[VelocitySample] = field(default_factory=list)
@@ -189,5 +192,5 @@ class Gate:
 
 def is_rotation(quaternion: Iterable[float]) -> bool:
     """Whether four numbers are a unit quaternion, as far as a log's rounding allows."""
-    length = math.sqrt(sum(float(number) ** 2 for number in quaternion if abs(number) < 2))
-    return 0.9 < length < 1.1 and all(abs(number) < 1.1 for number in quaternion)
+    numbers = [float(number) for number in quaternion]
+    return all(abs(number) < 1.1 for number in numbers) and 0.9 < math.hypot(*numbers) < 1.1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -94,6 +95,7 @@ def open_flight(
     telemetry: str | Path | None = None,
     camera: Camera | str | Path | None = None,
     *,
+    telemetry_offset_s: float = 0.0,
     speed_m_s: float | None = None,
     hfov_deg: float | None = None,
     start_s: float | None = None,
@@ -102,6 +104,7 @@ def open_flight(
     """Open a video with its telemetry.
 
     telemetry  a log file; None looks inside the video (GPMF), unless `speed_m_s` is given
+    telemetry_offset_s  is added to the log's times, so that they count from the video's first picture
     camera     a Camera or a calibration file; None needs `hfov_deg`, the horizontal field of view
     speed_m_s  constant speed straight ahead, for flights without a log
     start_s, end_s  part of the video, seconds since its first picture
@@ -110,15 +113,19 @@ def open_flight(
         raise BadInput("--telemetry and --speed", expected="one of them", got="both")
     video = Video(Path(path), start_s=start_s, end_s=end_s)
     try:
-        log = choose_telemetry(video, telemetry, speed_m_s)
+        log = choose_telemetry(video, telemetry, speed_m_s, telemetry_offset_s)
         return Flight(video, choose_camera(video, camera, hfov_deg), log, speed_m_s or 0.0)
     except BaseException:
         video.close()
         raise
 
 
-def choose_telemetry(video: Video, telemetry: str | Path | None, speed_m_s: float | None) -> Telemetry | None:
-    """The log given, or the one inside the video; None where a constant speed is flown."""
+def choose_telemetry(
+    video: Video, telemetry: str | Path | None, speed_m_s: float | None, offset_s: float
+) -> Telemetry | None:
+    """The log given, or the one inside the video, moved by `offset_s`; None where a constant speed is flown."""
+    if not math.isfinite(offset_s):
+        raise BadInput("--telemetry-offset", expected="a finite number of seconds", got=str(offset_s))
     if speed_m_s is not None:
         forward_velocity(0, speed_m_s)  # refuses a speed that is not one, before the first frame
         return None
@@ -126,6 +133,7 @@ def choose_telemetry(video: Video, telemetry: str | Path | None, speed_m_s: floa
     if log is None:
         got = "none inside the video"
         raise BadInput(f"telemetry of {video.path}", expected="a velocity", got=got, mend=NO_TELEMETRY)
+    log = log.later_by(round(offset_s * NS_PER_S)) if offset_s else log
     check_overlap(video, log)
     return log
 
@@ -141,7 +149,7 @@ def check_overlap(video: Video, log: Telemetry) -> None:
             f"telemetry {log.name}",
             expected=f"times within {seconds(video.start_ns)} to {end} of the video",
             got=f"{seconds(first_ns)} to {seconds(last_ns)}",
-            mend="Times count from the video's first picture.",
+            mend="Times count from the video's first picture; --telemetry-offset S adds S seconds to the log's.",
         )
 
 

@@ -5,7 +5,7 @@ Every `stamp_ns` is int nanoseconds since the first picture of the video.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -130,6 +130,18 @@ class Telemetry:
             )
         if not any(isinstance(sample, VelocitySample) for sample in self.samples):
             raise BadInput(f"telemetry {self.name}", expected="at least one velocity", got="none")
+
+    def later_by(self, offset_ns: int) -> Telemetry:
+        """The same telemetry with `offset_ns` added to all its times."""
+        track = self.gyroscope
+        return replace(
+            self,
+            samples=tuple(replace(sample, stamp_ns=sample.stamp_ns + offset_ns) for sample in self.samples),
+            gyroscope=None if track is None else replace(track, stamps_ns=track.stamps_ns + offset_ns),
+            body_attitudes=tuple(
+                replace(body, stamp_ns=body.stamp_ns + offset_ns) for body in self.body_attitudes
+            ),
+        )
 
     @property
     def span_ns(self) -> tuple[int, int]:

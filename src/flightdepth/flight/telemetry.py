@@ -7,8 +7,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.dataflash import looks_like_dataflash, read_dataflash
+from flightdepth.flight.dji_srt import looks_like_dji_srt, read_dji_srt
+from flightdepth.flight.parrot import looks_like_parrot, read_parrot
 from flightdepth.flight.records import Telemetry
+from flightdepth.flight.ros import looks_like_ros, read_ros
 from flightdepth.flight.telemetry_csv import looks_like_csv, read_csv
+from flightdepth.flight.tlog import looks_like_tlog, read_tlog
+from flightdepth.flight.ulog import looks_like_ulog, read_ulog
 
 HEAD_BYTES = 4096
 
@@ -25,7 +31,15 @@ class Format(NamedTuple):
 
 
 # Asked from the first to the last: those with a magic number before those that are only text.
-FORMATS: tuple[Format, ...] = (Format("CSV", looks_like_csv, read_csv),)
+FORMATS: tuple[Format, ...] = (
+    Format("PX4 ULog", looks_like_ulog, read_ulog),
+    Format("ROS recording", looks_like_ros, read_ros),
+    Format("ArduPilot DataFlash", looks_like_dataflash, read_dataflash),
+    Format("MAVLink tlog", looks_like_tlog, read_tlog),
+    Format("DJI subtitles", looks_like_dji_srt, read_dji_srt),
+    Format("Parrot metadata", looks_like_parrot, read_parrot),
+    Format("CSV", looks_like_csv, read_csv),
+)
 
 
 def read_telemetry(path: Path) -> Telemetry:

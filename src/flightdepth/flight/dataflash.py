@@ -1,0 +1,231 @@
+"""ArduPilot's DataFlash log (.bin): velocity of the EKF or, at worst, of the GPS; attitude of the body.
+
+A log describes itself: each record is A3 95, a type, and fields that a record of type FMT has announced
+(https://ardupilot.org/copter/docs/logmessages.html). The meaning of the field letters comes from pymavlink.
+The records are walked here, because pymavlink's reader prints what it skips and counts nothing.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from flightdepth.errors import BadInput, MissingExtra
+from flightdepth.flight.autopilot import (
+    DAMAGED_BYTES,
+    LAST_STAMP_US,
+    BodyAttitude,
+    Record,
+    Velocity,
+    autopilot_telemetry,
+    longest_boot,
+)
+from flightdepth.flight.records import Telemetry
+from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
+
+MAGIC = b"\xa3\x95"
+FMT = 0x80
+FMT_LAYOUT = struct.Struct("<BB4s16s64s")  # type, length, name, letters of the fields, names of the fields
+Fields = dict[str, float]
+GPS_FIX_3D = 3
+# Bits of the EKF's solution status (SS): horizontal and vertical velocity are good.
+VELOCITY_VALID = 2 | 4
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How one type of record is packed; `factors` scale to the unit of the docs (c: hundredths, ...)."""
+
+    name: str
+    length: int
+    packed: struct.Struct
+    columns: tuple[str, ...]
+    factors: tuple[float | None, ...]
+
+    def fields(self, body: bytes) -> Fields:
+        """The numbers of a record by name; texts are left out."""
+        numbers: Fields = {}
+        for name, value, factor in zip(self.columns, self.packed.unpack(body), self.factors, strict=True):
+            if not isinstance(value, bytes):
+                numbers[name] = value if factor is None else value * factor
+        return numbers
+
+
+def looks_like_dataflash(head: bytes, path: Path) -> bool:
+    """Whether the file begins with a record that announces a layout; all DataFlash logs do."""
+    return head.startswith(MAGIC + bytes([FMT]))
+
+
+def read_dataflash(path: Path) -> Telemetry:
+    """Read a DataFlash log; what came before a cut is used, damaged bytes are skipped and counted."""
+    counts: Counter[str] = Counter()
+    letters = field_letters(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        got = error.strerror or str(error)
+        raise BadInput(f"telemetry {path}", expected="a DataFlash log that can be read", got=got) from error
+    rows = list(wanted_rows(data, letters, counts))
+    names = {name for name, _ in rows}
+    velocity = next((name for name in VELOCITIES if name in names), "")
+    attitude = next((name for name in ATTITUDES if name in names), "")
+    selection = Selection(velocity, attitude, counts)
+    records = []
+    for name, fields in rows:
+        try:
+            records += selection.records(name, fields)
+        except KeyError as error:
+            counts[f"{name} records without {error.args[0]}"] += 1
+        except (ValueError, OverflowError):
+            counts[f"{name} records with a number that cannot be"] += 1
+    what = f"DataFlash {path.name}, {velocity or 'no'} velocity, {attitude or 'no'} attitude"
+    return autopilot_telemetry(what, longest_boot(records, counts), counts)
+
+
+def field_letters(path: Path) -> dict[str, tuple[str, float | None]]:
+    """The struct code and the factor of each field letter."""
+    try:
+        from pymavlink.DFReader import FORMAT_TO_STRUCT
+    except ModuleNotFoundError as error:
+        raise MissingExtra(f"reading the DataFlash log {path.name}", "ardupilot") from error
+    return {letter: (code, factor) for letter, (code, factor, _) in FORMAT_TO_STRUCT.items()}
+
+
+def wanted_rows(
+    data: bytes, letters: dict[str, tuple[str, float | None]], counts: Counter[str]
+) -> Iterator[tuple[str, Fields]]:
+    """Name and fields of the records in WANTED, in the order of the log."""
+    layouts: dict[int, Layout] = {FMT: Layout("FMT", 3 + FMT_LAYOUT.size, FMT_LAYOUT, (), ())}
+    for kind, body in bodies(data, layouts, counts):
+        if kind == FMT:
+            announce(body, letters, layouts, counts)
+        elif layouts[kind].name in WANTED:
+            yield layouts[kind].name, layouts[kind].fields(body)
+
+
+def bodies(data: bytes, layouts: dict[int, Layout], counts: Counter[str]) -> Iterator[tuple[int, bytes]]:
+    """Type and body of each record. After damage, only what another record or the end follows is one."""
+    at, in_step = 0, True
+    while at < len(data):
+        known = len(data) >= at + 3 and data.startswith(MAGIC, at)
+        layout = layouts.get(data[at + 2]) if known else None
+        end = at + (layout.length if layout else 0)
+        if layout and end <= len(data) and (in_step or end == len(data) or data.startswith(MAGIC, end)):
+            yield data[at + 2], data[at + 3 : end]
+            at, in_step = end, True
+        else:
+            found = data.find(MAGIC, at + 1)
+            next_at = found if found >= 0 else len(data)
+            counts[DAMAGED_BYTES] += next_at - at
+            at, in_step = next_at, False
+
+
+def announce(
+    body: bytes,
+    letters: dict[str, tuple[str, float | None]],
+    layouts: dict[int, Layout],
+    counts: Counter[str],
+) -> None:
+    """Take the layout that a FMT record announces, if it agrees with itself."""
+    kind, length, *texts = FMT_LAYOUT.unpack(body)
+    name, codes, columns = (text.split(b"\0")[0].decode("ascii", "replace") for text in texts)
+    names = tuple(columns.split(",")) if columns else ()
+    known = all(code in letters for code in codes) and len(codes) == len(names)
+    packed = struct.Struct("<" + "".join(letters[code][0] for code in codes if code in letters))
+    if kind == FMT:
+        return
+    if not known or packed.size + 3 != length:
+        counts["damaged announcements of a layout"] += 1
+        return
+    layouts[kind] = Layout(name, length, packed, names, tuple(letters[code][1] for code in codes))
+
+
+@dataclass
+class Selection:
+    """Turns rows into records: of the EKF core that ArduPilot flies by, or of the first GPS in the log.
+
+    `velocity` and `attitude` name the types that are used; rows of other types give nothing.
+    """
+
+    velocity: str
+    attitude: str
+    counts: Counter[str]
+    _core: float | None = None
+    _status: dict[float, int] = field(default_factory=dict)
+    _gps: float | None = None
+    _gps_sigma: float | None = None
+
+    def records(self, name: str, fields: Fields) -> list[Record]:
+        """The record of a row, if it is of use."""
+        if name == EKF_STATUS.get(self.velocity, "XKF4"):
+            self._core = fields["PI"]
+            self._status[fields.get("C", 0)] = int(fields["SS"])
+        elif name == "GPA":
+            self._gps_sigma = fields["SAcc"]
+        elif name == self.velocity:
+            return self._gps_velocity(fields) if name == "GPS" else self._core_velocity(fields)
+        elif name == self.attitude and (name == "ATT" or self._is_primary(fields)):
+            return [Record(stamp_ns(fields), BodyAttitude(ATTITUDES[name](fields)))]
+        return []
+
+    def _is_primary(self, fields: Fields) -> bool:
+        if self._core is None:
+            self._core = fields.get("C", 0)  # until a record says which is primary
+        return fields.get("C", self._core) == self._core  # without the column there is one core
+
+    def _core_velocity(self, fields: Fields) -> list[Record]:
+        if not self._is_primary(fields):
+            return []
+        if self._status.get(fields.get("C", 0), VELOCITY_VALID) & VELOCITY_VALID != VELOCITY_VALID:
+            self.counts["velocities marked invalid"] += 1
+            return []
+        return [Record(stamp_ns(fields), Velocity((fields["VN"], fields["VE"], fields["VD"])))]
+
+    def _gps_velocity(self, fields: Fields) -> list[Record]:
+        receiver = fields.get("I", 0)
+        self._gps = receiver if self._gps is None else self._gps
+        if receiver != self._gps:
+            return []
+        if fields["Status"] < GPS_FIX_3D:
+            self.counts["velocities without a 3D fix"] += 1
+            return []
+        course = math.radians(fields["GCrs"])
+        north, east = fields["Spd"] * math.cos(course), fields["Spd"] * math.sin(course)
+        return [Record(stamp_ns(fields), Velocity((north, east, fields["VZ"]), self._gps_sigma))]
+
+
+def stamp_ns(fields: Fields) -> int:
+    """Time since power-up; one that no log can hold is an error."""
+    stamp_us = int(fields["TimeUS"])
+    if not 0 <= stamp_us < LAST_STAMP_US:
+        raise ValueError(stamp_us)
+    return stamp_us * 1000
+
+
+def ekf_quaternion(fields: Fields) -> Sequence[float]:
+    """Q1 to Q4 of the EKF: w first, from body to north-east-down."""
+    return fields["Q1"], fields["Q2"], fields["Q3"], fields["Q4"]
+
+
+def euler_quaternion(fields: Fields) -> Sequence[float]:
+    """Quaternion of Roll, Pitch, Yaw in degrees."""
+    roll, pitch, yaw = (math.radians(fields[name]) for name in ("Roll", "Pitch", "Yaw"))
+    if not math.isfinite(roll + pitch + yaw):
+        return math.nan, 0.0, 0.0, 0.0
+    return [float(number) for number in quaternion_from_rotation(rotation_from_euler(roll, pitch, yaw))]
+
+
+# The first of each that a log holds is used: EKF3, EKF2, then what does without an EKF.
+VELOCITIES = ("XKF1", "NKF1", "GPS")
+ATTITUDES: dict[str, Callable[[Fields], Sequence[float]]] = {
+    "XKQ": ekf_quaternion,
+    "NKQ": ekf_quaternion,
+    "NKQ1": ekf_quaternion,
+    "ATT": euler_quaternion,
+}
+EKF_STATUS = {"XKF1": "XKF4", "NKF1": "NKF4"}
+WANTED = frozenset([*VELOCITIES, *ATTITUDES, *EKF_STATUS.values(), "GPA"])

@@ -1,0 +1,227 @@
+"""DJI's subtitle files: a cue for each picture or second, with position, height, speed and gimbal angles.
+
+Layouts read, by the models known to write them:
+
+    GPS(149.0251,-20.2533,16) BAROMETER:1.9                               Mavic Pro, Phantom 4: lon, lat, satellites
+    GPS(-20.2533,149.0251,0.0M) BAROMETER:1.9M                            Matrice 300: lat, lon, height
+    GPS (-58.851, -34.237, 15), H 85.80m, H.S 2.88m/s, V.S 0.00m/s,
+        F.PRY (2.7, -7.0, 110.1), G.PRY (-24.4, 0.0, 110.4)               Phantom 4 RTK ("RTK (" too), Mini 2, Air
+    [latitude: 41.42] [longitude: 2.16] [altitude: 30.4]                  Mavic 2, Air 2 ("longtitude" too)
+    [latitude: ...] [longitude: ...] [rel_alt: 1.2 abs_alt: 30.4]
+        [gb_yaw: 12.3 gb_pitch: -89.9 gb_roll: 0.0]                       Mavic 3, Air 2S, Mini 3 and later
+
+HTML tags are dropped; decimals may be written with a comma. A cue's start is the time: the wall clock inside
+it is not used. Velocity comes from the positions (positions.py). H.S, where given, replaces its horizontal
+size, V.S its vertical one with the sign that agrees with the heights, because firmware differs on the sign.
+Gimbal angles are yaw from north clockwise, pitch up, roll to the right, in degrees: the attitude of the
+camera is Rz(yaw) Ry(pitch) Rx(roll) applied to a camera that looks north.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flightdepth.errors import BadInput
+from flightdepth.flight.order import in_time_order, rising
+from flightdepth.flight.positions import (
+    DEGREE_M,
+    Velocities,
+    decimal_step,
+    local_ned,
+    velocities,
+    without_jumps,
+)
+from flightdepth.flight.records import NS_PER_S, AttitudeSample, Sample, Telemetry, VelocitySample
+from flightdepth.motion import NED_FROM_CAMERA, Vector, quaternion_from_rotation, rotation_from_euler
+
+NUMBER = r"([-+]?\d{1,9}(?:[.,]\d{1,12})?)"
+CUE = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d)[,.](\d{1,3})\s*-->")
+TAG = re.compile(r"<[^<>]*>")
+FIELD = re.compile(
+    r"(?<![\w.])(latitude|longt?itude|rel_alt|abs_alt|altitude|barometer|hb|gb_yaw|gb_pitch|gb_roll|h\.s|v\.s|h)"
+    rf"\s*[:(]?\s*{NUMBER}",
+    re.IGNORECASE,
+)
+GPS = re.compile(r"\b(?:GPS|RTK)\s*\(([^()]{1,80})\)")
+GIMBAL_PRY = re.compile(rf"\bG\.PRY\s*\(\s*{NUMBER}\D{{0,3}},\s*{NUMBER}\D{{0,3}},\s*{NUMBER}")
+# Best first: those above the start are barometric and smooth, those above the sea may be the GPS's.
+HEIGHTS = ("rel_alt", "barometer", "hb", "h", "abs_alt", "altitude")
+GIMBAL = ("gb_yaw", "gb_pitch", "gb_roll")
+
+
+@dataclass(frozen=True)
+class Cue:
+    """One subtitle: its named numbers by lower-case name, the pair inside GPS(...) in the file's order."""
+
+    stamp_ns: int
+    fields: dict[str, float]
+    gps: tuple[float, float] | None
+    gps_has_height: bool
+    yaw_pitch_roll_deg: tuple[float, float, float] | None
+
+    def place(self, *, latitude_first: bool) -> tuple[float, float] | None:
+        """Latitude and longitude, degrees; None before the first fix (0, 0) and for what is not on earth."""
+        place = self.gps if latitude_first or self.gps is None else self.gps[::-1]
+        if "latitude" in self.fields and "longitude" in self.fields:
+            place = self.fields["latitude"], self.fields["longitude"]
+        if place is None or place == (0.0, 0.0) or abs(place[0]) > 90 or abs(place[1]) > 180:
+            return None
+        return place
+
+
+def looks_like_dji_srt(head: bytes, path: Path) -> bool:
+    """Subtitles of any kind: what is missing in them is said by `read_dji_srt`."""
+    return not path.is_dir() and CUE.search(_text(head)) is not None
+
+
+def read_dji_srt(path: Path) -> Telemetry:
+    """Read a DJI subtitle file: velocities in the world frame, the camera's attitude where the gimbal is told."""
+    what = f"telemetry {path}"
+    try:
+        text = _text(path.read_bytes())
+    except OSError as error:
+        got = error.strerror or str(error)
+        raise BadInput(what, expected="a subtitle file that can be read", got=got) from error
+    counts: Counter[str] = Counter()
+    cues = _ordered(_cues(text, counts), counts)
+    found = _velocities(cues, counts)
+    if found is None or not len(found.stamps_ns):
+        expected = "DJI subtitles with two GPS positions or more"
+        raise BadInput(what, expected=expected, got=f"{len(cues)} subtitles, too few with a position")
+    turned = _attitudes(cues)
+    samples: list[Sample] = [
+        VelocitySample(stamp, velocity, "world", float(sigma))
+        for stamp, velocity, sigma in zip(
+            found.stamps_ns.tolist(), found.velocity_ned, found.sigma, strict=True
+        )
+    ]
+    samples.extend(in_time_order(turned, counts))
+    samples.sort(key=lambda sample: sample.stamp_ns)
+    name = f"DJI subtitles {path.name}: {len(found.stamps_ns)} velocities from positions"
+    return Telemetry(name + (", gimbal attitude" if turned else ""), tuple(samples), dict(+counts))
+
+
+def _text(data: bytes) -> str:
+    """Subtitles are UTF-8, some UTF-16; what is neither becomes a replacement character."""
+    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    return data.decode(encoding, errors="replace")
+
+
+def _cues(text: str, counts: Counter[str]) -> list[Cue]:
+    marks = list(CUE.finditer(text))
+    ends = [mark.start() for mark in marks[1:]] + [len(text)]
+    bodies = [TAG.sub(" ", text[mark.end() : end]) for mark, end in zip(marks, ends, strict=True)]
+    # A last line without its end may have lost digits, or its angles.
+    if bodies and not text.endswith(("\n", "\r", "</font>")):
+        counts["subtitles cut off at the end"] += 1
+        del bodies[-1]
+    return [_cue(mark, body) for mark, body in zip(marks, bodies, strict=False)]
+
+
+def _cue(mark: re.Match[str], body: str) -> Cue:
+    hours, minutes, seconds = (int(mark[group]) for group in (1, 2, 3))
+    milliseconds = int(mark[4].ljust(3, "0"))
+    stamp_ns = ((hours * 60 + minutes) * 60 + seconds) * NS_PER_S + milliseconds * 1_000_000
+    fields: dict[str, float] = {}
+    for field in FIELD.finditer(body):
+        fields.setdefault(field[1].lower().replace("longt", "long"), _number(field[2]))
+    gps = GPS.search(body)
+    inside = gps[1] if gps else ""
+    return Cue(stamp_ns, fields, _pair(inside), "m" in inside.lower(), _gimbal(fields, body))
+
+
+def _number(text: str) -> float:
+    return float(text.replace(",", "."))
+
+
+def _pair(inside: str) -> tuple[float, float] | None:
+    """The first two numbers of GPS(...): with decimal points, or with decimal commas and no point at all."""
+    comma_decimals = "." not in inside and inside.count(",") >= 3
+    numbers = re.findall(r"[-+]?\d{1,9}" + (r",\d{1,12}" if comma_decimals else r"(?:\.\d{1,12})?"), inside)
+    return (_number(numbers[0]), _number(numbers[1])) if len(numbers) > 1 else None
+
+
+def _gimbal(fields: dict[str, float], body: str) -> tuple[float, float, float] | None:
+    if all(name in fields for name in GIMBAL):
+        return fields["gb_yaw"], fields["gb_pitch"], fields["gb_roll"]
+    match = GIMBAL_PRY.search(body)
+    return (_number(match[3]), _number(match[1]), _number(match[2])) if match else None
+
+
+def _ordered(cues: Sequence[Cue], counts: Counter[str]) -> list[Cue]:
+    kept = [cues[index] for index in rising([cue.stamp_ns for cue in cues])]
+    if len(kept) < len(cues):
+        counts["subtitles not later than the one before"] += len(cues) - len(kept)
+    return kept
+
+
+def _velocities(cues: Sequence[Cue], counts: Counter[str]) -> Velocities | None:
+    latitude_first = _latitude_first(cues)
+    placed = [(cue, cue.place(latitude_first=latitude_first)) for cue in cues]
+    sound = [cue for cue, place in placed if place is not None]
+    counts["subtitles without a position"] += len(cues) - len(sound)
+    if len(sound) < 2:
+        return None
+    table = np.array([place for _, place in placed if place is not None])
+    heights_m = _heights(sound)
+    ned = local_ned(table[:, 0], table[:, 1], heights_m)
+    kept = without_jumps(ned - np.median(ned, axis=0))
+    counts["positions that jump"] += int((~kept).sum())
+    if kept.sum() < 2:
+        return None
+    stamps = np.array([cue.stamp_ns for cue in sound], dtype=np.int64)
+    steps_m = decimal_step(table[kept]) * DEGREE_M, decimal_step(heights_m[kept])
+    found = velocities(stamps[kept], ned[kept], steps_m=steps_m)
+    return _with_speeds(found, {cue.stamp_ns: cue for cue in sound})
+
+
+def _latitude_first(cues: Sequence[Cue]) -> bool:
+    """Whether GPS(...) starts with the latitude: what is beyond 90 decides, else a height as third number."""
+    pairs = [cue.gps for cue in cues if cue.gps is not None]
+    beyond_first = sum(abs(first) > 90 for first, _ in pairs)
+    beyond_second = sum(abs(second) > 90 for _, second in pairs)
+    if beyond_first != beyond_second:
+        return beyond_second > beyond_first
+    return sum(cue.gps_has_height for cue in cues if cue.gps is not None) * 2 > len(pairs)
+
+
+def _heights(cues: Sequence[Cue]) -> Vector:
+    """One source of height for the whole file, gaps filled; level flight where none is told."""
+    for source in HEIGHTS:
+        known = [(index, cue.fields[source]) for index, cue in enumerate(cues) if source in cue.fields]
+        if known and len(known) * 2 > len(cues):
+            indices, heights = zip(*known, strict=True)
+            return np.asarray(np.interp(np.arange(len(cues)), indices, heights))
+    return np.zeros(len(cues))
+
+
+def _with_speeds(found: Velocities, cues: dict[int, Cue]) -> Velocities:
+    """The sizes that the drone itself tells, with the directions from the positions."""
+    velocity = found.velocity_ned.copy()
+    told = [cues[stamp] for stamp in found.stamps_ns.tolist()]
+    vertical = np.array([cue.fields.get("v.s", 0.0) for cue in told])
+    sign = 1.0 if vertical @ velocity[:, 2] >= 0 else -1.0
+    for index, cue in enumerate(told):
+        size = float(np.linalg.norm(velocity[index, :2]))
+        if "h.s" in cue.fields and size > 0:
+            velocity[index, :2] *= cue.fields["h.s"] / size
+        if "v.s" in cue.fields:
+            velocity[index, 2] = sign * cue.fields["v.s"]
+    return Velocities(found.stamps_ns, velocity, found.sigma)
+
+
+def _attitudes(cues: Sequence[Cue]) -> list[AttitudeSample]:
+    samples = []
+    for cue in cues:
+        if cue.yaw_pitch_roll_deg is not None:
+            yaw, pitch, roll = np.deg2rad(cue.yaw_pitch_roll_deg)
+            world_from_view = rotation_from_euler(roll, pitch, yaw)
+            quaternion = quaternion_from_rotation(world_from_view @ NED_FROM_CAMERA)
+            samples.append(AttitudeSample(cue.stamp_ns, quaternion))
+    return samples

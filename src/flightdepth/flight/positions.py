@@ -1,0 +1,148 @@
+"""Velocity from positions: latitude, longitude and height as a GPS repeats them between its fixes.
+
+A camera writes a position for each picture or second, but the receiver has a new one only now and then, and
+each is rounded. So the instants at which the value really changed are found first, and the velocity is the
+slope of a straight line fitted to the positions of a short window around each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.flight.records import NS_PER_S
+from flightdepth.motion import Vector
+
+EARTH_RADIUS_M = 6378137.0  # WGS 84, equator
+EARTH_ECCENTRICITY_SQUARED = 6.69437999014e-3
+HALF_WINDOW_S = 0.5  # half of the window of a receiver with 6 fixes a second or more
+HALF_WINDOW_PERIODS = 1.5  # slower ones: the fix before, this one, the one after
+HALF_WINDOW_LIMIT_S = 5.0
+ROUNDING_TARGET_M_S = 0.2  # the window grows until rounding costs less than this
+JUMP_M = 100.0  # off the median of its neighbours: not flown
+FASTEST_M_S = 150.0
+DEGREE_M = 111_320.0  # of the equator: the longest
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Velocities:
+    """Velocity [n, 3] north-east-down, m/s, its standard deviation per component [n], the stamps [n]."""
+
+    stamps_ns: NDArray[np.int64]
+    velocity_ned: Vector
+    sigma: Vector
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Slopes [n, k] of lines fitted around n instants, and their standard deviations [n]."""
+
+    slopes: Vector
+    sigma: Vector
+
+
+def local_ned(latitude_deg: Vector, longitude_deg: Vector, height_m: Vector) -> Vector:
+    """Metres north, east, down [n, 3] of the first position, for flights of some 10 km.
+
+    North = M d(latitude), east = N cos(latitude) d(longitude), with the radii of curvature of WGS 84 at the
+    first position: M = a (1 - e^2) / (1 - e^2 sin^2)^1.5 and N = a / (1 - e^2 sin^2)^0.5.
+    """
+    latitude, longitude = np.deg2rad(latitude_deg), np.deg2rad(longitude_deg)
+    flattened = 1 - EARTH_ECCENTRICITY_SQUARED * np.sin(latitude[0]) ** 2
+    meridian_m = EARTH_RADIUS_M * (1 - EARTH_ECCENTRICITY_SQUARED) / flattened**1.5
+    parallel_m = EARTH_RADIUS_M / np.sqrt(flattened) * np.cos(latitude[0])
+    east_rad = (longitude - longitude[0] + np.pi) % (2 * np.pi) - np.pi  # across the date line too
+    return np.stack([meridian_m * (latitude - latitude[0]), parallel_m * east_rad, -height_m], axis=1)
+
+
+def without_jumps(ned: Vector) -> NDArray[np.bool_]:
+    """Which positions [n, 3] lie within JUMP_M of the median of the five around them."""
+    padded = np.pad(ned, ((2, 2), (0, 0)), mode="edge")
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5, axis=0), axis=-1)
+    return np.asarray(np.abs(ned - middle).max(axis=1) <= JUMP_M)
+
+
+def fixes(times_s: Vector, values: Vector) -> Indices:
+    """Indices of the real fixes among `values` [n, k] at rising times: those that changed.
+
+    One that stands still also counts, a fix's time and a half after the last: a hovering drone has fixes too.
+    """
+    changed = np.flatnonzero(np.r_[True, (np.diff(values, axis=0) != 0).any(axis=1)])
+    period_s = fix_period_s(times_s, changed)
+    is_change = np.zeros(len(values), dtype=bool)
+    is_change[changed] = True
+    kept = [0]
+    for index in range(1, len(values)):
+        if is_change[index] or times_s[index] - times_s[kept[-1]] > 1.5 * period_s:
+            kept.append(index)
+    return np.array(kept, dtype=np.int64)
+
+
+def fix_period_s(times_s: Vector, changed: Indices) -> float:
+    """Median time between changes; 1 s where there are none."""
+    return float(np.median(np.diff(times_s[changed]))) if len(changed) > 1 else 1.0
+
+
+def half_window_s(times_s: Vector, step_m: float) -> float:
+    """Half the window: by the fixes' period T and the step q to which the values are rounded.
+
+    Over 2h seconds rounding (standard deviation q / 12^0.5) gives a slope's variance of 3 T q^2 / (24 h^3).
+    """
+    period_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
+    by_rounding_s = (3 * period_s * step_m**2 / 24 / ROUNDING_TARGET_M_S**2) ** (1 / 3)
+    return float(min(max(HALF_WINDOW_S, HALF_WINDOW_PERIODS * period_s, by_rounding_s), HALF_WINDOW_LIMIT_S))
+
+
+def decimal_step(values: Vector) -> float:
+    """The power of ten to which all values were rounded: 1e-6 for 48.700001 and 48.7, at least 1e-9."""
+    for decimals in range(9):
+        if np.abs(values - np.round(values, decimals)).max(initial=0.0) < 1e-10:
+            return float(10.0**-decimals)
+    return 1e-9
+
+
+def line_slopes(times_s: Vector, values: Vector, at_s: Vector, step_m: float) -> Slopes:
+    """Slope [n, k] of the least-squares line through `values` [m, k] around each of `at_s` [n].
+
+    Its standard deviation is that of the residuals of all windows together (or of rounding to `step_m`, if that
+    is more), over the spread of the window's times. NaN where a window holds fewer than two fixes.
+    """
+    half_s = half_window_s(times_s, step_m)
+    slopes = np.full((len(at_s), values.shape[1]), np.nan)
+    spread, residual, freedom = np.full(len(at_s), np.nan), 0.0, 0
+    first = np.searchsorted(times_s, at_s - half_s - 1e-6)
+    last = np.searchsorted(times_s, at_s + half_s + 1e-6)
+    for index, (start, end) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
+        if end - start < 2:
+            continue
+        t = times_s[start:end] - times_s[start:end].mean()
+        x = values[start:end] - values[start:end].mean(axis=0)
+        spread[index] = t @ t
+        slopes[index] = t @ x / spread[index]
+        residual += float(((x - np.outer(t, slopes[index])) ** 2).sum())
+        freedom += (end - start - 2) * values.shape[1]
+    scatter = max(np.sqrt(residual / max(freedom, 1)), step_m / np.sqrt(12))
+    return Slopes(slopes, scatter / np.sqrt(spread))
+
+
+def velocities(stamps_ns: NDArray[np.int64], ned: Vector, *, steps_m: tuple[float, float]) -> Velocities:
+    """Velocities at the horizontal fixes of positions [n, 3] at rising stamps, those beyond reason left out.
+
+    `steps_m` is what places and heights are rounded to.
+    """
+    times_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
+    across, up = fixes(times_s, ned[:, :2]), fixes(times_s, ned[:, 2:])
+    at_s = times_s[across]
+    horizontal = line_slopes(at_s, ned[across, :2], at_s, steps_m[0])
+    vertical = line_slopes(times_s[up], ned[up, 2:], at_s, steps_m[1])
+    # Heights may come less often than positions: where a window holds too few, the flight is taken as level.
+    down = np.where(np.isfinite(vertical.slopes), vertical.slopes, 0.0)
+    velocity = np.concatenate([horizontal.slopes, down], axis=1)
+    sigma = np.fmax(horizontal.sigma, vertical.sigma)
+    sound = np.isfinite(velocity).all(axis=1) & np.isfinite(sigma)
+    sound[sound] = np.linalg.norm(velocity[sound], axis=1) < FASTEST_M_S
+    return Velocities(stamps_ns[across][sound], velocity[sound], sigma[sound])

@@ -1,0 +1,195 @@
+"""Telemetry from ROS recordings: ROS 1 bags, ROS 2 folders (MCAP or SQLite) and MCAP files.
+
+One topic gives the velocity: the one asked for, else the best kind (Odometry, TwistWithCovarianceStamped,
+TwistStamped) with the most messages. Other topics with an orientation turn a body-frame velocity into the
+world, or are the attitude of the camera if their frame's name says so ("optical"). The orientation of the
+body is not taken for the camera's: nobody tells how the camera is mounted, or whether a gimbal turns it.
+
+Times are those of the messages' headers, counted from the first picture in the recording, so that its own
+pictures (`ros_frames`) are on the same clock; from the first velocity where it holds no pictures.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from flightdepth.errors import BadInput
+from flightdepth.flight.order import in_time_order
+from flightdepth.flight.records import (
+    NS_PER_S,
+    AttitudeSample,
+    BodyAttitudeSample,
+    Sample,
+    Telemetry,
+    VelocitySample,
+)
+from flightdepth.flight.ros1_bag import looks_like_ros1, ros1_messages
+from flightdepth.flight.ros2_bag import looks_like_ros2, ros2_messages
+from flightdepth.flight.ros_messages import (
+    FLU_FROM_OPTICAL,
+    FRD_FROM_FLU,
+    IMAGE_KINDS,
+    ORIENTATION_KINDS,
+    VELOCITY_KINDS,
+    Orientation,
+    Twist,
+    decoded,
+    orientation_of,
+    stamp_of,
+    twist_of,
+)
+from flightdepth.flight.ros_records import DamagedError, RosMessage, Wanted
+from flightdepth.motion import quaternion_from_rotation
+
+NEAR_NS = 100_000_000  # an orientation farther away says nothing of a velocity
+UNREADABLE = "messages that cannot be read"
+USED = frozenset([*VELOCITY_KINDS, *ORIENTATION_KINDS, *IMAGE_KINDS])
+
+
+@dataclass
+class Topic:
+    """What one topic of a recording said."""
+
+    name: str
+    kind: str
+    messages: int = 0
+    first_ns: int | None = None
+    twists: list[Twist] = field(default_factory=list)
+    orientations: list[Orientation] = field(default_factory=list)
+
+
+def looks_like_ros(head: bytes, path: Path) -> bool:
+    """A recording of ROS 1 or ROS 2."""
+    return looks_like_ros1(head, path) or looks_like_ros2(head, path)
+
+
+def ros_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterator[RosMessage]:
+    """The messages of the wanted types in any ROS recording."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(16)
+    except OSError:  # a folder, or nothing at all
+        head = b""
+    reader = ros1_messages if looks_like_ros1(head, path) else ros2_messages
+    return reader(path, wanted, counts)
+
+
+def read_ros(path: Path, topic: str | None = None) -> Telemetry:
+    """Read a recording; `topic` chooses the velocity where the best guess is not the right one."""
+    counts: Counter[str] = Counter()
+    topics, kinds = _topics(path, counts)
+    chosen = _choose(path, topics, kinds, topic)
+    oriented = max(topics, key=lambda known: len(known.orientations), default=chosen)
+    first_ns = _first_picture_ns(topics)
+    zero_ns = chosen.twists[0].stamp_ns if first_ns is None else first_ns
+    velocities = _velocities(chosen.twists, oriented.orientations, zero_ns)
+    attitudes = _camera_attitudes(topics, zero_ns)
+    samples: list[Sample] = [*in_time_order(velocities, counts), *in_time_order(attitudes, counts)]
+    samples.sort(key=lambda sample: sample.stamp_ns)
+    name = f"ROS recording {path.name}: {len(velocities)} velocities of {chosen.name}"
+    name += ", attitude of the camera" if attitudes else ""
+    name += f"; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock"
+    # Not counted: an Odometry's velocity has been.
+    bodies = in_time_order(_body_attitudes(oriented.orientations, zero_ns), Counter())
+    return Telemetry(name, tuple(samples), dict(+counts), body_attitudes=tuple(bodies))
+
+
+def _topics(path: Path, counts: Counter[str]) -> tuple[list[Topic], dict[str, str]]:
+    kinds: set[str] = set()
+    topics: dict[str, Topic] = {}
+
+    def wanted(kind: str) -> bool:
+        kinds.add(kind)
+        return kind in USED
+
+    for message in ros_messages(path, wanted, counts):
+        topic = topics.setdefault(message.topic, Topic(message.topic, message.kind))
+        topic.messages += 1
+        if message.kind == topic.kind:
+            _take(message, topic, counts)
+    named = {topic.name: topic.kind for topic in topics.values()}
+    return list(topics.values()), dict.fromkeys(kinds - USED, "") | named
+
+
+def _take(message: RosMessage, topic: Topic, counts: Counter[str]) -> None:
+    if message.kind in IMAGE_KINDS and topic.first_ns is not None:
+        return
+    try:
+        content = decoded(message)
+        topic.first_ns = topic.first_ns or stamp_of(content.header, message.log_ns)
+        if message.kind in ORIENTATION_KINDS and (turn := orientation_of(message, content)):
+            topic.orientations.append(turn)
+        if message.kind in VELOCITY_KINDS:
+            twist = twist_of(message, content)
+            if twist is None:
+                counts[f"velocities of unknown axes (frame {content.header.frame_id[:40]!r})"] += 1
+            else:
+                topic.twists.append(twist)
+    except DamagedError:
+        counts[UNREADABLE] += 1
+
+
+def _choose(path: Path, topics: Sequence[Topic], kinds: dict[str, str], name: str | None) -> Topic:
+    fit = [known for known in topics if known.twists and name in (None, known.name)]
+    if fit:
+        return min(fit, key=lambda known: (VELOCITY_KINDS.index(known.kind), -len(known.twists), known.name))
+    listed = ", ".join(f"{known} ({kind})" if kind else known for known, kind in sorted(kinds.items()))
+    expected = f"a velocity in {name}" if name else f"a topic with a velocity ({', '.join(VELOCITY_KINDS)})"
+    raise BadInput(f"telemetry {path}", expected=expected, got=(listed or "no message")[:1000])
+
+
+def _first_picture_ns(topics: Sequence[Topic]) -> int | None:
+    pictures = [topic for topic in topics if topic.kind in IMAGE_KINDS and topic.first_ns is not None]
+    best = min(pictures, key=lambda topic: (-topic.messages, topic.name), default=None)
+    return None if best is None else best.first_ns
+
+
+def _velocities(
+    twists: Sequence[Twist], orientations: Sequence[Orientation], zero_ns: int
+) -> list[VelocitySample]:
+    """In the world frame where it is known, else the camera's: that of a camera which looks forward."""
+    bodies = sorted((o for o in orientations if not o.of_camera), key=lambda o: o.stamp_ns)
+    stamps = np.array([orientation.stamp_ns for orientation in bodies], dtype=np.int64)
+    samples = []
+    for twist in twists:
+        stamp_ns = twist.stamp_ns - zero_ns
+        nearest = _nearest(stamps, twist.stamp_ns) if twist.frame == "body" else None
+        if twist.frame == "world":
+            samples.append(VelocitySample(stamp_ns, twist.velocity, "world", twist.sigma))
+        elif nearest is not None:
+            world = bodies[nearest].ned_from_frame @ twist.velocity
+            samples.append(VelocitySample(stamp_ns, world, "world", twist.sigma))
+        else:
+            turn = FLU_FROM_OPTICAL.T if twist.frame == "body" else np.eye(3)
+            samples.append(VelocitySample(stamp_ns, turn @ twist.velocity, "camera", twist.sigma))
+    return samples
+
+
+def _nearest(stamps: np.ndarray[tuple[int], np.dtype[np.int64]], stamp_ns: int) -> int | None:
+    if not len(stamps):
+        return None
+    after = int(np.searchsorted(stamps, stamp_ns))
+    near = [index for index in (after - 1, after) if 0 <= index < len(stamps)]
+    best = min(near, key=lambda index: abs(int(stamps[index]) - stamp_ns))
+    return best if abs(int(stamps[best]) - stamp_ns) <= NEAR_NS else None
+
+
+def _body_attitudes(orientations: Sequence[Orientation], zero_ns: int) -> list[BodyAttitudeSample]:
+    bodies = [orientation for orientation in orientations if not orientation.of_camera]
+    return [
+        BodyAttitudeSample(
+            body.stamp_ns - zero_ns, quaternion_from_rotation(body.ned_from_frame @ FRD_FROM_FLU)
+        )
+        for body in bodies
+    ]
+
+
+def _camera_attitudes(topics: Sequence[Topic], zero_ns: int) -> list[AttitudeSample]:
+    found = [[o for o in topic.orientations if o.of_camera] for topic in topics]
+    most = max(found, key=len, default=[])
+    return [AttitudeSample(o.stamp_ns - zero_ns, quaternion_from_rotation(o.ned_from_frame)) for o in most]

@@ -1,0 +1,175 @@
+"""What ROS messages say of a flight, in this package's frames.
+
+Axes (REP 103, REP 105): a map frame is east-north-up, a body frame forward-left-up, a frame with "optical"
+in its name right-down-forward. A name that ends in "ned" is north-east-down, one that ends in "frd"
+forward-right-down. `odom` and `map` of visual odometry start in any direction: their "north" is then the
+y axis of that frame, which changes no distance.
+
+Which axes a twist has:
+    Odometry                  those of child_frame_id, turned to the map by the pose; those of frame_id where
+                              child_frame_id is empty or the same
+    TwistStamped, ...         those of frame_id: a map frame (map, odom, world, earth, enu, ned, local_origin)
+                              or a body frame (base_link, base_footprint, body, fcu, imu...) or an optical one
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from flightdepth.flight.records import NS_PER_S
+from flightdepth.flight.ros_records import DamagedError, RosMessage, required
+from flightdepth.motion import Vector, rotation_from_quaternion
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistWithCovarianceStamped"
+TWIST = "geometry_msgs/msg/TwistStamped"
+POSE = "geometry_msgs/msg/PoseStamped"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+IMU = "sensor_msgs/msg/Imu"
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
+VELOCITY_KINDS = (ODOMETRY, TWIST_WITH_COVARIANCE, TWIST)  # best first
+ORIENTATION_KINDS = (ODOMETRY, POSE, POSE_WITH_COVARIANCE, IMU)
+IMAGE_KINDS = (IMAGE, COMPRESSED_IMAGE)
+
+NED_FROM_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
+FLU_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+SPEED_LIMIT_M_S = 150.0
+MAP_NAMES = ("map", "odom", "world", "earth", "enu", "ned", "local_origin")
+BODY_NAMES = ("base", "body", "fcu", "imu", "vehicle", "drone", "uav", "frd", "flu")
+
+
+@dataclass(frozen=True, eq=False)
+class Twist:
+    """A linear velocity [3] with its axes: `frame` "world" (NED), "body" (FLU) or "camera" (optical)."""
+
+    stamp_ns: int
+    velocity: Vector
+    frame: str
+    sigma: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Orientation:
+    """Rotation [3, 3] from a body (FLU) or, if `of_camera`, an optical frame into NED."""
+
+    stamp_ns: int
+    ned_from_frame: Vector
+    of_camera: bool
+
+
+def decoded(message: RosMessage) -> Any:
+    """The message through rosbags, by the definitions that ROS ships (those of the types above never changed)."""
+    store = _definitions(message.serial)
+    read = store.deserialize_ros1 if message.serial == "ros1" else store.deserialize_cdr
+    try:
+        return read(message.data, message.kind)
+    except Exception as error:  # rosbags compiles a reader for each type, which raises what Python raises
+        raise DamagedError(f"a {message.kind} that cannot be read ({error})") from error
+
+
+@cache
+def _definitions(serial: str) -> Any:
+    typesys = required("rosbags.typesys")
+    return typesys.get_typestore(
+        typesys.Stores.ROS1_NOETIC if serial == "ros1" else typesys.Stores.ROS2_HUMBLE
+    )
+
+
+def stamp_of(header: Any, log_ns: int) -> int:
+    """The header's stamp; the time of recording where nobody set it."""
+    return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec) or log_ns
+
+
+def axes_of(frame_id: str) -> str:
+    """The kind of a frame by its name: "world", "body", "camera", or "" where the name does not tell."""
+    name = frame_id.rsplit("/", 1)[-1].lower()
+    if "optical" in name:
+        return "camera"
+    if any(part in name for part in BODY_NAMES):
+        return "body"
+    return "world" if any(part in name for part in MAP_NAMES) else ""
+
+
+def ned_from_map(frame_id: str) -> Vector:
+    """Rotation from a map frame."""
+    return np.eye(3) if frame_id.lower().endswith("ned") else NED_FROM_ENU
+
+
+def flu_from_body(frame_id: str) -> Vector:
+    """Rotation from a body frame."""
+    return FRD_FROM_FLU if frame_id.lower().endswith("frd") else np.eye(3)
+
+
+def twist_of(message: RosMessage, content: Any) -> Twist | None:
+    """The velocity in a message; None where the frame's name does not tell its axes."""
+    if message.kind == ODOMETRY:
+        return _odometry_twist(message, content)
+    inner = content.twist.twist if message.kind == TWIST_WITH_COVARIANCE else content.twist
+    covariance = content.twist.covariance if message.kind == TWIST_WITH_COVARIANCE else None
+    name = content.header.frame_id
+    axes = axes_of(name)
+    turn = {"world": ned_from_map(name), "body": flu_from_body(name), "camera": np.eye(3)}.get(axes)
+    if turn is None:
+        return None
+    return _twist(message, content, turn @ speed_of(inner.linear), axes, covariance)
+
+
+def _odometry_twist(message: RosMessage, content: Any) -> Twist:
+    frame, child = content.header.frame_id, content.child_frame_id
+    ned_from_twist = ned_from_map(frame)
+    if child and child != frame:
+        ned_from_twist = ned_from_twist @ rotation_of(content.pose.pose.orientation)
+    velocity = ned_from_twist @ speed_of(content.twist.twist.linear)
+    return _twist(message, content, velocity, "world", content.twist.covariance)
+
+
+def _twist(message: RosMessage, content: Any, velocity: Vector, axes: str, covariance: Any) -> Twist:
+    return Twist(stamp_of(content.header, message.log_ns), velocity, axes, sigma_of(covariance))
+
+
+def sigma_of(covariance: Any) -> float | None:
+    """Standard deviation of a component from a 6x6 covariance; None where it is unset (zeros, -1)."""
+    if covariance is None:
+        return None
+    variances = np.asarray(covariance, dtype=np.float64).reshape(6, 6).diagonal()[:3]
+    known = (variances >= 0).all() and 0 < variances.max() < SPEED_LIMIT_M_S**2
+    return float(np.sqrt(variances.mean())) if known else None
+
+
+def orientation_of(message: RosMessage, content: Any) -> Orientation | None:
+    """The orientation in a message; None where an Imu says that it has none (covariance -1)."""
+    frame = content.header.frame_id
+    if message.kind == IMU:
+        if content.orientation_covariance[0] == -1:
+            return None
+        quaternion, body, turn = content.orientation, frame, NED_FROM_ENU
+    else:
+        pose = content.pose if message.kind == POSE else content.pose.pose
+        body = content.child_frame_id if message.kind == ODOMETRY else "base_link"
+        quaternion, turn = pose.orientation, ned_from_map(frame)
+    of_camera = axes_of(body) == "camera"
+    rotation = turn @ rotation_of(quaternion)
+    ned_from_frame = rotation if of_camera else rotation @ flu_from_body(body).T
+    return Orientation(stamp_of(content.header, message.log_ns), ned_from_frame, of_camera)
+
+
+def speed_of(vector: Any) -> Vector:
+    """A Vector3 of m/s as an array [3]; what is no number, or faster than any drone, is damage."""
+    speed = np.array([vector.x, vector.y, vector.z], dtype=np.float64)
+    if not np.abs(speed).max() < SPEED_LIMIT_M_S:
+        raise DamagedError("a velocity beyond reason")
+    return speed
+
+
+def rotation_of(quaternion: Any) -> Vector:
+    """A Quaternion message as a matrix; one that is no rotation is damage."""
+    values = np.array([quaternion.w, quaternion.x, quaternion.y, quaternion.z], dtype=np.float64)
+    if not (np.abs(values).max() < 2 and abs(np.linalg.norm(values) - 1) < 0.01):
+        raise DamagedError("an orientation that is no rotation")
+    return rotation_from_quaternion(values)

@@ -1,0 +1,207 @@
+"""PX4's ULog (.ulg), through pyulog: local velocity, attitude of the body, attitude of a gimbal.
+
+Fields are those of PX4's uORB messages VehicleLocalPosition, VehicleAttitude and GimbalDeviceAttitudeStatus.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from io import BufferedReader, StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.errors import BadInput, MissingExtra
+from flightdepth.flight.autopilot import (
+    LAST_STAMP_US,
+    BodyAttitude,
+    Record,
+    Velocity,
+    autopilot_telemetry,
+    longest_boot,
+)
+from flightdepth.flight.gimbal import GimbalAttitude
+from flightdepth.flight.records import Telemetry
+
+MAGIC = b"ULog\x01\x12\x35"
+# A message's size is a 16-bit number, so no honest format describes more fields.
+MAX_FIELDS = 65535
+# pyulog searches damaged stretches byte by byte, and may read 64 kB for each; a sound log is read once.
+MAX_REREADS = 30
+
+Columns = dict[str, NDArray[Any]]
+QUATERNION = ("q[0]", "q[1]", "q[2]", "q[3]")
+
+
+class BoundedFile:
+    """A file that ends early for a reader which never comes to an end; notes a read past the real end."""
+
+    def __init__(self, file: BufferedReader, size: int) -> None:
+        self._file = file
+        self._left = MAX_REREADS * size + 65536
+        self.cut = False
+
+    def read(self, size: int) -> bytes:
+        """Up to `size` bytes; none once too much was read."""
+        data = self._file.read(size) if self._left > 0 else b""
+        self._left -= len(data) + 3
+        self.cut |= 0 < len(data) < size or (not data and size > 3) or self._left <= 0
+        return data
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        """As any file, but before the beginning is an error that pyulog takes for damage and goes on."""
+        try:
+            return self._file.seek(offset, whence)
+        except OSError as error:
+            raise ValueError(f"no such place in the file: {offset}") from error
+
+    def tell(self) -> int:
+        """As any file."""
+        return self._file.tell()
+
+    def close(self) -> None:
+        """Nothing: who opened the file closes it, also after an error."""
+
+
+def looks_like_ulog(head: bytes, path: Path) -> bool:
+    """Whether the file begins with ULog's magic number."""
+    return head.startswith(MAGIC)
+
+
+def read_ulog(path: Path) -> Telemetry:
+    """Read a ULog; what came before a cut is used, and the cut is counted."""
+    counts: Counter[str] = Counter()
+    log, cut = load(path, list(TOPICS))
+    counts["cut off or damaged: the log is not whole"] += cut or bool(log.file_corruption)
+    counts["drop-outs that the logger noted"] += len(log.dropouts)
+    resets, records = 0, []
+    for topic, read_records in TOPICS.items():
+        columns = first_instance(log, topic)
+        if columns is not None:
+            records += complete_records(read_records, columns, counts)
+            resets += reset_count(columns)
+    records.sort(key=lambda record: record.stamp_ns)
+    noted = f" ({resets} resets of the attitude)" if resets else ""
+    return autopilot_telemetry(f"ULog {path.name}{noted}", longest_boot(records, counts), counts)
+
+
+def load(path: Path, topics: list[str]) -> tuple[Any, bool]:
+    """pyulog's view of the file, and whether it ends in the middle of a message. Its prints go nowhere."""
+    try:
+        from pyulog import ULog
+    except ModuleNotFoundError as error:
+        raise MissingExtra(f"reading the ULog {path.name}", "px4") from error
+    try:
+        size = path.stat().st_size
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()), path.open("rb") as file:
+            refuse_bombs(ULog(BoundedFile(file, size), parse_header_only=True).message_formats)
+            file.seek(0)
+            bounded = BoundedFile(file, size)
+            return ULog(bounded, topics), bounded.cut
+    except Exception as error:  # pyulog raises whatever a damaged byte leads to
+        got = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        got = got or type(error).__name__
+        raise BadInput(f"telemetry {path}", expected="a ULog that can be read", got=got) from error
+
+
+def refuse_bombs(formats: dict[str, Any]) -> None:
+    """Refuse formats that unfold to more fields than a message can hold, or hold themselves."""
+    sizes: dict[str, int] = {}
+
+    def size(name: str, inside: tuple[str, ...]) -> int:
+        if name not in formats:
+            return 1
+        if name in inside:
+            raise ValueError(f"a format that holds itself ({name})")
+        if name not in sizes:
+            fields = formats[name].fields
+            sizes[name] = sum(max(count, 1) * size(kind, (*inside, name)) for kind, count, _ in fields)
+        if sizes[name] > MAX_FIELDS:
+            raise ValueError(f"a format of {sizes[name]} fields ({name})")
+        return sizes[name]
+
+    for name in formats:
+        size(name, ())
+
+
+def first_instance(log: Any, topic: str) -> Columns | None:
+    """The columns of a topic's first instance: PX4 publishes what it flies by there."""
+    found = [dataset for dataset in log.data_list if dataset.name == topic]
+    return min(found, key=lambda dataset: dataset.multi_id).data if found else None
+
+
+def complete_records(
+    read_records: Callable[[Columns, Counter[str]], Iterator[Record]],
+    columns: Columns,
+    counts: Counter[str],
+) -> list[Record]:
+    """The records of a topic; none, and a count, where a damaged format lacks a field."""
+    try:
+        with np.errstate(all="ignore"):  # trash may be any number
+            return list(read_records(columns, counts))
+    except KeyError as error:
+        counts[f"topics without the field {error.args[0]}"] += 1
+        return []
+
+
+def velocities(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
+    """VehicleLocalPosition: velocity where PX4 calls both parts valid, with its standard deviation."""
+    valid = columns["v_xy_valid"].astype(bool) & columns["v_z_valid"].astype(bool)
+    counts["velocities marked invalid"] += int(np.count_nonzero(~valid))
+    # evh is the deviation of the horizontal velocity's length: sqrt(var_north + var_east) (EKF2).
+    evh, evv = (columns.get(name, np.full(len(valid), np.nan)).astype(np.float64) for name in ("evh", "evv"))
+    sigmas = np.sqrt((evh * evh + evv * evv) / 3)
+    ned = np.stack([columns[name] for name in ("vx", "vy", "vz")], axis=1).astype(np.float64)
+    for stamp, kept, velocity, sigma in zip(
+        stamps_us(columns), valid.tolist(), ned.tolist(), sigmas.tolist(), strict=True
+    ):
+        if kept and stamp < LAST_STAMP_US:
+            yield Record(stamp * 1000, Velocity(velocity, sigma if math.isfinite(sigma) else None))
+
+
+def body_attitudes(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
+    """VehicleAttitude: q rotates from body (forward, right, down) to world (NED), w first."""
+    for stamp, quaternion in zip(stamps_us(columns), quaternions(columns), strict=True):
+        if stamp < LAST_STAMP_US:
+            yield Record(stamp * 1000, BodyAttitude(quaternion))
+
+
+def gimbal_attitudes(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
+    """GimbalDeviceAttitudeStatus: as MAVLink's; older logs have no `delta_yaw`."""
+    stamps = stamps_us(columns)
+    delta_yaws = columns["delta_yaw"].tolist() if "delta_yaw" in columns else [math.nan] * len(stamps)
+    flags = columns["device_flags"].tolist()
+    rows = zip(stamps, quaternions(columns), flags, delta_yaws, strict=True)
+    for stamp, quaternion, flag, delta_yaw in rows:
+        if stamp < LAST_STAMP_US:
+            yield Record(stamp * 1000, GimbalAttitude(quaternion, flag, delta_yaw))
+
+
+def stamps_us(columns: Columns) -> list[int]:
+    """Time since power-up; of the measurement where the topic says it, else of its publication."""
+    name = "timestamp_sample" if "timestamp_sample" in columns else "timestamp"
+    return [int(stamp) for stamp in columns[name].tolist()]
+
+
+def quaternions(columns: Columns) -> list[list[float]]:
+    """Rows of (w, x, y, z)."""
+    rows: list[list[float]] = np.stack([columns[name] for name in QUATERNION], axis=1).tolist()
+    return rows
+
+
+def reset_count(columns: Columns) -> int:
+    """How often the estimator set its attitude anew; a camera's pictures do not jump with it."""
+    counter = columns.get("quat_reset_counter")
+    return 0 if counter is None else int(np.count_nonzero(np.diff(counter)))
+
+
+TOPICS: dict[str, Callable[[Columns, Counter[str]], Iterator[Record]]] = {
+    "vehicle_local_position": velocities,
+    "vehicle_attitude": body_attitudes,
+    "gimbal_device_attitude_status": gimbal_attitudes,
+}

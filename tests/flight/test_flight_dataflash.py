@@ -1,0 +1,162 @@
+import math
+
+import numpy as np
+import pytest
+from pymavlink.DFReader import DFReader_binary
+
+from flightdepth.errors import BadInput
+from flightdepth.flight.telemetry import read_telemetry
+from flightdepth.motion import rotation_from_quaternion
+from tests_logs import (
+    DATAFLASH,
+    START_US,
+    dataflash_flight,
+    dataflash_fmt,
+    dataflash_head,
+    dataflash_record,
+    quaternion,
+    velocity,
+    written,
+    xkf1,
+)
+
+
+def read(tmp_path, data):
+    return read_telemetry(written(tmp_path / "flight.txt", data))
+
+
+def velocities(telemetry):
+    return [tuple(s.velocity) for s in telemetry.samples]
+
+
+def test_what_was_written_is_read(tmp_path):
+    telemetry = read(tmp_path, dataflash_flight(30))
+    assert velocities(telemetry) == [velocity(i) for i in range(30)]
+    assert [s.stamp_ns for s in telemetry.samples] == [i * 100_000_000 for i in range(30)]
+    assert [b.stamp_ns for b in telemetry.body_attitudes] == [20_000_000 + i * 10**8 for i in range(30)]
+    for i, body in enumerate(telemetry.body_attitudes):
+        np.testing.assert_allclose(body.world_from_body, quaternion(i), atol=1e-7)
+    assert telemetry.counts == {}
+    assert "XKF1 velocity, XKQ attitude" in telemetry.name
+
+
+def test_pymavlink_reads_the_same(tmp_path):
+    path = written(tmp_path / "flight.bin", dataflash_flight(30))
+    log, theirs = DFReader_binary(str(path)), []
+    while (message := log.recv_match(type=["XKF1"])) is not None:
+        if message.C == 0:
+            theirs.append((message.TimeUS, message.VN, message.VE, message.VD))
+    log.close()
+    ours = [(START_US + s.stamp_ns // 1000, *s.velocity) for s in read_telemetry(path).samples]
+    assert ours == theirs
+
+
+def test_the_core_that_flies_is_followed(tmp_path):
+    parts = [dataflash_head()]
+    for i in range(10):
+        parts.append(dataflash_record("XKF4", START_US + i * 10, 0, 7, 0 if i < 5 else 1))
+        parts += [xkf1(START_US + i * 10, (core, i + 1, 0), core=core) for core in (0, 1)]
+    assert velocities(read(tmp_path, b"".join(parts))) == [(i >= 5, i + 1, 0) for i in range(10)]
+
+
+@pytest.mark.parametrize("status", [0b001, 0b011, 0b101])
+def test_velocities_that_the_ekf_calls_bad_are_left_out_and_counted(tmp_path, status):
+    parts = [dataflash_head()]
+    for i in range(6):
+        parts.append(dataflash_record("XKF4", START_US + i, 0, status if i in (1, 4) else 0b111, 0))
+        parts.append(dataflash_record("XKF4", START_US + i, 1, 0, 0))  # the other core's says nothing
+        parts.append(xkf1(START_US + i, velocity(i)))
+    telemetry = read(tmp_path, b"".join(parts))
+    assert velocities(telemetry) == [velocity(i) for i in (0, 2, 3, 5)]
+    assert telemetry.counts == {"velocities marked invalid": 2}
+
+
+def test_euler_angles_where_there_is_no_quaternion(tmp_path):
+    # Centidegrees: rolled 90 degrees to the right while heading east, the right wing points down.
+    parts = [dataflash_head(["XKF1", "ATT"])]
+    parts += [xkf1(START_US + i, velocity(i)) for i in range(3)]
+    parts.append(dataflash_record("ATT", START_US, 9000, 0, 9000))
+    (body,) = read(tmp_path, b"".join(parts)).body_attitudes
+    rotation = rotation_from_quaternion(body.world_from_body)
+    np.testing.assert_allclose(rotation[:, 0], [0, 1, 0], atol=1e-9)
+    np.testing.assert_allclose(rotation[:, 1], [0, 0, 1], atol=1e-9)
+
+
+def test_gps_as_a_last_resort(tmp_path):
+    # 5 m/s towards 120 degrees, climbing with 1 m/s; the other receiver and the time without a fix are left.
+    parts = [dataflash_head()]
+    for i in range(5):
+        parts.append(dataflash_record("GPA", START_US + i, 0, 45))
+        parts.append(dataflash_record("GPS", START_US + i, 0, 3 if i else 1, 5 + i, 120, -1))
+        parts.append(dataflash_record("GPS", START_US + i, 1, 3, 99, 0, 0))
+    telemetry = read(tmp_path, b"".join(parts))
+    sixty = math.radians(60)
+    expected = [((5 + i) * -math.cos(sixty), (5 + i) * math.sin(sixty), -1) for i in range(1, 5)]
+    np.testing.assert_allclose(velocities(telemetry), expected, atol=1e-9)
+    assert [s.sigma for s in telemetry.samples] == pytest.approx([0.45] * 4)
+    assert telemetry.counts == {"velocities without a 3D fix": 1}
+
+
+def test_a_reboot_inside_a_log(tmp_path):
+    before = b"".join(xkf1(60_000_000 + i * 100_000, velocity(i)) for i in range(30))
+    after = b"".join(xkf1(5_000_000 + i * 100_000, (7, 7, i)) for i in range(8))
+    telemetry = read(tmp_path, dataflash_head() + before + after)
+    assert velocities(telemetry) == [velocity(i) for i in range(30)]
+    assert telemetry.counts == {"records of other power-ups of the autopilot": 8}
+
+
+def test_a_damaged_time_is_no_reboot(tmp_path):
+    records = [xkf1(START_US + i * 100_000, velocity(i)) for i in range(10)]
+    records[4] = xkf1(START_US + 2**40, velocity(4))
+    records[7] = xkf1(2**63, velocity(7))
+    telemetry = read(tmp_path, dataflash_head() + b"".join(records))
+    assert velocities(telemetry) == [velocity(i) for i in range(10) if i not in (4, 7)]
+    assert telemetry.counts == {
+        "records with a damaged time": 1,
+        "XKF1 records with a number that cannot be": 1,
+    }
+
+
+def test_trash_between_records_is_skipped_and_counted(tmp_path):
+    # One header that promises a record swallows no more than one record that follows.
+    records = [xkf1(START_US + i * 100_000, velocity(i)) for i in range(6)]
+    trash = b"\xa3\x95\x99 no record \xa3\x95\x80"
+    telemetry = read(tmp_path, dataflash_head() + b"".join(records[:3]) + trash + b"".join(records[3:]))
+    assert velocities(telemetry) == [velocity(i) for i in range(6)]
+    assert telemetry.counts == {"bytes skipped: damaged or cut off": len(trash)}
+
+
+@pytest.mark.parametrize(
+    ("letters", "length"), [("QBccCff?", None), ("QBccCfff", 255), ("QBccCff", None), ("", 3)]
+)
+def test_a_layout_that_contradicts_itself_is_left_out(tmp_path, letters, length):
+    known = letters.replace("?", "f")
+    fmt = dataflash_fmt(0x81, "XKF1", known, DATAFLASH["XKF1"][2], length)
+    fmt = fmt.replace(known.encode() + b"\0", letters.encode() + b"\0") if known != letters else fmt
+    with pytest.raises(BadInput, match="1 damaged announcements of a layout"):
+        read(tmp_path, dataflash_head([]) + fmt)
+
+
+def test_a_log_without_velocity_says_so(tmp_path):
+    with pytest.raises(BadInput, match=r"no velocity.*expected a velocity"):
+        read(tmp_path, dataflash_head() + dataflash_record("IMU", START_US, 0, 1, 2, 3))
+
+
+def test_not_a_number_and_too_fast_and_stuck(tmp_path):
+    rows = [velocity(i) for i in range(40)]
+    rows[3], rows[4], rows[5] = (math.nan, 0, 0), (math.inf, 0, 0), (1e30, 0, 0)
+    rows[10:35] = [rows[10]] * 25
+    telemetry = read(
+        tmp_path, dataflash_head() + b"".join(xkf1(START_US + i * 100_000, row) for i, row in enumerate(rows))
+    )
+    # The first two seconds of a velocity that stands still are believed: records 10 to 30.
+    assert telemetry.counts == {
+        "velocities that are not numbers": 2,
+        "velocities above 150 m/s": 1,
+        "stuck velocities": 4,
+    }
+
+
+def test_standing_on_the_ground_is_not_stuck(tmp_path):
+    records = b"".join(xkf1(START_US + i * 100_000, (0, 0, 0)) for i in range(60))
+    assert len(read(tmp_path, dataflash_head() + records).samples) == 60

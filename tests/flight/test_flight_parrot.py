@@ -1,0 +1,77 @@
+import json
+
+import numpy as np
+import pytest
+
+from flightdepth.errors import BadInput
+from flightdepth.flight.records import AttitudeSample, VelocitySample
+from flightdepth.flight.telemetry import read_telemetry
+from flightdepth.motion import rotation_from_quaternion
+from tests_recordings import parrot_csv, parrot_json
+
+VELOCITY = (3.0, -4.0, 0.5)
+
+
+def read(tmp_path, text):
+    path = tmp_path / "flight.txt"
+    path.write_text(text)
+    return read_telemetry(path)
+
+
+def folded_csv(velocity, *, protobuf):
+    """What `vmeta_json_to_csv.py` makes of the JSON: nested names joined, cells between commas."""
+    rows = json.loads(parrot_json(velocity, protobuf=protobuf))["frame"]
+
+    def folded(value, name):
+        if isinstance(value, dict):
+            return [pair for key, inner in value.items() for pair in folded(inner, [*name, key])]
+        return [("_".join(name), "" if isinstance(value, list) else str(value))]
+
+    table = [dict(folded(row, [])) for row in rows]
+    return "\n".join([",".join(table[0]), *(",".join(row.values()) for row in table)]) + "\n"
+
+
+TEXTS = {
+    "version 3 CSV": parrot_csv(VELOCITY),
+    "version 3 CSV, no location": parrot_csv(VELOCITY, located=False),
+    "version 3 JSON": parrot_json(VELOCITY),
+    "version 3 JSON, pretty": parrot_json(VELOCITY, indent=2),
+    "protobuf JSON": parrot_json(VELOCITY, protobuf=True),
+    "version 3 JSON as CSV": folded_csv(VELOCITY, protobuf=False),
+    "protobuf JSON as CSV": folded_csv(VELOCITY, protobuf=True),
+}
+
+
+@pytest.mark.parametrize("layout", TEXTS)
+def test_velocity_and_attitude_come_back(tmp_path, layout):
+    telemetry = read(tmp_path, TEXTS[layout])
+    velocities = [sample for sample in telemetry.samples if isinstance(sample, VelocitySample)]
+    assert np.array([sample.velocity for sample in velocities]).tolist() == [list(VELOCITY)] * 10
+    assert [sample.stamp_ns for sample in velocities] == [33_333_000 * index for index in range(10)]
+    attitude = next(sample for sample in telemetry.samples if isinstance(sample, AttitudeSample))
+    axes = rotation_from_quaternion(attitude.world_from_camera)
+    assert np.allclose(axes, [[-1, 0, 0], [0, 0, 1], [0, 1, 0]], atol=1e-4)  # right south, down, forward east
+    assert [body.world_from_body.tolist() for body in telemetry.body_attitudes] == [[1, 0, 0, 0]] * 10
+    assert telemetry.counts == {}
+
+
+def test_version_1_gives_velocity_only(tmp_path):
+    header = (
+        "time drone_attitude_yaw speed_x speed_y speed_z frame_quat_w frame_quat_x frame_quat_y frame_quat_z"
+    )
+    telemetry = read(tmp_path, f"{header}\n0 0.1 1.5 0.0 -0.5 1.0 0.0 0.0 0.0\n")
+    assert len(telemetry.samples) == 1
+    assert telemetry.samples[0].velocity.tolist() == [1.5, 0, -0.5]
+
+
+def test_rows_that_lost_a_cell_are_counted(tmp_path):
+    header, first, *others = parrot_csv(VELOCITY).splitlines()
+    short = first.replace("25.00 ", "")
+    assert read(tmp_path, "\n".join([header, short, *others]) + "\n").counts == {
+        "rows without a time, a speed or a sound view": 1
+    }
+
+
+def test_metadata_without_a_speed_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="Parrot metadata with a speed"):
+        read(tmp_path, '{"session": {}, "frame": [{"time": 0, "metadata": {}}]}')

@@ -1,0 +1,104 @@
+import numpy as np
+import pytest
+
+from flightdepth.flight.positions import (
+    decimal_step,
+    fixes,
+    line_slopes,
+    local_ned,
+    velocities,
+    without_jumps,
+)
+from tests_recordings import place
+
+
+def flight(velocity, *, rate=10.0, seconds=20.0, noise=0.0, rounding=0.0, seed=0):
+    rng = np.random.default_rng(seed)
+    times_s = np.arange(int(seconds * rate)) / rate
+    ned = times_s[:, None] * np.array(velocity) + rng.normal(0, noise, (len(times_s), 3))
+    ned = np.round(ned / rounding) * rounding if rounding else ned
+    return np.round(times_s * 1e9).astype(np.int64), ned
+
+
+def test_a_degree_of_latitude_at_the_equator_and_at_45_degrees_has_the_known_length():
+    # 110,574 m and 111,132 m: the tables of WGS 84.
+    for latitude, metres in ((0.0, 110574.3), (45.0, 111131.8)):
+        near = np.array([latitude, latitude + 0.001])
+        north = local_ned(near, np.zeros(2), np.zeros(2))[1, 0]
+        assert north == pytest.approx(metres / 1000, rel=1e-4)
+
+
+def test_north_east_and_up_have_their_signs():
+    ned = local_ned(np.array([48.0, 48.001]), np.array([2.0, 2.001]), np.array([10.0, 30.0]))
+    assert ned[1, 0] > 0
+    assert ned[1, 1] > 0
+    assert ned[1, 2] - ned[0, 2] == -20
+
+
+def test_the_date_line_is_crossed():
+    ned = local_ned(np.zeros(2), np.array([179.999, -179.999]), np.zeros(2))
+    assert ned[1, 1] == pytest.approx(0.002 * 111319.49, rel=1e-6)
+
+
+def test_positions_and_back():
+    latitude, longitude = place(np.array([0.0, 300.0]), np.array([0.0, -200.0]))
+    assert np.allclose(local_ned(latitude, longitude, np.zeros(2))[1], (300, -200, 0), atol=0.05)
+
+
+@pytest.mark.parametrize("rate", [1.0, 5.0, 10.0, 30.0])
+def test_a_constant_velocity_comes_back(rate):
+    stamps, ned = flight((3.0, -4.0, 0.5), rate=rate)
+    found = velocities(stamps, ned, steps_m=(0, 0))
+    assert np.allclose(found.velocity_ned, (3.0, -4.0, 0.5), atol=1e-9)
+
+
+def test_repeated_positions_are_not_fixes():
+    times_s = np.arange(60) / 30
+    values = np.floor(times_s * 5 + 1e-9)[:, None] * 0.7
+    assert fixes(times_s, values).tolist() == list(range(0, 60, 6))
+
+
+def test_a_hovering_drone_has_fixes_too():
+    times_s = np.arange(300) / 30
+    moving = np.floor(times_s * 5 + 1e-9) * 0.7
+    values = np.minimum(moving, moving[100])[:, None]  # stands still after 3.3 s
+    found = fixes(times_s, values)
+    assert np.diff(times_s[found]).max() <= 0.4
+    stamps = (times_s * 1e9).astype(np.int64)
+    hover = velocities(stamps, np.repeat(values, 3, 1), steps_m=(0.1, 0.1)).velocity_ned[-1]
+    assert np.allclose(hover, 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("noise", "rounding"), [(0.3, 0.0), (0.0, 0.11), (0.2, 0.11), (0.02, 1.1)])
+def test_sigma_is_the_error_really_made(noise, rounding):
+    errors, sigmas = [], []
+    for seed in range(20):
+        stamps, ned = flight((6.0, 2.0, 0.0), noise=noise, rounding=rounding, seed=seed)
+        found = velocities(stamps, ned, steps_m=(rounding, rounding))
+        errors.append(found.velocity_ned[:, :2] - (6.0, 2.0))
+        sigmas.append(found.sigma)
+    ratio = np.sqrt(np.mean(np.concatenate(errors) ** 2)) / np.sqrt(np.mean(np.concatenate(sigmas) ** 2))
+    assert 0.35 < ratio < 1.3  # coarse steps are seen at the instant they happen, so better than rounding
+
+
+def test_coarse_positions_get_a_longer_window():
+    stamps, ned = flight((10.0, 0.0, 0.0), rate=1.0, seconds=60, rounding=11.0)
+    errors = velocities(stamps, ned, steps_m=(11.0, 0.1)).velocity_ned[5:-5, 0] - 10
+    assert np.abs(errors).max() < 1.5  # neighbours alone differ by 11 m/s
+
+
+def test_a_jump_is_left_out_and_a_fast_flight_is_not():
+    _, ned = flight((30.0, 0.0, 0.0), rate=1.0)
+    assert without_jumps(ned).all()
+    ned[7, 1] += 500
+    assert np.flatnonzero(~without_jumps(ned)).tolist() == [7]
+
+
+def test_slopes_of_one_fix_are_unknown():
+    assert np.isnan(line_slopes(np.zeros(1), np.zeros((1, 2)), np.zeros(1), 0.1).slopes).all()
+
+
+def test_the_step_of_rounded_numbers_is_found():
+    assert decimal_step(np.array([48.7, 48.700001])) == pytest.approx(1e-6)
+    assert decimal_step(np.array([50.0, 51.5])) == pytest.approx(0.1)
+    assert decimal_step(np.array([np.pi])) == 1e-9

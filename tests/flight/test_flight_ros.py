@@ -1,0 +1,182 @@
+import sys
+
+import numpy as np
+import pytest
+
+from flightdepth.errors import BadInput, MissingExtra
+from flightdepth.flight import ros_messages
+from flightdepth.flight.records import AttitudeSample, VelocitySample
+from flightdepth.flight.ros import read_ros
+from flightdepth.flight.telemetry import read_telemetry
+from flightdepth.motion import rotation_from_quaternion
+from tests_recordings import ROS_CONTAINERS, Messages, odometry_flight, write_mcap, write_ros1, write_ros2
+
+MADE = Messages("cdr")
+YAW_90 = (np.sqrt(0.5), 0, 0, np.sqrt(0.5))  # about up, from x to y: in ENU a body that looks north
+
+
+def samples(path, kind=VelocitySample, **options):
+    return [sample for sample in read_ros(path, **options).samples if isinstance(sample, kind)]
+
+
+def recorded(tmp_path, *messages):
+    """An MCAP of (topic, message), a message every 50 ms."""
+    timed = [(topic, index / 20, message) for index, (topic, message) in enumerate(messages)]
+    return write_mcap(tmp_path / "flight.mcap", timed)
+
+
+@pytest.mark.parametrize("container", ROS_CONTAINERS)
+def test_a_constant_velocity_comes_back_from_each_container(tmp_path, container):
+    write, serial = ROS_CONTAINERS[container]
+    # The body's x points east (no rotation in ENU): 4 forward, 1 left, -0.5 up is 1 north, 4 east, 0.5 down.
+    path = write(tmp_path / "flight.bag", odometry_flight(serial, linear=(4.0, 1.0, -0.5)))
+    telemetry = read_telemetry(path)
+    found = [sample for sample in telemetry.samples if isinstance(sample, VelocitySample)]
+    assert np.allclose([sample.velocity for sample in found], (1.0, 4.0, 0.5))
+    assert [sample.stamp_ns for sample in found] == [50_000_000 * index for index in range(40)]
+    assert {round(sample.sigma, 9) for sample in found} == {0.1}
+    assert telemetry.counts == {}
+
+
+def test_odometry_is_turned_by_its_pose(tmp_path):
+    # The body looks north: 4 forward, 1 left is 4 north, -1 east.
+    path = recorded(tmp_path, ("/odom", MADE.odometry(0, (4, 1, 0), YAW_90)))
+    assert np.allclose(samples(path)[0].velocity, (4, -1, 0))
+    [body] = read_ros(path).body_attitudes
+    assert np.allclose(rotation_from_quaternion(body.world_from_body), np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize(("frame", "child"), [("map", ""), ("map", "map")])
+def test_odometry_without_a_body_is_in_the_map(tmp_path, frame, child):
+    path = recorded(tmp_path, ("/odom", MADE.odometry(0, (4, 1, -2), YAW_90, frame=frame, child=child)))
+    assert np.allclose(samples(path)[0].velocity, (1, 4, 2))
+
+
+def test_a_map_that_is_ned_by_name_stays(tmp_path):
+    path = recorded(
+        tmp_path, ("/odom", MADE.odometry(0, (4, 1, -2), frame="odom_ned", child="base_link_frd"))
+    )
+    assert np.allclose(samples(path)[0].velocity, (4, 1, -2))
+    assert np.allclose(read_ros(path).body_attitudes[0].world_from_body, (1, 0, 0, 0))
+
+
+@pytest.mark.parametrize("frame", ["map", "odom", "world", "/local_origin"])
+def test_a_twist_in_a_map_is_enu(tmp_path, frame):
+    path = recorded(
+        tmp_path, ("/mavros/local_position/velocity_local", MADE.twist_stamped(0, (4, 1, -2), frame))
+    )
+    assert np.allclose(samples(path)[0].velocity, (1, 4, 2))
+
+
+def test_a_twist_of_the_body_is_turned_by_the_pose_of_that_time(tmp_path):
+    path = recorded(
+        tmp_path,
+        ("/mavros/local_position/pose", MADE.pose_stamped(0.0, YAW_90)),
+        ("/mavros/local_position/velocity_body", MADE.twist_stamped(0.05, (4, 1, 0), "base_link")),
+    )
+    [sample] = samples(path)
+    assert sample.frame == "world"
+    assert np.allclose(sample.velocity, (4, -1, 0))
+
+
+def test_a_twist_of_the_body_alone_is_that_of_a_camera_that_looks_forward(tmp_path):
+    path = recorded(tmp_path, ("/velocity", MADE.twist_stamped(0, (4, 1, -0.5), "base_link")))
+    [sample] = samples(path)
+    assert sample.frame == "camera"
+    assert np.allclose(sample.velocity, (-1, 0.5, 4))  # right, down, forward
+
+
+def test_an_optical_frame_is_the_camera_s(tmp_path):
+    path = recorded(
+        tmp_path,
+        ("/velocity", MADE.twist_stamped(0, (1, 2, 3), "camera_optical_frame")),
+        ("/vio", MADE.odometry(0.05, (0, 0, 2), (0.5, -0.5, 0.5, -0.5), child="camera_optical_frame")),
+    )
+    assert samples(path, topic="/velocity")[0].frame == "camera"
+    assert np.allclose(samples(path, topic="/velocity")[0].velocity, (1, 2, 3))
+    # That quaternion is FLU from optical: the camera looks along the map's x, east.
+    assert np.allclose(samples(path)[0].velocity, (0, 2, 0))
+    [attitude] = samples(path, AttitudeSample)
+    axes = rotation_from_quaternion(attitude.world_from_camera)
+    assert np.allclose(axes, [[-1, 0, 0], [0, 0, 1], [0, 1, 0]], atol=1e-12)
+
+
+def test_the_best_topic_is_chosen_and_another_can_be_asked_for(tmp_path):
+    path = recorded(
+        tmp_path,
+        ("/twist", MADE.twist_stamped(0.00, (1, 0, 0), "map")),
+        ("/twist", MADE.twist_stamped(0.05, (1, 0, 0), "map")),
+        ("/sure", MADE.twist_with_covariance(0.1, (2, 0, 0), "map", 0.3)),
+        ("/odom", MADE.odometry(0.15, (3, 0, 0), child="")),
+    )
+    assert [sample.velocity[1] for sample in samples(path)] == [3]
+    assert [sample.velocity[1] for sample in samples(path, topic="/twist")] == [1, 1]
+    [sure] = samples(path, topic="/sure")
+    assert sure.sigma == pytest.approx(0.3)
+    with pytest.raises(BadInput, match=r"a velocity in /none, got /odom \(nav_msgs/msg/Odometry\), /sure"):
+        read_ros(path, topic="/none")
+
+
+def test_a_recording_without_velocity_names_its_topics(tmp_path):
+    path = recorded(tmp_path, ("/pose", MADE.pose_stamped(0, (1, 0, 0, 0))))
+    with pytest.raises(BadInput, match=r"got /pose \(geometry_msgs/msg/PoseStamped\)"):
+        read_ros(path)
+
+
+def test_a_frame_whose_name_says_nothing_is_counted_not_guessed(tmp_path):
+    path = recorded(
+        tmp_path,
+        ("/a", MADE.twist_stamped(0, (1, 0, 0), "gps")),
+        ("/b", MADE.twist_stamped(0.05, (2, 0, 0), "map")),
+    )
+    assert [sample.velocity[1] for sample in samples(path)] == [2]
+    assert read_ros(path).counts == {"velocities of unknown axes (frame 'gps')": 1}
+
+
+def test_backward_and_double_stamps_are_dropped_and_counted(tmp_path):
+    times = [0.0, 0.05, 0.05, 0.02, 0.1]
+    path = recorded(tmp_path, *[("/odom", MADE.odometry(time_s, (1, 0, 0))) for time_s in times])
+    assert [sample.stamp_ns for sample in samples(path)] == [0, 50_000_000, 100_000_000]
+    assert read_ros(path).counts == {"velocities not later than the one before": 2}
+
+
+def test_velocities_that_are_not_numbers_and_empty_rotations_are_counted(tmp_path):
+    path = recorded(
+        tmp_path,
+        ("/odom", MADE.odometry(0.00, (np.nan, 0, 0))),
+        ("/odom", MADE.odometry(0.05, (1, 0, 0), (0, 0, 0, 0))),
+        ("/odom", MADE.odometry(0.10, (1, 0, 0))),
+    )
+    assert len(samples(path)) == 1
+    assert read_ros(path).counts == {"messages that cannot be read": 2}
+
+
+@pytest.mark.parametrize("plugin", ["SQLITE3", "MCAP"])
+def test_a_folder_that_lost_its_metadata_is_read(tmp_path, plugin):
+    path = write_ros2(tmp_path / "flight", odometry_flight("cdr"), plugin)
+    (path / "metadata.yaml").unlink()
+    assert len([s for s in read_telemetry(path).samples if isinstance(s, VelocitySample)]) == 40
+
+
+def test_packed_files_are_refused_with_the_remedy(tmp_path):
+    (tmp_path / "flight_0.db3.zstd").write_bytes(b"\x28\xb5\x2f\xfd")
+    (tmp_path / "metadata.yaml").write_text("x: 1")
+    with pytest.raises(BadInput, match=r"zstd -d flight_0\.db3\.zstd"):
+        read_telemetry(tmp_path)
+
+
+def test_a_bag_of_version_1_is_refused(tmp_path):
+    path = tmp_path / "old.bag"
+    path.write_bytes(b"#ROSBAG V1.2\n")
+    with pytest.raises(BadInput, match=r"a ROS bag of version 2\.0, got #ROSBAG V1\.2"):
+        read_telemetry(path)
+
+
+def test_without_rosbags_the_extra_is_named(tmp_path, monkeypatch):
+    path = write_ros1(tmp_path / "flight.bag", odometry_flight("ros1", rows=2))
+    ros_messages._definitions.cache_clear()
+    for name in [name for name in sys.modules if name.split(".")[0] == "rosbags"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "rosbags", None)  # what Python remembers of a module it must not find
+    with pytest.raises(MissingExtra, match=r"flightdepth\[ros\]"):
+        read_ros(path)

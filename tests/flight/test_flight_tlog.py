@@ -1,0 +1,217 @@
+import math
+
+import numpy as np
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import common as mavlink
+
+from flightdepth.errors import BadInput
+from flightdepth.flight.records import AttitudeSample, VelocitySample
+from flightdepth.flight.telemetry import read_telemetry
+from flightdepth.motion import rotation_from_quaternion
+from tests_logs import (
+    AUTOPILOT,
+    GROUND,
+    RECEIVED_US,
+    heartbeat,
+    ned_message,
+    quaternion,
+    quaternion_message,
+    tlog_flight,
+    tlog_part,
+    velocity,
+    written,
+)
+
+NAN_21 = [math.nan] * 21
+HOUR_US = 3600 * 10**6
+
+
+def read(tmp_path, *parts):
+    return read_telemetry(written(tmp_path / "flight.log", b"".join(parts)))
+
+
+def velocities(telemetry):
+    return [tuple(s.velocity) for s in telemetry.samples if isinstance(s, VelocitySample)]
+
+
+def forward(sample):
+    return rotation_from_quaternion(sample.world_from_camera)[:, 2]
+
+
+def test_what_was_written_is_read(tmp_path):
+    telemetry = read(tmp_path, tlog_flight(30))
+    assert velocities(telemetry) == [velocity(i) for i in range(30)]
+    assert [s.stamp_ns for s in telemetry.samples] == [i * 100_000_000 for i in range(30)]
+    for i, body in enumerate(telemetry.body_attitudes):
+        np.testing.assert_allclose(body.world_from_body, quaternion(i), atol=1e-7)
+    assert len(telemetry.body_attitudes) == 30
+    assert telemetry.counts == {}
+    assert "LOCAL_POSITION_NED of vehicle 1" in telemetry.name
+
+
+def test_pymavlink_reads_the_same(tmp_path):
+    path = written(tmp_path / "flight.tlog", tlog_flight(30))
+    log, theirs = mavutil.mavlink_connection(str(path)), []
+    while (message := log.recv_match(type="LOCAL_POSITION_NED")) is not None:
+        theirs.append((message.vx, message.vy, message.vz))
+    log.close()
+    assert velocities(read_telemetry(path)) == theirs
+
+
+def test_mavlink_1_is_read_too(tmp_path):
+    parts = [tlog_part(RECEIVED_US + i, ned_message(i, velocity(i)), mavlink_1=bool(i % 2)) for i in range(8)]
+    assert velocities(read(tmp_path, *parts)) == [velocity(i) for i in range(8)]
+
+
+def test_signed_messages_are_read(tmp_path):
+    writer = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    writer.signing.secret_key, writer.signing.sign_outgoing = b"k" * 32, True
+    parts = []
+    for i in range(5):
+        packed = ned_message(i, velocity(i)).pack(writer)
+        parts.append((RECEIVED_US + i).to_bytes(8, "big") + packed)
+    assert parts[0][8 + 2] == 1  # signed
+    assert velocities(read(tmp_path, *parts)) == [velocity(i) for i in range(5)]
+
+
+def test_times_are_the_autopilots_however_late_messages_come(tmp_path):
+    late = [0, 40, 10, 300, 20, 0, 90, 0]
+    parts = [
+        tlog_part(RECEIVED_US + (i * 100 + late[i]) * 1000, ned_message(5000 + i * 100, velocity(i)))
+        for i in range(8)
+    ]
+    stamps = [s.stamp_ns for s in read(tmp_path, *parts).samples]
+    assert np.diff(stamps).tolist() == [100_000_000] * 7
+
+
+def test_a_wall_clock_that_steps_by_an_hour_changes_nothing(tmp_path):
+    steady = [s.stamp_ns for s in read(tmp_path, tlog_flight(80)).samples]
+    parts = [
+        tlog_part(
+            RECEIVED_US + i * 100_000 - (HOUR_US if i > 60 else 0), ned_message(7000 + i * 100, velocity(i))
+        )
+        for i in range(80)
+    ]
+    telemetry = read(tmp_path, *parts)
+    assert [s.stamp_ns for s in telemetry.samples] == steady
+    assert telemetry.counts == {}
+
+
+@pytest.mark.parametrize("pause_us", [8_000_000, 0, -HOUR_US])
+def test_a_reboot_leaves_a_gap_that_nobody_bridges(tmp_path, pause_us):
+    first = tlog_flight(30, boot_ms=600_000)
+    second = tlog_flight(20, boot_ms=3000, received_us=RECEIVED_US + 3_000_000 + pause_us)
+    telemetry = read(tmp_path, first, second)
+    assert velocities(telemetry) == [velocity(i) for i in [*range(30), *range(20)]]
+    gap_ns = telemetry.samples[30].stamp_ns - telemetry.samples[29].stamp_ns
+    assert gap_ns == 8_100_000_000 if pause_us > 0 else gap_ns >= 2_000_000_000 - 20_000_000
+    assert telemetry.counts == {"reboots inside the log": 1}
+
+
+def test_the_vehicle_is_believed_not_other_senders(tmp_path):
+    parts = [tlog_part(RECEIVED_US, heartbeat())]
+    parts += [tlog_part(RECEIVED_US, heartbeat(mavlink.MAV_AUTOPILOT_INVALID), GROUND)]
+    for i in range(10):
+        now = RECEIVED_US + i * 1000
+        parts += [tlog_part(now, ned_message(i, (-9, i, 0)), GROUND)] * 2
+        parts += [tlog_part(now, ned_message(i, velocity(i)), AUTOPILOT)]
+    telemetry = read(tmp_path, *parts)
+    assert velocities(telemetry) == [velocity(i) for i in range(10)]
+    assert telemetry.counts == {"velocities of other senders": 20}
+
+
+def odometry(i, *, frame=mavlink.MAV_FRAME_LOCAL_NED, child=mavlink.MAV_FRAME_BODY_FRD, usec=None):
+    # The drone heads east; its velocity is forward, right, down.
+    half = math.pi / 4
+    q = (math.cos(half), 0, 0, math.sin(half))
+    covariance = [math.nan] * 21
+    covariance[0], covariance[6], covariance[11] = 0.01, 0.04, 0.07
+    stamp = i * 100_000 if usec is None else usec
+    return mavlink.MAVLink_odometry_message(
+        stamp, frame, child, 0, 0, 0, q, 4 + i, 2, 1, 0, 0, 0, NAN_21, covariance
+    )
+
+
+def test_odometry_turns_the_velocity_of_the_body_into_the_world(tmp_path):
+    telemetry = read(tmp_path, *[tlog_part(RECEIVED_US + i, odometry(i)) for i in range(5)])
+    np.testing.assert_allclose(velocities(telemetry), [(-2, 4 + i, 1) for i in range(5)], atol=1e-6)
+    assert telemetry.samples[0].sigma == pytest.approx(0.2)
+    assert len(telemetry.body_attitudes) == 5
+
+
+def test_odometry_in_the_world_stays(tmp_path):
+    local = mavlink.MAV_FRAME_LOCAL_NED
+    telemetry = read(tmp_path, *[tlog_part(RECEIVED_US + i, odometry(i, child=local)) for i in range(5)])
+    assert velocities(telemetry) == [(4 + i, 2, 1) for i in range(5)]
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"frame": mavlink.MAV_FRAME_LOCAL_FRD}, "frames other than local NED"),
+        ({"child": mavlink.MAV_FRAME_LOCAL_FLU}, "frames other than local NED"),
+        ({"usec": RECEIVED_US}, "clock of its own"),
+    ],
+)
+def test_odometry_that_cannot_be_placed_is_counted(tmp_path, changes, reason):
+    parts = [tlog_part(RECEIVED_US + i, ned_message(i, velocity(i))) for i in range(5)]
+    parts.append(tlog_part(RECEIVED_US + 5, odometry(1, **changes)))
+    telemetry = read(tmp_path, *parts)
+    ((counted, number),) = telemetry.counts.items()
+    assert reason in counted and number == 1
+
+
+HALF_TURN_EAST = (math.cos(math.pi / 4), 0, 0, math.sin(math.pi / 4))
+
+
+@pytest.mark.parametrize(
+    ("flags", "delta_yaw", "looks"),
+    [
+        (0, math.nan, (0, 1, 0)),  # from the vehicle, which heads east
+        (0, math.pi, (0, 1, 0)),  # an old gimbal's delta_yaw is void
+        (16, math.nan, (1, 0, 0)),  # yaw lock: from north
+        (32, math.nan, (0, 1, 0)),
+        (32, math.pi, (-1, 0, 0)),  # the gimbal knows the heading better
+        (32 | 16, -math.pi / 2, (0, -1, 0)),  # the frame's flag stands above the lock
+        (64, math.pi, (1, 0, 0)),
+    ],
+)
+def test_what_a_gimbals_yaw_counts_from(tmp_path, flags, delta_yaw, looks):
+    parts = []
+    for i in range(5):
+        now = RECEIVED_US + i * 100_000
+        message = mavlink.MAVLink_gimbal_device_attitude_status_message(
+            0, 0, 90_000 + i * 100, flags, (1, 0, 0, 0), 0, 0, 0, 0, delta_yaw
+        )
+        parts += [
+            tlog_part(now, ned_message(5000 + i * 100, velocity(i))),
+            tlog_part(now, quaternion_message(5000 + i * 100, HALF_TURN_EAST)),
+            tlog_part(now, message, (1, 154)),  # a device of its own, with a clock of its own
+        ]
+    cameras = [s for s in read(tmp_path, *parts).samples if isinstance(s, AttitudeSample)]
+    assert [c.stamp_ns for c in cameras] == [i * 100_000_000 for i in range(5)]
+    np.testing.assert_allclose([forward(c) for c in cameras], [looks] * 5, atol=1e-6)
+
+
+def test_a_gimbal_without_any_heading_is_counted(tmp_path):
+    message = mavlink.MAVLink_gimbal_device_attitude_status_message(
+        0, 0, 5000, 32, (1, 0, 0, 0), 0, 0, 0, 0, math.nan
+    )
+    parts = [tlog_part(RECEIVED_US + i, ned_message(5000 + i, velocity(i))) for i in range(5)]
+    telemetry = read(tmp_path, *parts, tlog_part(RECEIVED_US, message))
+    assert telemetry.counts == {"gimbal attitudes without a heading": 1}
+
+
+def test_a_message_with_a_wrong_checksum_is_counted(tmp_path):
+    parts = [tlog_part(RECEIVED_US + i, ned_message(i, velocity(i))) for i in range(6)]
+    parts[2] = parts[2][:30] + bytes([parts[2][30] ^ 1]) + parts[2][31:]
+    telemetry = read(tmp_path, *parts)
+    assert velocities(telemetry) == [velocity(i) for i in range(6) if i != 2]
+    assert telemetry.counts["messages with a wrong checksum"] == 1
+
+
+def test_a_log_of_heartbeats_says_what_is_missing(tmp_path):
+    parts = [tlog_part(RECEIVED_US + i, heartbeat()) for i in range(5)]
+    with pytest.raises(BadInput, match="expected LOCAL_POSITION_NED or ODOMETRY"):
+        read(tmp_path, *parts)
