@@ -1,5 +1,6 @@
 """The commands of docs/training.md, in their order, with few samples and scenes."""
 
+import json
 import re
 import shlex
 from functools import partial
@@ -12,6 +13,8 @@ import pytest
 from flightdepth import cli
 from flightdepth.stillbox import PairStream
 from flightdepth.training import loop, recipe
+from flightdepth.training.run_folder import stages_behind
+from flightdepth.weights.store import find_network, read_card
 
 TEXT = (Path(__file__).parents[1] / "docs" / "training.md").read_text(encoding="utf-8")
 COMMANDS = [
@@ -55,10 +58,26 @@ def test_every_command_runs(monkeypatch, tmp_path, capsys):
     cv2.imwrite(str(tmp_path / "photos" / "a.jpg"), np.full((60, 80, 3), 90, np.uint8))
     (tmp_path / "networks").mkdir()
     (tmp_path / "mine.toml").write_text(text.replace("tiny-clamped-256", "mine"))
+    shipped = recipe.load_recipe("tiny-clamped-512")
+    trained = shipped.stages[: stages_behind(read_card(find_network(shipped.name)), shipped)]
+    size = {"full_width": 64, "width": 64, "height": 64, "samples": 4, "batch": 4}
+    more = trained[0].model_copy(update={"name": "more", **size})
+    longer = shipped.model_copy(update={"stages": (*trained, more)})
+    (tmp_path / "more.toml").write_text(as_toml(longer))
     for command in COMMANDS:
         assert cli.main(small(command)) == 0, capsys.readouterr().err
     made = ["runs/mine", "short/tiny-clamped-256", "networks/tiny-clamped-128.onnx", "figures.json"]
     assert all((tmp_path / path).exists() for path in made)
+
+
+def as_toml(recipe):
+    """The recipe as a file, without what stands at its default."""
+    facts = recipe.model_dump(mode="json", exclude_defaults=True)
+    stages = facts.pop("stages")
+    lines = [f"{key} = {json.dumps(value)}" for key, value in facts.items()]
+    for stage in stages:
+        lines += ["[[stages]]", *(f"{key} = {json.dumps(value)}" for key, value in stage.items())]
+    return "\n".join(lines)
 
 
 def small(command):

@@ -89,7 +89,7 @@ def test_a_missing_file():
 
 
 def test_an_unknown_name_lists_the_known_ones():
-    with pytest.raises(BadInput, match="depthnet-256, tiny-clamped-256"):
+    with pytest.raises(BadInput, match="depthnet-256, motion-tiny, tiny-clamped-256"):
         load_recipe("depthnet")
 
 
