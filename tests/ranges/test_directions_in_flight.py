@@ -74,3 +74,28 @@ def test_blank_pictures_tell_nothing():
     _, result = flown([0.0, 0.0, 1.0], "world", pictures=lambda _: np.full((128, 192, 3), 90, np.uint8))
     assert result.reason == NO_DIRECTION
     assert np.isnan(result.depth_m).all()
+
+
+def test_a_direction_holds_for_a_moment_and_no_longer():
+    """Blank pictures from the fourth on, ten a second: the fourth to the eighth have a depth, not the tenth."""
+    network = Told()
+    estimator = MultiRangeEstimator(network, CAMERA, ranges=1)
+    reasons = []
+    for number in range(12):
+        estimator.add_velocity(number * FRAME_NS, [0.0, 0.0, 1.0], frame="world")
+        blank = np.full((128, 192, 3), 90, np.uint8)
+        shown = picture(number) if number < 4 else blank
+        reasons.append(estimator.add_frame(number * FRAME_NS, shown).reason)
+    assert reasons[1:9] == [None] * 8
+    assert reasons[9:] == [NO_DIRECTION] * 3
+
+
+def test_a_direction_does_not_hold_round_a_bend():
+    network = Told()
+    estimator = MultiRangeEstimator(network, CAMERA, ranges=1)
+    for number in range(8):
+        velocity = [0.0, 0.0, 1.0] if number < 4 else [0.0, 1.0, 0.0]
+        estimator.add_velocity(number * FRAME_NS, velocity, frame="world")
+        shown = picture(number) if number < 4 else np.full((128, 192, 3), 90, np.uint8)
+        result = estimator.add_frame(number * FRAME_NS, shown)
+    assert result.reason == NO_DIRECTION

@@ -7,7 +7,8 @@ Two points give d, more give it better; the points must have moved away from whe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.ranges.network import Image
+from flightdepth.ranges.pairs import Frame, Pair, Served, same_way
 
 Vector = NDArray[np.float64]
 
@@ -27,6 +29,9 @@ LARGEST_RETURN_PX = 0.5  # a track that does not come back to within this is los
 TRIALS = 120
 REFINEMENTS = 3
 WORST_SIGMA_RAD = np.radians(15)
+HOLDS_NS = (
+    500_000_000  # how long a direction holds for pictures that do not tell one, if the log says the same way
+)
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,33 @@ class Direction:
     unit: Vector
     sigma_rad: float
     inliers: int
+
+
+class SeenDirections:
+    """Directions of pairs whose log does not tell them to the camera, from the pictures; a flight's memory of them."""
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+        self._last: tuple[int, Vector, Vector] | None = None  # stamp, world displacement, unit in camera axes
+
+    def of(self, served: Sequence[Served], current: Frame) -> tuple[Pair, ...]:
+        """The pairs whose direction is seen, or was a moment ago; shortest shift first."""
+        found: list[Pair] = []
+        for frames, pairs in served:
+            unit = self._seen(frames, pairs[0].displacement_m, current)
+            if unit is not None:
+                found += [replace(pair, displacement_m=unit * pair.length_m) for pair in pairs]
+        return tuple(sorted(found, key=lambda pair: pair.shift))
+
+    def _seen(self, frames: Sequence[Frame], world_m: Vector, current: Frame) -> Vector | None:
+        tries = (estimate_direction(frame.image, current.image, self._camera) for frame in frames)
+        found = next((each for each in tries if each is not None), None)
+        if found is not None:
+            self._last = current.stamp_ns, world_m, found.unit
+            return found.unit
+        if self._last is None or current.stamp_ns - self._last[0] > HOLDS_NS:
+            return None
+        return self._last[2] if same_way(self._last[1][None], world_m)[0] else None
 
 
 def estimate_direction(previous: Image, current: Image, camera: Camera) -> Direction | None:

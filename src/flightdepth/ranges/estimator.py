@@ -5,19 +5,18 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.ranges.direction import estimate_direction
+from flightdepth.ranges.direction import SeenDirections
 from flightdepth.ranges.displacement import Trajectory, VelocityFrame
 from flightdepth.ranges.fusion import Fused, Fusion, fuse
 from flightdepth.ranges.network import DepthNetwork, Image, Map
-from flightdepth.ranges.pairs import Frame, FrameBuffer, Pair, Served, baselines, pick, seen_from
+from flightdepth.ranges.pairs import Frame, FrameBuffer, Pair, baselines, pick, seen_from
 from flightdepth.ranges.plan import Planner
 from flightdepth.ranges.result import RangedDepth
 from flightdepth.ranges.turning import in_view, is_visible, turned
@@ -60,6 +59,7 @@ class MultiRangeEstimator:
         self._grid = network.grid(camera)
         self._card = network.card.at_focal(self._grid.camera.fx)
         self._trajectory = Trajectory()
+        self._directions = SeenDirections(self._grid.camera)
         self._buffer = FrameBuffer(buffer_s)
         self._planner = Planner(
             self._card,
@@ -137,17 +137,7 @@ class MultiRangeEstimator:
         pairs = pick(lines, frames, current.index, wanted_m, depths_m)
         if not self._network.card.knows_direction or all(pair.directed for pair in pairs):
             return pairs
-        return self._directed(seen_from(lines, frames, pairs), current) or NO_DIRECTION
-
-    def _directed(self, served: Sequence[Served], current: Frame) -> tuple[Pair, ...]:
-        """The pairs with the direction that the pictures tell, where they tell it; shortest shift first."""
-        found = []
-        for frames, pairs in served:
-            tries = (estimate_direction(frame.image, current.image, self._grid.camera) for frame in frames)
-            seen = next((each for each in tries if each is not None), None)
-            if seen is not None:
-                found += [replace(pair, displacement_m=seen.unit * pair.length_m) for pair in pairs]
-        return tuple(sorted(found, key=lambda pair: pair.shift))
+        return self._directions.of(seen_from(lines, frames, pairs), current) or NO_DIRECTION
 
     def _predict(self, pairs: tuple[Pair, ...], current: Frame) -> Prediction:
         """One batch through the network; earlier frames first turned into the current orientation."""

@@ -171,16 +171,16 @@ def seen_from(lines: Baselines, frames: Sequence[Frame], pairs: Sequence[Pair]) 
     left = sorted(pairs, key=lambda pair: pair.length_m)
     while left:
         shortest = left[0]
-        straight = lines.usable & _same_way(lines.displacement_m, shortest.displacement_m)
+        straight = lines.usable & same_way(lines.displacement_m, shortest.displacement_m)
         off_m = np.where(straight, np.abs(lines.length_m - LOOK_BACK * shortest.length_m), np.inf)
-        near = _same_way(np.array([pair.displacement_m for pair in left]), shortest.displacement_m)
+        near = same_way(np.array([pair.displacement_m for pair in left]), shortest.displacement_m)
         served = tuple(pair for pair, same in zip(left, near, strict=True) if same)
         found.append(((frames[int(off_m.argmin())], served[-1].previous), served))
         left = [pair for pair, same in zip(left, near, strict=True) if not same]
     return found
 
 
-def _same_way(displacements_m: Vector, one_m: Vector) -> Flags:
+def same_way(displacements_m: Vector, one_m: Vector) -> Flags:
     """Whether each of some displacements [k, 3] points the way of one, (3,)."""
     lengths = np.linalg.norm(displacements_m, axis=1) * np.linalg.norm(one_m)
     return np.asarray(displacements_m @ one_m >= np.cos(SAME_WAY_RAD) * lengths)
