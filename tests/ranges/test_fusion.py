@@ -213,3 +213,11 @@ def test_the_papers_fusion_ignores_error_bars() -> None:
         for s in (None, sigma)
     )
     assert plain.depth_m == told.depth_m
+
+
+@given(st.floats(0.05, 0.39))
+def test_sigma_can_be_read_from_the_confidence(share: float) -> None:
+    """As docs/files.md says."""
+    found = fused_with_sigma((0.6, 0.2), (20 * share, 20 * share))
+    sigma_m = -0.287 * found.depth_m / np.log(1 - np.clip(found.confidence, 0, 0.999))
+    np.testing.assert_allclose(sigma_m, found.sigma_m, rtol=1e-3)
