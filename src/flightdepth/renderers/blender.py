@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.errors import BadInput
 from flightdepth.renderers.blender_data import (
     SENSOR_MM,
     lens,
@@ -31,7 +30,7 @@ from flightdepth.renderers.blender_data import (
 from flightdepth.renderers.blender_process import BlenderProcess, Program, needed_blender
 from flightdepth.renderers.exr import read_exr
 from flightdepth.renderers.meshes import Mesh, cube_face, primitive
-from flightdepth.renderers.raycast import Rendered
+from flightdepth.renderers.raycast import Rendered, check_textures
 from flightdepth.scenes.scene import Scene, Shape
 from flightdepth.scenes.textures import Textures
 
@@ -88,13 +87,7 @@ class Blender:
             BadInput: the scene wears a texture that `textures` does not hold.
             FlightDepthError: Blender failed, ended or took too long.
         """
-        if scene.materials.texture.max(initial=-1) >= len(textures):
-            raise BadInput(
-                "textures of the scene",
-                expected=f"at least {scene.materials.texture.max() + 1}",
-                got=str(len(textures)),
-                mend="Draw the scene with the number of textures that it is rendered with.",
-            )
+        check_textures(scene, textures)
         numbers = list(range(scene.frames) if frames is None else frames)
         images = np.empty((len(numbers), camera.height, camera.width, 3), np.uint8)
         depth_m = np.empty((len(numbers), camera.height, camera.width), np.float32)

@@ -41,6 +41,17 @@ class Rendered:
     depth_m: NDArray[np.float32]
 
 
+def check_textures(scene: Scene, textures: Textures) -> None:
+    """Refuse a scene that wears a texture that `textures` does not hold."""
+    if scene.materials.texture.max(initial=-1) >= len(textures):
+        raise BadInput(
+            "textures of the scene",
+            expected=f"at least {scene.materials.texture.max() + 1}",
+            got=str(len(textures)),
+            mend="Draw the scene with the number of textures that it is rendered with.",
+        )
+
+
 def render(
     scene: Scene,
     textures: Textures,
@@ -57,13 +68,7 @@ def render(
     Raises:
         BadInput: the scene wears a texture that `textures` does not hold, or has too many lamps.
     """
-    if scene.materials.texture.max(initial=-1) >= len(textures):
-        raise BadInput(
-            "textures of the scene",
-            expected=f"at least {scene.materials.texture.max() + 1}",
-            got=str(len(textures)),
-            mend="Draw the scene with the number of textures that it is rendered with.",
-        )
+    check_textures(scene, textures)
     if len(scene.lamp_position) > MOST_LAMPS:
         raise BadInput(
             "lamps of the scene", expected=f"at most {MOST_LAMPS}", got=str(len(scene.lamp_position))
