@@ -11,7 +11,7 @@ from flightdepth.commands.baselines import baselines
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.noise import noise
 from flightdepth.commands.renderers import renderer
-from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.commands.terminal import counted, say
 from flightdepth.commands.tracks import tracks
 from flightdepth.errors import BadInput
 
@@ -91,14 +91,8 @@ def evaluated(network: Network, pairs: TestSet | OutdoorTestSet) -> dict[str, An
     from flightdepth.evaluation.fixed_set import set_name
     from flightdepth.evaluation.network import evaluate_network
 
-    with progress_bar(network.card.name, len(pairs), "scenes") as bar:
-
-        def counted() -> Any:
-            for pair in pairs:
-                yield pair
-                bar.advance(bar.task_ids[0])
-
-        return evaluate_network(network, counted(), set_name=set_name(pairs), seed=pairs.seed)
+    shown = counted(pairs, network.card.name, "scenes")
+    return evaluate_network(network, shown, set_name=set_name(pairs), seed=pairs.seed)
 
 
 def show(result: dict[str, Any]) -> None:

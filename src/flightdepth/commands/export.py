@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flightdepth.commands.extras import extra_packages
-from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.commands.terminal import counted, say
 from flightdepth.errors import BadInput
 
 if TYPE_CHECKING:
@@ -80,6 +80,9 @@ def card_of(run: Trained, name: str) -> NetworkCard:
             learning_rate=stage.learning_rate,
             photometric=stage.photometric,
             open_share=stage.open_share,
+            fov_deg=stage.fov_deg,
+            direction_noise_deg=stage.direction_noise_deg,
+            rotation_noise_deg=stage.rotation_noise_deg,
         )
         for stage, seen in run.stages
     )
@@ -109,12 +112,7 @@ def card_of(run: Trained, name: str) -> NetworkCard:
 
 def rendered(pairs: TestSet) -> list[TestPair]:
     """Every pair of a test set, with a progress bar."""
-    kept = []
-    with progress_bar("test set", len(pairs), "scenes") as bar:
-        for pair in pairs:
-            kept.append(pair)
-            bar.advance(bar.task_ids[0])
-    return kept
+    return list(counted(pairs, "test set", "scenes"))
 
 
 def write_network(

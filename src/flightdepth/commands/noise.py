@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flightdepth.commands.extras import extra_packages
-from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.commands.terminal import counted, say
 from flightdepth.errors import BadInput
 
 if TYPE_CHECKING:
@@ -42,14 +42,7 @@ def noise(
         raise BadInput("--json", expected="a file in an existing folder", got=str(json))
     opened = [load_network(name, "openvino", precision="f32") for name in networks]
     pairs = fixed_set(next((n.card for n in opened if not n.card.any_lens), opened[0].card), scenes=scenes)
-    with progress_bar("noise", len(pairs), "scenes") as bar:
-
-        def counted() -> Any:
-            for pair in pairs:
-                yield pair
-                bar.advance(bar.task_ids[0])
-
-        rows = noise_rows(opened, counted())
+    rows = noise_rows(opened, counted(pairs, "noise", "scenes"))
     Console().print(table(rows, set_name(pairs)))
     if json is not None:
         write_json(json, {"set": set_name(pairs), "scenes": scenes, "rows": rows})

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sized
 from contextlib import contextmanager
+from typing import Protocol, TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -16,6 +17,12 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.text import Text
+
+Item_co = TypeVar("Item_co", covariant=True)
+
+
+class Countable(Sized, Iterable[Item_co], Protocol[Item_co]):
+    """What says how many it holds, and yields them."""
 
 
 class Speed(ProgressColumn):
@@ -59,6 +66,14 @@ def progress_bar(title: str, total: int | None, unit: str) -> Iterator[Progress]
     with Progress(*columns, console=Console()) as bar:
         bar.add_task(title, total=total)
         yield bar
+
+
+def counted(items: Countable[Item_co], title: str, unit: str) -> Iterator[Item_co]:
+    """The items one by one, with a progress bar."""
+    with progress_bar(title, len(items), unit) as bar:
+        for item in items:
+            yield item
+            bar.advance(bar.task_ids[0])
 
 
 def _to_stderr(text: str, style: str) -> None:

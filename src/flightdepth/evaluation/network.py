@@ -35,7 +35,7 @@ def answers(network: Network, pairs: Iterable[TruePair]) -> Iterator[Answers]:
     """Ask the network and the classical peer for each pair."""
     peer = ClassicalPeer(network.card.depth_min_m, network.card.depth_max_m)
     for pair in pairs:
-        task = Task.of(pair, network.card)
+        task, network = Task.of(pair, network.card), network.at_focal(pair.focal_px)
         prediction = task.ask(network, pair)
         # At D0 the peer's range is the network's; with the displacement shortened to D0, so are its metres.
         classical_m = peer.depth(pair.previous, pair.current, task.nominal, task.camera)

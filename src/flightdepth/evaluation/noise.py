@@ -43,6 +43,7 @@ def noise_rows(
         (kind, size): [[] for _ in networks] for kind, sizes in kinds.items() for size in sizes
     }
     for number, pair in enumerate(pairs):
+        networks = [network.at_focal(pair.focal_px) for network in networks]
         for (kind, size), columns in errors.items():
             rng = chance.stream(SEED, number)
             for network, column in zip(networks, columns, strict=True):
@@ -60,9 +61,7 @@ def noise_rows(
 def _error_m(network: Network, pair: TruePair, kind: str, size: float, rng: np.random.Generator) -> float:
     task = Task.of(pair, network.card)
     wrong = WRONGS[kind](task, pair, size, rng)
-    found = network.at_focal(task.card.focal_px).predict(
-        [wrong.previous], pair.current, wrong.nominal[None], task.camera
-    )
+    found = task.ask(network, pair, previous=wrong.previous, nominal=wrong.nominal)
     return picture_errors(found.depth_m[0], task.truth_m).l1_m
 
 

@@ -80,8 +80,15 @@ class Task:
         nominal = np.asarray(pair.displacement, dtype=np.float64) / scale
         return cls(camera, pooled(at_D0, (height // 4, width // 4)), scale, nominal, card)
 
-    def ask(self, network: Network, pair: TruePair) -> Prediction:
-        """What the network says of the pair, at the pair's own focal length."""
-        return network.at_focal(self.card.focal_px).predict(
-            [pair.previous], pair.current, self.nominal[None], self.camera
-        )
+    def ask(
+        self,
+        network: Network,
+        pair: TruePair,
+        *,
+        previous: Image | None = None,
+        nominal: NDArray[np.float64] | None = None,
+    ) -> Prediction:
+        """What the network says of the pair, or of a wrong one, at the pair's own focal length."""
+        before = pair.previous if previous is None else previous
+        moved = self.nominal if nominal is None else nominal
+        return network.at_focal(self.card.focal_px).predict([before], pair.current, moved[None], self.camera)

@@ -86,7 +86,8 @@ class Network:
 
     def at_focal(self, focal_px: float) -> Network:
         """The same network with its pictures scaled to another focal length, where it knows any."""
-        return Network(self.card.at_focal(focal_px), self.runtime)
+        card = self.card.at_focal(focal_px)
+        return self if card == self.card else Network(card, self.runtime)  # itself keeps its grids
 
     def warm_up(self, camera: Camera, pairs: int = 1) -> None:
         """Compile for batches of 1 to `pairs`, about 0.1 s each; a flight's first frames would wait."""

@@ -7,8 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
 
+from flightdepth.camera import Camera
 from flightdepth.renderers.raycast import render
-from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
+from flightdepth.scenes import Scene, StillBoxConfig, Textures, draw_scene
 from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.scenes.outdoor_textures import outdoor_textures
 from flightdepth.scenes.scene import Floats
@@ -70,9 +71,7 @@ class TestSet:
         x = (self.picture.full_width - self.picture.width) // 2
         y = (self.picture.full_width - self.picture.height) // 2
         camera = self.picture.camera(self.config.horizontal_fov_deg, x, y)
-        rendered = render(scene, textures, camera, frames=frames)
-        moved = scene.displacement(*frames)
-        return TestPair(rendered.images[0], rendered.images[1], rendered.depth_m[1], moved, camera.fx)
+        return _seen(scene, textures, camera, frames)
 
 
 @dataclass(frozen=True)
@@ -98,9 +97,14 @@ class OutdoorTestSet:
         drawn = SceneSet(config, self.width, self.width, self.seed)
         frames = (15, 16) if number % 2 else (45, 46)
         scene = drawn.scene(number, 0)
-        rendered = render(scene, _outdoor_textures(self.seed), drawn.camera, frames=frames)
-        moved = scene.displacement(*frames)
-        return TestPair(rendered.images[0], rendered.images[1], rendered.depth_m[1], moved, drawn.camera.fx)
+        return _seen(scene, _outdoor_textures(self.seed), drawn.camera, frames)
+
+
+def _seen(scene: Scene, textures: Textures, camera: Camera, frames: tuple[int, int]) -> TestPair:
+    """Two frames of a scene, (previous, current)."""
+    rendered = render(scene, textures, camera, frames=frames)
+    moved = scene.displacement(*frames)
+    return TestPair(rendered.images[0], rendered.images[1], rendered.depth_m[1], moved, camera.fx)
 
 
 @lru_cache(maxsize=1)

@@ -21,6 +21,13 @@ class Stage(BaseModel):
     learning_rate: float
     photometric: bool
     open_share: float = Field(default=0.0, ge=0, le=1, description="share of scenes in the open")
+    fov_deg: tuple[float, float] | None = Field(
+        default=None, description="of a lens drawn for each scene; `focal_px` is then that of 90 degrees"
+    )
+    direction_noise_deg: float = Field(
+        default=0.0, ge=0, description="largest error of the direction of motion"
+    )
+    rotation_noise_deg: float = Field(default=0.0, ge=0, description="largest rotation that was not reported")
 
 
 class NetworkCard(BaseModel):
