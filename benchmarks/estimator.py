@@ -2,6 +2,7 @@
 
 Without --network a stand-in answers at once with the depth of flat ground under a sky, so that everything
 but the network is timed. With one, its outputs on noise choose the pairs; only the times mean something.
+Times are the process's processor time, all its threads summed up: what else runs on the machine does not count.
 """
 
 from __future__ import annotations
@@ -78,9 +79,9 @@ class Stages:
         call: Callable[..., Any] = getattr(owner, method)
 
         def timed(*args: Any, **kwargs: Any) -> Any:
-            started = time.perf_counter()
+            started = time.process_time()
             result = call(*args, **kwargs)
-            self.ms[stage].append((time.perf_counter() - started) * 1e3)
+            self.ms[stage].append((time.process_time() - started) * 1e3)
             return result
 
         setattr(owner, method, timed)
@@ -90,6 +91,7 @@ def measure(network: Any, camera: Camera, ranges: int, frames: int) -> dict[str,
     """Fly `frames` frames of noise sideways and return ms by stage; the first WARM_UP are left out."""
     estimator = MultiRangeEstimator(network, camera, ranges=ranges)
     stages = Stages()
+    stages.watch(estimator, "add_frame", "all")
     stages.watch(estimator._grid, "image", "resample")
     stages.watch(estimator, "_pairs", "integrate, pairs")
     stages.watch(estimator, "_predict", "predict")
@@ -101,8 +103,7 @@ def measure(network: Any, camera: Camera, ranges: int, frames: int) -> dict[str,
         stamp_ns = index * FRAME_NS
         for part in range(VELOCITIES_PER_FRAME):
             estimator.add_velocity(stamp_ns + part * FRAME_NS // VELOCITIES_PER_FRAME, SPEED_M_S)
-        result = estimator.add_frame(stamp_ns, np.roll(noise, index, axis=1))
-        stages.ms["all"].append(result.latency_ms)
+        estimator.add_frame(stamp_ns, np.roll(noise, index, axis=1))
     ms = {stage: taken[-frames:] for stage, taken in stages.ms.items()}
     predict = np.array(ms["predict"])
     return ms | {"all but predict": list(np.array(ms["all"]) - predict)}

@@ -25,7 +25,7 @@ from flightdepth.scenes import Textures
 from flightdepth.stillbox import Batch, PairStream
 from flightdepth.stillbox.stream import CHUNK
 from flightdepth.training import Recipe, Stage, load_recipe
-from flightdepth.training.loop import Learner
+from flightdepth.training.learner import Learner
 
 POOL_SCENES = 4 * CHUNK  # filled before the clock starts; scenes a pair do not depend on it
 READY = 8  # batches kept in memory
@@ -64,7 +64,7 @@ def measured(recipe: Recipe, stage: Stage, textures: Textures, rounds: int, thre
 
 def train_on(learner: Learner, stage: Stage, batches: Iterator[Batch], samples: int) -> None:
     for batch in itertools.islice(batches, samples // stage.batch):
-        learner.step(batch, stage, stage.samples // 2)
+        learner.step([batch], stage, stage.samples // 2)
 
 
 def seconds(work: Callable[[], None]) -> float:

@@ -40,7 +40,16 @@ def result() -> RangedDepth:
     confidence = np.where(np.isfinite(depth_m), np.float32(1), np.float32(0))
     one = np.ones(1)
     return RangedDepth(
-        depth_m, confidence, None, depth_m[None], one.astype(np.int64), one, one, nothing, nothing, 1.0
+        depth_m,
+        confidence,
+        0.2 * depth_m,
+        depth_m[None],
+        one.astype(np.int64),
+        one,
+        one,
+        nothing,
+        nothing,
+        1.0,
     )
 
 
@@ -68,6 +77,13 @@ def test_a_snippet_reads_depth(run, snippet, depth_format):
     depth_m = run(snippet, depth_format)["depth_m"]
     assert depth_m[:, 32:] == pytest.approx(12.34)
     assert np.isnan(depth_m[:, :32]).all()
+
+
+@pytest.mark.parametrize(("snippet", "depth_format"), [(PNG, "png"), (NPZ, "npz"), (FOLDER, "png")])
+def test_a_snippet_reads_sigma(run, snippet, depth_format):
+    sigma_m = run(snippet, depth_format)["sigma_m"]
+    assert sigma_m[:, 32:] == pytest.approx(0.2 * 12.34, rel=1 / 64 + 0.002)
+    assert np.isnan(sigma_m[:, :32]).all()
 
 
 @pytest.mark.parametrize("snippet", [PNG, FOLDER])

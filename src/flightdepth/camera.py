@@ -49,16 +49,23 @@ class Camera:
             )
 
     @classmethod
-    def from_fov(cls, width: int, height: int, horizontal_fov_deg: float) -> Camera:
-        """Ideal pinhole with square pixels: focal = width / (2 tan(fov / 2)), centred."""
-        if not 0 < horizontal_fov_deg < 180:
+    def from_fov(
+        cls, width: int, height: int, horizontal_fov_deg: float, *, model: Model = "pinhole"
+    ) -> Camera:
+        """Ideal lens with square pixels, centred.
+
+        Pinhole: focal = width / (2 tan(fov / 2)); fisheye, the equidistant one: focal = width / fov.
+        """
+        widest = 180 if model == "pinhole" else 360
+        if not 0 < horizontal_fov_deg < widest:
             raise BadInput(
                 "horizontal field of view",
-                expected="more than 0 and less than 180 degrees",
+                expected=f"more than 0 and less than {widest} degrees",
                 got=str(horizontal_fov_deg),
             )
-        focal = width / 2 / math.tan(math.radians(horizontal_fov_deg) / 2)
-        return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+        half_rad = math.radians(horizontal_fov_deg) / 2
+        focal = width / 2 / (math.tan(half_rad) if model == "pinhole" else half_rad)
+        return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2, model=model)
 
     @property
     def matrix(self) -> NDArray[np.float64]:
@@ -67,8 +74,10 @@ class Camera:
 
     @property
     def horizontal_fov_deg(self) -> float:
-        """Angle between the outer edges of the first and last column, without distortion."""
+        """Angle between the outer edges of the first and last column; a pinhole's distortion is left out."""
         left, right = (self.cx + 0.5) / self.fx, (self.width - 0.5 - self.cx) / self.fx
+        if self.model == "fisheye":
+            return math.degrees(sum(fisheye_angle_rad(edge, self.distortion) for edge in (left, right)))
         return math.degrees(math.atan(left) + math.atan(right))
 
     def without_distortion(self) -> Camera:
@@ -92,9 +101,34 @@ class Camera:
         """The part of the view whose top-left pixel is (x, y); it may reach beyond the picture (padding)."""
         return replace(self, width=width, height=height, cx=self.cx - x, cy=self.cy - y)
 
+    def turned(self, quarter_turns: int) -> Camera:
+        """The camera of the picture turned by multiples of 90 degrees anticlockwise, as numpy.rot90 turns it."""
+        camera = self
+        for _ in range(quarter_turns % 4):
+            camera = camera._turned_once()
+        return camera
+
+    def _turned_once(self) -> Camera:
+        # The new x is the old y and the new y the old -x; what bends them (OpenCV's p and s) follows.
+        k = self.distortion
+        if len(k) == 14 and any(k[12:]):
+            raise BadInput("camera of a turned video", expected="a lens model without tilted sensor")
+        if self.model == "pinhole" and k:
+            k = (*k[:2], -k[3], k[2], *k[4:8], *((k[10], k[11], -k[8], -k[9]) if len(k) > 8 else ()), *k[12:])
+        return Camera(
+            self.height,
+            self.width,
+            self.fy,
+            self.fx,
+            self.cy,
+            self.width - 1 - self.cx,
+            tuple(k),
+            self.model,
+        )
+
     def rays(self) -> NDArray[np.float64]:
         """Direction of each pixel centre with z = 1, shape (H, W, 3), for an ideal pinhole."""
-        if self.distortion:
+        if self.distortion or self.model == "fisheye":
             raise BadInput("rays of a distorted camera", mend="Undistort first: camera.without_distortion().")
         x = (np.arange(self.width) - self.cx) / self.fx
         y = (np.arange(self.height) - self.cy) / self.fy
@@ -102,3 +136,19 @@ class Camera:
         rays_hw3[..., 0] = x
         rays_hw3[..., 1] = y[:, None]
         return rays_hw3
+
+
+def fisheye_angle_rad(radius: float, distortion: tuple[float, ...] = ()) -> float:
+    """Angle off the axis that falls `radius` focal lengths from the centre, 0..pi.
+
+    Kannala-Brandt as in OpenCV's fisheye: radius = theta (1 + k1 theta^2 + k2 theta^4 + ...), up to where it
+    folds back.
+    """
+    thetas = np.linspace(0, math.pi, 3142)
+    powers = np.ones_like(thetas)
+    for power, k in enumerate(distortion, start=1):
+        powers += k * thetas ** (2 * power)
+    radii = thetas * powers
+    falls = np.flatnonzero(np.diff(radii) <= 0)
+    rising = slice(0, int(falls[0]) + 1 if len(falls) else None)
+    return float(np.interp(radius, radii[rising], thetas[rising]))

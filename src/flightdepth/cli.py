@@ -11,14 +11,18 @@ from typing import Annotated
 import typer
 
 from flightdepth import __version__
+from flightdepth.commands.convert import convert
+from flightdepth.commands.cameras import cameras
 from flightdepth.commands.demo import demo
 from flightdepth.commands.evaluate import evaluate
 from flightdepth.commands.export import export
+from flightdepth.commands.live import live
 from flightdepth.commands.networks import networks
 from flightdepth.commands.render import render
 from flightdepth.commands.run import run
 from flightdepth.commands.terminal import report, say
 from flightdepth.commands.train import train
+from flightdepth.commands.view import view
 from flightdepth.errors import FlightDepthError
 
 app = typer.Typer(
@@ -58,7 +62,11 @@ def flightdepth(
 
 app.command()(demo)
 app.command()(run)
+app.command()(live)
+app.command()(view)
+app.command()(convert)
 app.command()(networks)
+app.command()(cameras)
 app.command()(train)
 app.command()(export)
 app.add_typer(evaluate, name="evaluate")

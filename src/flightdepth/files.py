@@ -4,20 +4,35 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+NEW, OLD = "partial", "old"  # in the names of folders on their way in and out
 
 
 def write_atomic(path: Path, data: bytes) -> None:
     """Write `data` to a temporary neighbour, flush it to the disk, then rename it over `path`."""
+    with file_in_progress(path) as file:
+        file.write(data)
+
+
+@contextmanager
+def file_in_progress(path: Path) -> Iterator[BinaryIO]:
+    """Yield a temporary neighbour of `path` to write into; on success it takes its place, on any error it is removed."""
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         Path(name).chmod(0o644)  # a temporary file is its owner's alone
@@ -37,17 +52,19 @@ def folder_in_progress(target: Path) -> Iterator[Path]:
     """Yield a new folder beside `target`; on success it takes its place, on any error it is removed, and
     so are the parents made for it.
 
-    An existing `target` stays untouched until the new one stands complete.
+    An existing `target` stays untouched until the new one stands complete. What a killed process left here is cleared.
     """
     target = target.absolute()
     new_parents = [parent for parent in target.parents if not parent.exists()]
     target.parent.mkdir(parents=True, exist_ok=True)
-    partial = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+    _clear_up_after_the_killed(target)
+    partial = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.{NEW}-"))
     partial.chmod(0o755)
+    held = _lock(partial)
     try:
         yield partial
         if target.exists():
-            old = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.old."))
+            old = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.{OLD}-"))
             target.rename(old / target.name)
             partial.rename(target)
             shutil.rmtree(old)
@@ -59,3 +76,35 @@ def folder_in_progress(target: Path) -> Iterator[Path]:
             with suppress(OSError):  # somebody else put something there
                 parent.rmdir()
         raise
+    finally:
+        if held is not None:
+            os.close(held)
+
+
+def _clear_up_after_the_killed(target: Path) -> None:
+    """Put an older result back that was on its way out, and remove new ones that nobody works on any more."""
+    for kind in (OLD, NEW):
+        pattern = re.compile(rf"\.{re.escape(target.name)}\.{kind}-[a-z0-9_]{{8}}")
+        for left in [path for path in target.parent.iterdir() if pattern.fullmatch(path.name)]:
+            held = _lock(left)
+            if held is None:
+                continue
+            if kind == OLD and (left / target.name).exists() and not target.exists():
+                (left / target.name).rename(target)
+            shutil.rmtree(left, ignore_errors=True)
+            os.close(held)
+
+
+def _lock(folder: Path) -> int | None:
+    """A descriptor that keeps others from locking this folder until it is closed, or its process ends; None where
+    another holds it, or where the system has no such locks.
+    """
+    if fcntl is None:
+        return None
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor

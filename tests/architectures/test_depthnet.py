@@ -71,6 +71,37 @@ def test_parameters(base_width, parameters):
     assert sum(p.numel() for p in DepthNet(base_width).parameters()) == parameters
 
 
+def parameters_by_hand(width):
+    """From the figure, with all feature maps scaled by width / 32; the six input channels and depth maps stay."""
+
+    def maps(count):
+        share, odd = divmod(count, 32)
+        return 6 if count == 6 else share * width + odd
+
+    convs = sum(maps(o) * (maps(i) * 9 + 2) for i, o in CONVS.values())  # 2: batch norm
+    deconvs = sum(maps(o) * (maps(i) * 16 + 1 + maps(o) * 9 + 2) for i, o in DECONVS.values())
+    return convs + deconvs + sum(maps(i) * 9 + 1 for i in PREDICTIONS.values()) + 16 * len(DOUBLINGS)
+
+
+@pytest.mark.parametrize("activation", ["elu+1", "none"])
+@pytest.mark.parametrize("width", [4, 8, 16, 24, 32, 48])
+def test_parameters_of_variants(width, activation):
+    with torch.device("meta"):
+        network = DepthNet(width, activation)
+    assert sum(p.numel() for p in network.parameters()) == parameters_by_hand(width)
+
+
+def test_a_state_dict_with_the_public_keys_goes_in_and_comes_out():
+    generator = torch.Generator().manual_seed(2)
+    public = {
+        key: torch.rand(shape, generator=generator) if shape else torch.tensor(7)
+        for key, shape in expected_shapes().items()
+    }
+    network = DepthNet(32)
+    network.load_state_dict(public, strict=True)
+    assert all(torch.equal(value, public[key]) for key, value in network.state_dict().items())
+
+
 @pytest.mark.parametrize(("height", "width"), [(64, 64), (128, 192)])
 def test_five_scales_finest_first(small, height, width):
     shapes = [tuple(depth.shape) for depth in small(pictures(height, width))]

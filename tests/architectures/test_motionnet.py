@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from flightdepth.architectures import DepthNet, MotionNet
+from flightdepth.architectures.motionnet import CORRECTED, corrections
 from flightdepth.sweep import LEVELS
 
 FINE, HALF, QUARTER = (len(level.shifts_px) for level in LEVELS)
@@ -29,10 +30,10 @@ def parameters(network):
 def test_parameters_are_depthnets_but_for_the_inputs_and_the_spread(width):
     """Nine weights for each map that a layer takes more than DepthNet's, and the head of the spread."""
     more = [
-        (3 + FINE - 6, width),
-        (FINE + HALF, 2 * width),
-        (HALF + QUARTER + 2, 4 * width),
-        (QUARTER, 8 * width),
+        (3 - 6, width),
+        (FINE + HALF + 2 * 3, 2 * width),
+        (HALF + QUARTER + 2 + 2 * 4, 4 * width),
+        (QUARTER + 2 * 5, 8 * width),
     ]
     expected = sum(9 * taken * given for taken, given in more) + 9 * (3 * width + 1) + 1
     assert parameters(MotionNet(width)) - parameters(DepthNet(width)) == expected
@@ -66,3 +67,34 @@ def test_a_pair_does_not_see_its_neighbour_in_the_batch(small):
     both = inputs()
     alone = [each[:1] for each in both]
     assert torch.allclose(small(*both)[0][0][:1], small(*alone)[0][0], rtol=1e-4, atol=1e-3)
+
+
+def differences(true_px, level, size=32):
+    """Waves of 24 pixels seen through each hypothesis of a level, less what they look like at `true_px`."""
+    shifts = torch.tensor(LEVELS[level].shifts_px).view(-1, 1, 1)
+    wave = 2 * torch.pi / 24 / LEVELS[level].scale
+    columns = torch.arange(size).expand(size, size) * LEVELS[level].scale
+    seen = torch.sin(wave * (columns + shifts - true_px)) - torch.sin(wave * columns)
+    return 3 * seen[None]
+
+
+@pytest.mark.parametrize(("level", "true_px"), [(0, 0.8), (0, 1.6), (1, 2.5), (1, 5.0), (2, 10.0)])
+def test_a_correction_leads_from_its_hypothesis_to_the_right_shift(level, true_px):
+    shifts, middle = LEVELS[level].shifts_px, CORRECTED[level]
+    nearest = min(range(len(middle)), key=lambda k: abs(shifts[middle[k]] - true_px))
+    found = corrections(differences(true_px, level), level)[0]
+    chosen = middle[nearest]
+    apart = shifts[chosen + 1] - shifts[chosen - 1]
+    inside = found[nearest, 2:-2, 2:-2].median()
+    assert float(shifts[chosen] + inside * apart) == pytest.approx(true_px, rel=0.12)
+
+
+def test_a_blank_wall_corrects_nothing_and_knows_nothing():
+    found = corrections(torch.zeros(1, FINE, 16, 16), 0)
+    assert found.shape == (1, 2 * len(CORRECTED[0]), 8, 8)
+    assert not found.any()
+
+
+def test_a_correction_stays_within_two_steps():
+    found = corrections(100 * torch.randn(1, HALF, 16, 16, generator=torch.Generator().manual_seed(1)), 1)
+    assert found[:, : len(CORRECTED[1])].abs().max() <= 2

@@ -1,6 +1,6 @@
 import json
 import random
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import cv2
 import numpy as np
@@ -51,6 +51,100 @@ def test_ros_camera_info_is_read(tmp_path):
 def test_rosequidistant_is_a_fisheye(tmp_path):
     text = ROS.replace("plumb_bob", "equidistant").replace("[0.1, -0.2, 0, 0, 0.01]", "[0.1, 0, 0, 0]")
     assert read(tmp_path, text).model == "fisheye"
+
+
+@pytest.mark.parametrize("ending", ["yaml", "xml"])
+@pytest.mark.parametrize("model", ["pinhole", "fisheye"])
+def test_what_opencv_itself_calibrates_and_writes_is_read(tmp_path, model, ending):
+    """Chessboard corners of a known lens, calibrated by OpenCV, in the file its calibration sample writes."""
+    truth = Camera(640, 480, 400.0, 405.0, 322.0, 238.0, (0.03, -0.01, 0.0, 0.0), model)
+    board = np.zeros((1, 54, 3))
+    board[0, :, :2] = np.mgrid[:9, :6].T.reshape(-1, 2) * 0.03 - (0.12, 0.075)
+    objects, pixels = [], []
+    lens = cv2.fisheye if model == "fisheye" else cv2
+    for turn in (
+        (0.3, 0, 0),
+        (-0.3, 0.2, 0),
+        (0, 0.4, 0.1),
+        (0.2, -0.3, 0.3),
+        (0, -0.4, 0),
+        (-0.2, 0.3, -0.3),
+    ):
+        seen, _ = lens.projectPoints(
+            board, np.array(turn), np.array([0, 0, 0.3]), truth.matrix, np.array(truth.distortion)
+        )
+        objects.append(board.astype(np.float32))
+        pixels.append(seen.reshape(1, -1, 2).astype(np.float32))
+    flags = {"flags": cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC} if model == "fisheye" else {}
+    _, matrix, bend, *_ = (
+        lens.calibrate(objects, pixels, (640, 480), None, None, **flags)
+        if flags
+        else (cv2.calibrateCamera(objects, pixels, (640, 480), None, None))
+    )
+    path = tmp_path / f"camera.{ending}"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in (("image_width", 640), ("image_height", 480), ("camera_matrix", matrix)):
+        storage.write(name, value)
+    storage.write("distortion_coefficients", bend)
+    storage.write("fisheye_model", int(model == "fisheye"))
+    storage.release()
+    found = read_camera(path)
+    assert found.model == model
+    assert np.allclose(
+        [found.fx, found.fy, found.cx, found.cy], [truth.fx, truth.fy, truth.cx, truth.cy], atol=0.1
+    )
+
+
+def test_the_files_of_the_ros_calibrator_are_read(tmp_path):
+    # As camera_calibration writes ost.yaml, indentation and trailing blanks included.
+    rest = "".join(
+        f"{name}:\n  rows: 3\n  cols: {columns}\n  data: [" + ", ".join(["0."] * 3 * columns) + "]\n"
+        for name, columns in (("rectification_matrix", 3), ("projection_matrix", 4))
+    )
+    text = ROS.replace("data: [500.5, 0.0, 320,", "data: [500.5    ,   0.     , 320.     ,\n         ")
+    assert read(tmp_path, text + rest) == CAMERA
+
+
+@pytest.mark.parametrize("names", ["DK", "dk"])
+def test_a_camera_info_message_as_ros_prints_it_is_read(tmp_path, names):
+    bend, matrix = names
+    text = f"""height: 480
+width: 640
+distortion_model: plumb_bob
+{bend}: [0.1, -0.2, 0.0, 0.0, 0.01]
+{matrix}: [500.5, 0.0, 320.0, 0.0, 501.0, 240.0, 0.0, 0.0, 1.0]
+"""
+    assert read(tmp_path, text) == CAMERA
+
+
+KALIBR = """cam0:
+  camera_model: pinhole
+  distortion_coeffs: [0.01, -0.02, 0.003, -0.004]
+  distortion_model: equidistant
+  intrinsics: [500.5, 501.0, 320.0, 240.0]
+  resolution: [640, 480]
+  rostopic: /cam0/image_raw
+"""
+
+
+def test_a_camchain_of_kalibr_is_read(tmp_path):
+    fisheye = Camera(640, 480, 500.5, 501.0, 320.0, 240.0, (0.01, -0.02, 0.003, -0.004), "fisheye")
+    assert read(tmp_path, KALIBR) == fisheye
+    assert read(tmp_path, KALIBR.replace("equidistant", "radtan")) == replace(fisheye, model="pinhole")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        ROS.replace("plumb_bob", "double_sphere"),
+        KALIBR.replace("equidistant", "fov"),
+        KALIBR.replace("camera_model: pinhole", "camera_model: omni"),
+        KALIBR.replace("[640, 480]", "[640]"),
+    ],
+)
+def test_a_lens_model_that_is_not_known_is_refused(tmp_path, text):
+    with pytest.raises(BadInput, match="camera"):
+        read(tmp_path, text)
 
 
 def test_json_of_a_camera_is_read_back(tmp_path):

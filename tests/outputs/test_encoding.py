@@ -10,6 +10,7 @@ from flightdepth.outputs.encoding import (
     confidence_from_bytes,
     depth_from_centimetres,
     png,
+    rounded_centimetres,
 )
 
 
@@ -46,6 +47,17 @@ def test_depth_by_hand(depth_m, value):
 
 def test_the_very_near_is_stored_as_one_centimetre_not_as_unknown():
     assert stored(0.002) == 1
+
+
+@given(st.floats(0.01, 655.3))
+def test_a_rounded_sigma_is_within_a_64th_and_half_a_centimetre(sigma_m):
+    back = depth_from_centimetres(rounded_centimetres(np.array([[sigma_m]], np.float32)))[0, 0]
+    assert abs(back - sigma_m) <= sigma_m / 64 + 0.005 + 1e-4
+
+
+def test_a_rounded_sigma_keeps_its_ends():
+    stored = rounded_centimetres(np.array([[np.nan, 0.01, 655.35, 9000]], np.float32))
+    assert stored.tolist() == [[0, 1, 65535, 65535]]
 
 
 def test_unknown_comes_back_as_nan():

@@ -89,3 +89,14 @@ def test_a_frame_that_cannot_be_followed_is_said_to_be_unusable(go):
 def test_what_was_dropped_by_either_side_is_recorded(go):
     counts = go(picture(0)).folder.record.counts
     assert counts.dropped == {"damaged frames": 1, "late velocities": 3}
+
+
+def test_each_frame_has_the_place_that_its_velocities_tell(go):
+    done = go(
+        VelocitySample(0, np.array([1.0, 0, 0]), "world"),
+        VelocitySample(FRAME_NS * 2, np.array([1.0, 0, 0]), "world"),
+        picture(0),
+        picture(1),
+    )
+    assert [pose.position_ned[0] for pose in done.folder.poses.values()] == [0, 0.0334]
+    assert {pose.attitude for pose in done.folder.poses.values()} == {"unknown"}

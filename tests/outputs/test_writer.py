@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import av
 import cv2
 import numpy as np
@@ -32,7 +34,7 @@ def test_the_folder_holds_what_is_promised(tmp_path):
         str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*") if path.is_file()
     }
     maps = {f"{kind}/{i:06d}.png" for kind in ("depth", "confidence") for i in (0, 1)}
-    assert names == maps | {"frames.csv", "flight.json", "preview.mp4"}
+    assert names == maps | {"frames.csv", "poses.csv", "flight.json", "preview.mp4"}
 
 
 def test_png_depth_comes_back_within_half_a_centimetre(tmp_path):
@@ -55,6 +57,28 @@ def test_confidence_comes_back(tmp_path):
     write(tmp_path / "out", [known(HALF_KNOWN)])
     confidence = FlightFolder(tmp_path / "out").confidence(0)
     assert confidence == pytest.approx(known(HALF_KNOWN).confidence, abs=1 / 255)
+
+
+def with_sigma(share):
+    return replace(known(RAMP), sigma_m=RAMP * np.float32(share))
+
+
+def test_sigma_png_comes_back_within_a_64th(tmp_path):
+    write(tmp_path / "out", [unknown(), with_sigma(0.3)])
+    folder = FlightFolder(tmp_path / "out")
+    assert np.abs(folder.sigma_m(1) / (0.3 * RAMP) - 1).max() <= 1 / 64 + 0.005 / (0.3 * RAMP.min())
+    assert folder.sigma_m(0) is None
+
+
+def test_sigma_npz_comes_back_exactly(tmp_path):
+    write(tmp_path / "out", [with_sigma(0.3)], depth_format="npz")
+    assert np.array_equal(FlightFolder(tmp_path / "out").sigma_m(0), RAMP * np.float32(0.3))
+
+
+def test_a_network_without_sigma_leaves_no_folder(tmp_path):
+    write(tmp_path / "out", [known(RAMP)])
+    assert not (tmp_path / "out/sigma").exists()
+    assert FlightFolder(tmp_path / "out").sigma_m(0) is None
 
 
 def test_depth_png_is_16_bit_grey(tmp_path):

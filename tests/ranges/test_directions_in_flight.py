@@ -34,6 +34,11 @@ def picture(number: int) -> np.ndarray:
     return np.repeat(seen[..., None], 3, axis=2)
 
 
+def blank(number):
+    """Nothing to see; not the same picture twice, which would be a frozen one."""
+    return np.full((128, 192, 3), 90 + number % 2, np.uint8)
+
+
 def flown(velocity, frame, *, attitude=None, pictures=picture):
     """Network and last result of a flight of six frames at 1 m/s."""
     network = Told()
@@ -71,7 +76,7 @@ def test_without_an_attitude_the_pictures_tell():
 
 
 def test_blank_pictures_tell_nothing():
-    _, result = flown([0.0, 0.0, 1.0], "world", pictures=lambda _: np.full((128, 192, 3), 90, np.uint8))
+    _, result = flown([0.0, 0.0, 1.0], "world", pictures=blank)
     assert result.reason == NO_DIRECTION
     assert np.isnan(result.depth_m).all()
 
@@ -83,8 +88,7 @@ def test_a_direction_holds_for_a_moment_and_no_longer():
     reasons = []
     for number in range(12):
         estimator.add_velocity(number * FRAME_NS, [0.0, 0.0, 1.0], frame="world")
-        blank = np.full((128, 192, 3), 90, np.uint8)
-        shown = picture(number) if number < 4 else blank
+        shown = picture(number) if number < 4 else blank(number)
         reasons.append(estimator.add_frame(number * FRAME_NS, shown).reason)
     assert reasons[1:9] == [None] * 8
     assert reasons[9:] == [NO_DIRECTION] * 3
@@ -96,6 +100,6 @@ def test_a_direction_does_not_hold_round_a_bend():
     for number in range(8):
         velocity = [0.0, 0.0, 1.0] if number < 4 else [0.0, 1.0, 0.0]
         estimator.add_velocity(number * FRAME_NS, velocity, frame="world")
-        shown = picture(number) if number < 4 else np.full((128, 192, 3), 90, np.uint8)
+        shown = picture(number) if number < 4 else blank(number)
         result = estimator.add_frame(number * FRAME_NS, shown)
     assert result.reason == NO_DIRECTION

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import nn
 
-from flightdepth.architectures import DepthNet, MotionNet
+from flightdepth.architectures import DepthNet, FlowNetS, MotionNet
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.runtimes.inputs import swept_inputs
@@ -115,6 +115,29 @@ def test_an_onnx_file_of_somebody_else_has_no_weights():
     graph = onnx.helper.make_graph([], "empty", [], [])
     with pytest.raises(BadInput, match="flightdepth export"):
         weights_of(onnx.helper.make_model(graph).SerializeToString())
+
+
+@pytest.fixture(scope="module")
+def flownets():
+    torch.manual_seed(7)
+    network = FlowNetS(4, "none")
+    network.predict_depth2.bias.data.fill_(35)
+    return Deployed(network, *RANGE_M).eval()
+
+
+@pytest.mark.parametrize("storage", ["exact", "half"])
+def test_flownets_goes_the_same_way(flownets, storage):
+    exact = to_onnx(flownets)
+    file = exact if storage == "exact" else in_half_precision(exact)
+    found, kept = weights_of(file), flownets.network.state_dict()
+    assert found.keys() == kept.keys()
+    assert all(torch.allclose(found[key], value, rtol=1e-3, atol=1e-6) for key, value in kept.items())
+    batch = pairs(2, 64, 128)
+    with torch.no_grad():
+        expected = flownets(torch.from_numpy(batch)).numpy()
+    depth_m = OpenVinoRuntime(file)({"pairs": batch})["depth_m"]
+    assert depth_m.shape == (2, 16, 32)
+    assert np.abs(depth_m - expected).max() < 2e-3 * expected.max()
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,11 @@ import training_runs
 from training_runs import BATCH, STEPS, small_recipe, small_stream, small_textures, stage
 
 from flightdepth.errors import BadInput, FlightDepthError
-from flightdepth.training import loop
+from flightdepth.training import learner, loop
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.export import deployed, to_onnx
-from flightdepth.training.loop import Learner, train
+from flightdepth.training.learner import Learner
+from flightdepth.training.loop import train
 from flightdepth.training.pictures import normalised
 from flightdepth.training.run_folder import read_trained
 from flightdepth.weights.card import NetworkCard
@@ -164,6 +165,23 @@ def test_a_recipe_starts_from_the_average_of_another(whole, tmp_path):
         assert all(torch.equal(value, parent[key]) for key, value in module.state_dict().items())
 
 
+def test_a_recipe_starts_from_a_stage_of_another(whole, tmp_path):
+    (tmp_path / "small").symlink_to(whole[0])
+    child = small_recipe(name="child", starts_from="small/a", stages=[stage("c", 1)])
+    run(tmp_path / "child", recipe=child)
+    trained = read_trained(tmp_path / "child")
+    assert trained.progress.seen == BATCH * (4 + 1)
+    assert [(each.name, seen) for each, seen in trained.stages] == [("a", 4 * BATCH), ("c", BATCH)]
+
+
+def test_sgd_is_resumed_exactly(tmp_path):
+    recipe = small_recipe(optimizer="sgd", stages=[stage("a", 3)])
+    losses = run(tmp_path / "whole", recipe=recipe)
+    run(tmp_path / "cut", recipe=recipe, cut_after=3)
+    assert run(tmp_path / "cut", recipe=recipe, resume=True) == losses[2:]
+    assert checkpoint(tmp_path / "cut") == checkpoint(tmp_path / "whole")
+
+
 def test_pairs_of_the_recipe_before_are_counted(whole, tmp_path):
     (tmp_path / "small").symlink_to(whole[0])
     run(tmp_path / "child", recipe=small_recipe(name="child", starts_from="small", stages=[stage("c", 1)]))
@@ -223,7 +241,7 @@ def test_a_shipped_network_of_other_stages_is_refused(whole, tmp_path):
 
 
 def test_a_run_that_diverges_stops(tmp_path, monkeypatch):
-    monkeypatch.setattr(loop, "loss_m", lambda *_: torch.tensor(math.nan))
+    monkeypatch.setattr(learner, "loss_m", lambda *_: torch.tensor(math.nan, requires_grad=True))
     with pytest.raises(FlightDepthError, match="diverged at sample 0 of stage a"):
         run(tmp_path)
 
@@ -239,7 +257,7 @@ def seen_by_layers():
         lambda layer, given, out: seen.append((layer, given[0], out))
     )
     with small_stream(recipe.scenes, small_textures(), recipe.stages[0].picture, recipe.rule, 1) as stream:
-        learner.step(stream.batch(0, BATCH), recipe.stages[0], 0)
+        learner.step([stream.batch(0, BATCH)], recipe.stages[0], 0)
     return seen[0]
 
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import torch
+from training_runs import small_recipe
 
-from flightdepth.training.loss import multi_scale_l1, pinball
+from flightdepth.training.loss import SCALE_WEIGHTS, inverse_error_m, loss_m, multi_scale_l1, pinball
 
 WEIGHTS = (0.32, 0.08, 0.02, 0.01, 0.005)
 
@@ -97,3 +98,33 @@ def test_pinball_is_least_at_the_quantile():
 def test_pinball_by_hand():
     quantile, value = torch.tensor([1.0, 1.0]), torch.tensor([3.0, 0.0])
     assert float(pinball(quantile, value, 0.75)) == pytest.approx((0.75 * 2 + 0.25 * 1) / 2)
+
+
+@pytest.mark.parametrize(
+    ("depth", "truth", "error_m"), [(10.0, 10.0, 0.0), (0.0, 10.0, 110.0), (21.0, 10.0, 5.5)]
+)
+def test_the_error_of_inverse_depth_by_hand(depth, truth, error_m):
+    """121 |1 / (1 + depth) - 1 / (1 + truth)|."""
+    assert inverse_error_m(torch.tensor(depth), torch.tensor(truth)).item() == pytest.approx(
+        error_m, rel=1e-5
+    )
+
+
+def test_near_10_m_an_error_of_inverse_depth_is_in_metres():
+    error = inverse_error_m(torch.tensor(10.01), torch.tensor(10.0))
+    assert error.item() == pytest.approx(0.01, rel=0.01)
+
+
+def test_a_negative_answer_is_finite_in_inverse_depth():
+    assert torch.isfinite(inverse_error_m(torch.tensor([-1.0, -5.0]), torch.tensor([10.0, 10.0]))).all()
+
+
+def test_a_recipe_chooses_the_space_of_its_loss():
+    depths = [torch.full((1, 16 >> k, 16 >> k), 20.0) for k in range(5)]
+    target = torch.full((1, 64, 64), 10.0)
+    found = {
+        space: loss_m(small_recipe(loss_space=space), depths, target).item()
+        for space in ("depth", "inverse-depth")
+    }
+    assert found["depth"] == pytest.approx(10 * sum(SCALE_WEIGHTS))
+    assert found["inverse-depth"] == pytest.approx((11 - 121 / 21) * sum(SCALE_WEIGHTS), rel=1e-5)

@@ -1,7 +1,10 @@
-"""Runs of a few steps. As a script, a run that kills itself: python training_runs.py FOLDER STEPS."""
+"""Runs of a few steps. As a script, a run that kills itself: python training_runs.py FOLDER STEPS; or, of
+several processes, one that writes down its losses: python training_runs.py FOLDER.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
@@ -53,9 +56,16 @@ small_stream = partial(PairStream, pool_scenes=8)
 
 
 def main() -> None:
-    folder, steps = Path(sys.argv[1]), int(sys.argv[2])
+    folder, *steps = sys.argv[1:]
     torch.set_num_threads(1)  # as in the other runs: the number of threads decides how sums are rounded
     loop.PairStream = small_stream  # type: ignore[misc, assignment]
+    if steps:
+        killed_after(int(steps[0]), Path(folder))
+    else:
+        one_of_several(Path(folder))
+
+
+def killed_after(steps: int, folder: Path) -> None:
     done = 0
 
     def kill_at_last(_: object) -> None:
@@ -67,6 +77,14 @@ def main() -> None:
     loop.train(
         small_recipe(), small_textures(), folder, resume=False, report=kill_at_last, checkpoint_every_s=0
     )
+
+
+def one_of_several(folder: Path) -> None:
+    losses: list[float] = []
+    loop.train(
+        small_recipe(), small_textures(), folder, resume=True, report=lambda step: losses.append(step.loss_m)
+    )
+    (folder / f"losses-{os.environ['RANK']}.json").write_text(json.dumps(losses))
 
 
 if __name__ == "__main__":

@@ -55,7 +55,46 @@ def he_normal(network: nn.Module) -> None:
                 nn.init.zeros_(module.bias)
 
 
-class Trunk(nn.Module):
+class Decoder(nn.Module):
+    """The way back from features at 1/16: FlowNetS has it, and DepthNet from there; what the layers are differs."""
+
+    conv5: nn.Sequential
+    conv5_1: nn.Sequential
+    conv6: nn.Sequential
+    conv6_1: nn.Sequential
+    deconv5: nn.Sequential
+    deconv4: nn.Sequential
+    deconv3: nn.Sequential
+    deconv2: nn.Sequential
+    predict_depth6: nn.Conv2d
+    predict_depth5: nn.Conv2d
+    predict_depth4: nn.Conv2d
+    predict_depth3: nn.Conv2d
+    predict_depth2: nn.Conv2d
+    upsampled_depth6_to_5: nn.ConvTranspose2d
+    upsampled_depth5_to_4: nn.ConvTranspose2d
+    upsampled_depth4_to_3: nn.ConvTranspose2d
+    upsampled_depth3_to_2: nn.ConvTranspose2d
+
+    def decoded(self, skip2: Tensor, skip3: Tensor, skip4: Tensor) -> tuple[list[Tensor], Tensor]:
+        """From the features at 1/4, 1/8 and 1/16: depths before the activation, finest first, [B, 1, h, w] each,
+        and the features that the finest is made of.
+        """
+        skip5 = self.conv5_1(self.conv5(skip4))
+        features = self.conv6_1(self.conv6(skip5))
+        raw = [self.predict_depth6(features)]
+        for skip, up, double, predict in (
+            (skip5, self.deconv5, self.upsampled_depth6_to_5, self.predict_depth5),
+            (skip4, self.deconv4, self.upsampled_depth5_to_4, self.predict_depth4),
+            (skip3, self.deconv3, self.upsampled_depth4_to_3, self.predict_depth3),
+            (skip2, self.deconv2, self.upsampled_depth3_to_2, self.predict_depth2),
+        ):
+            features = torch.cat((skip, up(features), double(raw[-1])), dim=1)
+            raw.append(predict(features))
+        return raw[::-1], features
+
+
+class Trunk(Decoder):
     """Six encoders, four decoders with skips, and depth at five scales: DepthNet but for what it takes and gives.
 
     `inputs`: feature maps that conv1, conv2, conv3 and conv4 take besides those of the layer before.
@@ -88,23 +127,6 @@ class Trunk(nn.Module):
         self.upsampled_depth4_to_3 = double_depth()
         self.upsampled_depth3_to_2 = double_depth()
         he_normal(self)
-
-    def decoded(self, skip2: Tensor, skip3: Tensor, skip4: Tensor) -> tuple[list[Tensor], Tensor]:
-        """From the features at 1/4, 1/8 and 1/16: depths before the activation, finest first, [B, 1, h, w] each,
-        and the features that the finest is made of.
-        """
-        skip5 = self.conv5_1(self.conv5(skip4))
-        features = self.conv6_1(self.conv6(skip5))
-        raw = [self.predict_depth6(features)]
-        for skip, up, double, predict in (
-            (skip5, self.deconv5, self.upsampled_depth6_to_5, self.predict_depth5),
-            (skip4, self.deconv4, self.upsampled_depth5_to_4, self.predict_depth4),
-            (skip3, self.deconv3, self.upsampled_depth4_to_3, self.predict_depth3),
-            (skip2, self.deconv2, self.upsampled_depth3_to_2, self.predict_depth2),
-        ):
-            features = torch.cat((skip, up(features), double(raw[-1])), dim=1)
-            raw.append(predict(features))
-        return raw[::-1], features
 
 
 def activated(raw: Tensor, activation: Activation) -> Tensor:

@@ -1,10 +1,11 @@
 """MotionNet: DepthNet's trunk, fed with a plane sweep along the known motion instead of the earlier picture.
 
 What DepthNet must learn from the weights up, which patch went where, the sweep lays open: at the right depth
-the earlier picture, warped, equals the present one. The network sees the present picture, the differences to
-the warped ones (signed, for parts of a pixel, and absolute means over 4x4 pixels, for texture) on pictures of
-full, half and quarter size, and the motion field that says how far a pixel can have moved. No direction, focal
-length or principal point is built into the weights. A plain convolutional graph: the warping is done before it.
+the earlier picture, warped, equals the present one. The network sees the present picture and, of the sweep on
+pictures of full, half and quarter size, the mean absolute differences, the signed ones (not at full size), and
+for each hypothesis that stands between two others by how much Lucas and Kanade's method would correct it, which
+tells parts of a pixel. The motion field says how far a pixel can have moved at all. No direction, focal length or
+principal point is built into the weights. A plain convolutional graph: the warping is done before it.
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ from flightdepth.sweep import LEVELS
 
 CONTRAST = 20 / 255  # a difference of grey that counts as one
 GREY = (0.299, 0.587, 0.114)  # as cv2.COLOR_RGB2GRAY
+# Per level: hypotheses that are corrected; not the first (nothing moves there) and not the last.
+CORRECTED = ((1, 2, 4), (1, 2, 3, 4), (1, 2, 3, 4, 5))
+LEAST_GRADIENT = 0.05  # squared, contrasts a pixel: what a correction is divided by in a blank wall
+LARGEST_CORRECTION = 2.0  # in distances between the hypotheses on either side
 
 
 class MotionNet(Trunk):
@@ -25,7 +30,9 @@ class MotionNet(Trunk):
 
     def __init__(self, base_width: int = 32) -> None:
         fine, half, quarter = (len(level.shifts_px) for level in LEVELS)
-        super().__init__(base_width, (3 + fine, fine + half, half + quarter + 2, quarter))
+        more = [2 * len(corrected) for corrected in CORRECTED]
+        taken = (3, fine + half + more[0], half + quarter + 2 + more[1], quarter + more[2])
+        super().__init__(base_width, taken)
         self.predict_spread2 = predict_depth(3 * base_width + 1)
         he_normal(self.predict_spread2)
 
@@ -42,18 +49,43 @@ class MotionNet(Trunk):
             (swept - functional.avg_pool2d(grey, scale) if scale > 1 else swept - grey) / CONTRAST
             for swept, scale in ((fine, 1), (half, 2), (quarter, 4))
         )
-        skip1 = self.conv1(torch.cat(((current - 0.5) / 0.2, fine), 1))
-        skip2 = self.conv2(torch.cat((skip1, _cost(fine), half), 1))
-        skip3 = self.conv3_1(self.conv3(torch.cat((skip2, _cost(half), quarter, field), 1)))
-        skip4 = self.conv4_1(self.conv4(torch.cat((skip3, _cost(quarter)), 1)))
+        skip1 = self.conv1((current - 0.5) / 0.2)
+        skip2 = self.conv2(torch.cat((skip1, _cost(fine), half, corrections(fine, 0)), 1))
+        skip3 = self.conv3(torch.cat((skip2, _cost(half), quarter, field, corrections(half, 1)), 1))
+        skip3 = self.conv3_1(skip3)
+        skip4 = self.conv4_1(self.conv4(torch.cat((skip3, _cost(quarter), corrections(quarter, 2)), 1)))
         raw, features = self.decoded(skip2, skip3, skip4)
         depths = [activated(depth, "elu+1") for depth in raw]
         share = functional.softplus(self.predict_spread2(features)[:, 0].float())
         return depths, share * depths[0].detach()
 
 
+def corrections(difference: Tensor, level: int) -> Tensor:
+    """By how much the hypotheses CORRECTED of a level are off, and how well that is known; at half the size.
+
+    difference [B, hypotheses, h, w], warped minus present picture. Around hypothesis s the difference is
+    r + g ds with g, its change by hypothesis, from the neighbours on either side; over a window of 4x4 pixels least
+    squares gives ds = -<r g> / <g g> (Lucas and Kanade 1981, along a known line). The result, [B, 2k, h/2, w/2],
+    is ds in distances between those neighbours, then the logarithm of what it was divided by.
+    """
+    middle = list(CORRECTED[level])
+    before, after = [k - 1 for k in middle], [k + 1 for k in middle]
+    shifts = difference.new_tensor(LEVELS[level].shifts_px)
+    apart_px = (shifts[after] - shifts[before]).view(1, -1, 1, 1)
+    gradient = (difference[:, after] - difference[:, before]) / apart_px
+    square = _mean(gradient * gradient)
+    off = -_mean(gradient * difference[:, middle]) / (square + LEAST_GRADIENT) / apart_px
+    known = 0.3 * torch.log1p(square * apart_px**2 / LEAST_GRADIENT)
+    return torch.cat((off.clamp(-LARGEST_CORRECTION, LARGEST_CORRECTION), known), 1)
+
+
 def _cost(difference: Tensor) -> Tensor:
-    """Mean absolute difference over 4x4 pixels, at half the size; a convolution is faster than pooling in OpenVINO."""
-    channels = difference.shape[1]
-    box = difference.new_full((channels, 1, 4, 4), 1 / 16)
-    return functional.conv2d(difference.abs(), box, stride=2, padding=1, groups=channels)
+    """Mean absolute difference over 4x4 pixels, at half the size."""
+    return _mean(difference.abs())
+
+
+def _mean(maps: Tensor) -> Tensor:
+    """Mean over 4x4 pixels, at half the size; a convolution is faster than pooling in OpenVINO."""
+    channels = maps.shape[1]
+    box = maps.new_full((channels, 1, 4, 4), 1 / 16)
+    return functional.conv2d(maps, box, stride=2, padding=1, groups=channels)

@@ -10,7 +10,9 @@ import typer
 from flightdepth.commands.baselines import baselines
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.noise import noise
+from flightdepth.commands.ranges import ranges
 from flightdepth.commands.renderers import renderer
+from flightdepth.commands.table import paper_table
 from flightdepth.commands.terminal import counted, say
 from flightdepth.commands.tracks import tracks
 from flightdepth.errors import BadInput
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from flightdepth.stillbox import OutdoorTestSet, TestSet
 
 PICTURES = 16  # sheets that --pictures writes
+SHOWN = 3  # on the page of --report
 
 evaluate = typer.Typer(no_args_is_help=True, help="Measure a network, or the renderer.")
 
@@ -33,6 +36,8 @@ evaluate.command("tracks")(tracks)
 evaluate.command("renderer")(renderer)
 evaluate.command("noise")(noise)
 evaluate.command("baselines")(baselines)
+evaluate.command("ranges")(ranges)
+evaluate.command("table")(paper_table)
 
 
 @evaluate.command("network")
@@ -44,6 +49,9 @@ def evaluate_network_command(
     pictures: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help=f"Write the first {PICTURES} results there as pictures."),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write the network's page there: NAME.md, NAME.jpg.")
     ] = None,
     textures: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Photos to dress the scenes in: a set of your own.")
@@ -69,7 +77,7 @@ def evaluate_network_command(
         from flightdepth.scenes import textures_from_folder
     from flightdepth.runtimes.network import load_network
 
-    for option, target in (("--json", json and json.parent), ("--pictures", pictures)):
+    for option, target in (("--json", json and json.parent), ("--pictures", pictures), ("--report", report)):
         if target is not None and not target.is_dir():
             raise BadInput(option, expected="an existing folder", got=str(target))
     opened = load_network(network, "openvino", precision="f32")
@@ -84,6 +92,8 @@ def evaluate_network_command(
     result = evaluated(opened, pairs)
     show(result)
     keep(result, opened, pairs, json, pictures)
+    if report is not None:
+        write_report(report, result, opened, pairs)
 
 
 def evaluated(network: Network, pairs: TestSet | OutdoorTestSet) -> dict[str, Any]:
@@ -124,3 +134,13 @@ def keep(
     if pictures is not None:
         first = map(pairs.pair, range(min(PICTURES, len(pairs))))
         say(f"pictures: {len(write_sheets(network, first, pictures))} in {pictures}")
+
+
+def write_report(
+    folder: Path, result: dict[str, Any], network: Network, pairs: TestSet | OutdoorTestSet
+) -> None:
+    """Write the network's page."""
+    from flightdepth.evaluation.page import write_page
+
+    page, _ = write_page(folder, network, result, map(pairs.pair, range(min(SHOWN, len(pairs)))))
+    say(f"page: {page}")

@@ -21,6 +21,12 @@ def noise(
     ],
     *,
     scenes: Annotated[int, typer.Option(metavar="N", help="Scenes of the test set.")] = 100,
+    derotate: Annotated[
+        bool,
+        typer.Option(
+            "--derotate", help="Also with the rotation and direction that the pictures show mended."
+        ),
+    ] = False,
     json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure there.")] = None,
 ) -> None:
     """Error on the fixed test set when the reported motion is wrong: direction, speed, rotation.
@@ -29,6 +35,10 @@ def noise(
     focal length (a network for any lens has that of any other) and range.
 
       flightdepth evaluate noise motion-tiny depthnet-256
+
+    What `flightdepth run` gets, which mends what it can see:
+
+      flightdepth evaluate noise motion-tiny --derotate
     """
     with extra_packages("flightdepth evaluate", "train"):
         from flightdepth.evaluation.fixed_set import fixed_set, set_name
@@ -42,7 +52,7 @@ def noise(
         raise BadInput("--json", expected="a file in an existing folder", got=str(json))
     opened = [load_network(name, "openvino", precision="f32") for name in networks]
     pairs = fixed_set(next((n.card for n in opened if not n.card.any_lens), opened[0].card), scenes=scenes)
-    rows = noise_rows(opened, counted(pairs, "noise", "scenes"))
+    rows = noise_rows(opened, counted(pairs, "noise", "scenes"), derotate=derotate)
     Console().print(table(rows, set_name(pairs)))
     if json is not None:
         write_json(json, {"set": set_name(pairs), "scenes": scenes, "rows": rows})

@@ -15,6 +15,7 @@ import typer
 from rich.progress import Progress
 
 from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.ray_option import check_engine
 from flightdepth.commands.terminal import progress_bar, say
 from flightdepth.commands.textures import gathered_textures
 from flightdepth.errors import BadInput, FlightDepthError
@@ -90,7 +91,7 @@ def render(
         from flightdepth.stillbox.encoding import Source
         from flightdepth.stillbox.set_on_disk import Layout, open_set, refuse_other_things
         from flightdepth.stillbox.sets import named_set, read_overrides
-    check_engine(engine, address)
+    check_engine("flightdepth render", engine, address)
     refuse_other_things(out)
     knobs = read_overrides(config) if config else {}
     wanted, original = named_set(name, **knobs | given(seed, size))
@@ -115,15 +116,6 @@ def render(
     say(
         f"{out}: {count:,} scenes of {frames} frames, {wanted.width}x{wanted.height} px, in the {layout} layout"
     )
-
-
-def check_engine(engine: Engine, address: str | None) -> None:
-    """Refuse what cannot work before anything is written."""
-    if engine is Engine.RAY:
-        with extra_packages("flightdepth render --engine ray", "cluster"):
-            import ray  # noqa: F401
-    elif address is not None:
-        raise BadInput("--address", expected="--engine ray beside it", got=f"--engine {engine}")
 
 
 def dressing(wanted: SceneSet, folder: Path | None, procedural: int) -> Textures:

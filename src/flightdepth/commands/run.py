@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from flightdepth.commands.terminal import progress_bar, report, say, warn
-from flightdepth.errors import BadInput, FlightDepthError
+from flightdepth.commands.batch import Engine, Job, Outcome, jobs_of, run_jobs
+from flightdepth.commands.ray_option import check_engine
+from flightdepth.commands.terminal import progress_bar, say, warn
+from flightdepth.errors import BadInput
 
 if TYPE_CHECKING:
     from flightdepth.flight import Flight, Frame
-    from flightdepth.outputs import Summary
+    from flightdepth.outputs import Source, Summary
     from flightdepth.outputs.run import Progress
     from flightdepth.ranges import RangedDepth
     from flightdepth.runtimes.network import Network
@@ -37,7 +38,20 @@ class RunSettings:
     depth_format: Literal["png", "npz"]
     preview_ranges: bool
     fusion: Literal["saturation", "paper"]
-    telemetry_offset: float = 0.0
+    telemetry_offset: float | Literal["auto"] = 0.0
+    mount_pitch: float | None = None
+    derotate: bool = True
+
+    def anywhere(self) -> RunSettings:
+        """The same, with paths that hold from any folder."""
+        found: dict[str, Any] = {
+            key: value.absolute()
+            for key, value in asdict(self).items()
+            if isinstance(value, Path) and value.exists()
+        }
+        if self.network is not None and Path(self.network).exists():
+            found["network"] = str(Path(self.network).absolute())
+        return replace(self, **found)
 
 
 def run(
@@ -48,13 +62,29 @@ def run(
         typer.Option(metavar="LOG", help="Velocity log. Without it, the GPMF track inside the video."),
     ] = None,
     telemetry_offset: Annotated[
-        float, typer.Option(metavar="S", help="Seconds added to the log's times: 0 is the first picture.")
-    ] = 0.0,
+        str,
+        typer.Option(
+            metavar="S|auto",
+            help="Seconds added to the log's times: 0 is the first picture. auto: as the pictures tell.",
+        ),
+    ] = "0",
     camera: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Calibration: OpenCV, ROS or JSON.")
+        Path | None,
+        typer.Option(
+            metavar="FILE|NAME",
+            help="Calibration (OpenCV, ROS, JSON), a photograph, or a name of `flightdepth cameras`. "
+            "Without it, what the video tells.",
+        ),
     ] = None,
     hfov: Annotated[
         float | None, typer.Option(metavar="DEG", help="Horizontal field of view, instead of --camera.")
+    ] = None,
+    mount_pitch: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG",
+            help="The camera is screwed to the drone and looks up by DEG (0 ahead, -90 down): use its attitude.",
+        ),
     ] = None,
     network: Annotated[
         str | None,
@@ -84,11 +114,22 @@ def run(
         Literal["saturation", "paper"],
         typer.Option(help="saturation: ends of a range are bounds, not depths. paper: as published."),
     ] = "saturation",
+    derotate: Annotated[
+        bool,
+        typer.Option(help="Take out of each pair what rotation and wrong direction its two pictures show."),
+    ] = True,
+    engine: Annotated[
+        Engine, typer.Option(help="local: one flight after the other; ray: many at once, on a Ray cluster.")
+    ] = Engine.LOCAL,
+    address: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT|auto", help="The Ray cluster; without it, one on this machine."),
+    ] = None,
 ) -> None:
     """Depth of every frame of one or more flights, in metres.
 
-    Each output folder holds depth/, confidence/, frames.csv, flight.json and
-    preview.mp4. It appears when all of it stands; after an error there is none.
+    Each output folder holds depth/, confidence/, sigma/, frames.csv, poses.csv, flight.json
+    and preview.mp4. It appears when all of it stands; after an error there is none.
 
     A video that carries its own telemetry (GoPro):
 
@@ -105,7 +146,14 @@ def run(
     Several flights, each into its own folder (depth/a, depth/b):
 
       flightdepth run a.mp4 b.mp4 --hfov 64.4 --out depth
+
+    Stopped or killed? The same command skips the flights that stand. On many machines
+    that share a disk: --engine ray --address auto.
     """
+    check_engine("flightdepth run", engine, address)
+    several = len(flights) > 1
+    if several and telemetry is not None:
+        raise BadInput("--telemetry", expected="one flight with it", got=f"{len(flights)} flights")
     settings = RunSettings(
         telemetry,
         camera,
@@ -118,42 +166,21 @@ def run(
         depth_format,
         preview_ranges,
         fusion,
-        telemetry_offset,
+        offset_of(telemetry_offset),
+        mount_pitch,
+        derotate,
     )
-    if len(flights) == 1:
-        run_one(flights[0], out, settings)
+    jobs = jobs_of(flights, out) if several else [Job(flights[0], out)]
+    if several or engine is Engine.RAY:
+        one = partial(run_one, settings=settings.anywhere(), resume=several)
+        if worst := run_jobs(jobs, one, engine, address):
+            raise typer.Exit(worst)
     else:
-        run_several(flights, out, settings)
+        run_one(flights[0], out, settings)
 
 
-def run_several(flights: Sequence[Path], out: Path, settings: RunSettings) -> None:
-    """Run each flight into its own folder; one that fails is reported and does not stop the others."""
-    if settings.telemetry is not None:
-        raise BadInput("--telemetry", expected="one flight with it", got=f"{len(flights)} flights")
-    worst = 0
-    for flight, target in zip(flights, sub_folders(flights, out), strict=True):
-        try:
-            run_one(flight, target, settings)
-        except FlightDepthError as error:
-            report(error)
-            worst = max(worst, error.exit_code)
-    if worst:
-        raise typer.Exit(worst)
-
-
-def sub_folders(flights: Sequence[Path], out: Path) -> list[Path]:
-    """A folder in `out` for each flight, named after it; the second of a name gets -2, and so on."""
-    seen: Counter[str] = Counter()
-    folders = []
-    for flight in flights:
-        seen[flight.stem] += 1
-        number = seen[flight.stem]
-        folders.append(out / (flight.stem if number == 1 else f"{flight.stem}-{number}"))
-    return folders
-
-
-def run_one(path: Path, target: Path, settings: RunSettings) -> None:
-    """One flight into `target`."""
+def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = False) -> Outcome:
+    """One flight into `target`; with `resume`, not again where the same result stands."""
     from flightdepth.flight import open_flight
     from flightdepth.runtimes.network import load_network, nearest_network
 
@@ -164,15 +191,62 @@ def run_one(path: Path, target: Path, settings: RunSettings) -> None:
         telemetry_offset_s=settings.telemetry_offset,
         speed_m_s=settings.speed,
         hfov_deg=settings.hfov,
+        mount_pitch_deg=settings.mount_pitch,
         start_s=settings.start,
         end_s=settings.end,
     ) as flight:
         network = load_network(settings.network or nearest_network(flight.camera))
+        if resume and stands(target, source_of(path.name, flight, network, settings)):
+            return Outcome.STOOD
         introduce(path, flight, network)
         started = time.monotonic()
         summary = write_depth(path.name, flight, network, target, settings)
         elapsed_s = time.monotonic() - started
     conclude(summary, elapsed_s, target)
+    return Outcome.DONE
+
+
+def offset_of(text: str) -> float | Literal["auto"]:
+    """Seconds, or "auto"."""
+    if text == "auto":
+        return "auto"
+    try:
+        return float(text)
+    except ValueError:
+        raise BadInput("--telemetry-offset", expected="a number of seconds, or auto", got=repr(text)) from None
+
+
+def source_of(name: str, flight: Flight, network: Network, settings: RunSettings) -> Source:
+    """What is run, and with what."""
+    from flightdepth.outputs import Source
+
+    options = {
+        key: str(value) if isinstance(value, Path) else value for key, value in asdict(settings).items()
+    }
+    return Source(
+        flight=name,
+        video_bytes=flight.video_bytes,
+        telemetry=flight.telemetry_name,
+        camera=flight.camera,
+        camera_source=flight.camera_source,
+        clock=flight.clock,
+        network=network.card,
+        settings=options,
+    )
+
+
+def stands(target: Path, source: Source) -> bool:
+    """Whether `target` holds a finished result of the same."""
+    from flightdepth import __version__
+    from flightdepth.outputs import FlightFolder
+
+    if not target.is_dir():
+        return False
+    try:
+        record = FlightFolder(target).record
+    except BadInput:
+        return False
+    return record.flightdepth == __version__ and record.source.model_dump() == source.model_dump()
 
 
 def write_depth(
@@ -185,24 +259,21 @@ def write_depth(
     watch: Progress | None = None,
 ) -> Summary:
     """Depth of an open flight into `target`, with a progress bar; `watch` sees each frame and its result."""
-    from flightdepth.outputs import FlightWriter, Preview, Source, run_flight
+    from flightdepth.outputs import FlightWriter, Preview, run_flight
     from flightdepth.ranges import MultiRangeEstimator
 
     camera, ranges = flight.camera, settings.ranges
     grid = network.grid(camera)
-    estimator = MultiRangeEstimator(network, camera, ranges=ranges, fusion=settings.fusion)
+    estimator = MultiRangeEstimator(
+        network, camera, ranges=ranges, fusion=settings.fusion, derotate=settings.derotate
+    )
     preview = Preview(
         camera.width,
         camera.height,
         range_panels=ranges if settings.preview_ranges else 0,
         to_source=grid.to_source if settings.preview_ranges else None,
     )
-    options = {
-        key: str(value) if isinstance(value, Path) else value for key, value in asdict(settings).items()
-    }
-    source = Source(
-        flight=name, telemetry=flight.telemetry_name, camera=camera, network=network.card, settings=options
-    )
+    source = source_of(name, flight, network, settings)
     network.warm_up(grid.camera, ranges)
 
     def progress(frame: Frame, result: RangedDepth) -> None:
@@ -225,6 +296,11 @@ def introduce(path: Path, flight: Flight, network: Network) -> None:
         f"{path}: {camera.width}x{camera.height}, focal length {camera.fx:.0f} px"
         f" -> {network.card.name} at {grid.camera.width}x{grid.camera.height}; {flight.telemetry_name}"
     )
+    say(f"camera: {flight.camera_source}")
+    if flight.clock is not None:
+        say(f"offset between video and log: {flight.clock}")
+    for line in flight.warnings:
+        warn(line)
     if grid.warning is not None:
         warn(grid.warning)
 

@@ -62,16 +62,17 @@ def _follow(flight: Flight, estimator: MultiRangeEstimator, points: TrackedPoint
     import numpy as np
 
     from flightdepth.evaluation.tracked_points import PathLength
-    from flightdepth.flight import VelocitySample
+    from flightdepth.flight import AttitudeSample, VelocitySample
     from flightdepth.outputs.run import depths
 
     path = PathLength()
 
-    def fly(sample: VelocitySample) -> None:
-        path.add(sample.stamp_ns, float(np.linalg.norm(sample.velocity)))
+    def fly(sample: VelocitySample | AttitudeSample) -> None:
+        if isinstance(sample, VelocitySample):
+            path.add(sample.stamp_ns, float(np.linalg.norm(sample.velocity)))
 
     with progress_bar("tracking", flight.frame_count_hint, "frames") as bar:
-        for frame, result in depths(flight, estimator, on_velocity=fly):
+        for frame, result in depths(flight, estimator, on_sample=fly):
             flown_m = path.at(frame.stamp_ns)
             if flown_m is not None:
                 points.add(frame.image, result.depth_m, flown_m)

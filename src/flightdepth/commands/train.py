@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext, redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.progress import Progress as Bar
@@ -20,9 +21,11 @@ from flightdepth.commands.textures import gathered_textures
 from flightdepth.errors import BadInput
 
 if TYPE_CHECKING:
+    from flightdepth.scenes import Textures
     from flightdepth.stillbox.stored import StoredSet
     from flightdepth.training import Recipe
     from flightdepth.training.loop import Report
+    from flightdepth.weights.store import StoredNetwork
 
 PROCEDURAL = 200
 LINE_EVERY_S = 60.0  # where there is no terminal to draw a bar on
@@ -71,34 +74,63 @@ def train(
     Stored sets instead of drawn scenes, the original's or those of `render`:
 
       flightdepth train depthnet-256 --set stillbox/64 --set stillbox/128 --set stillbox/256
+
+    Several GPUs, or several processes on one CPU, share each batch:
+
+      accelerate launch --num_processes 2 -m flightdepth train depthnet-256
     """
     with extra_packages("flightdepth train", "train"):
+        from accelerate import PartialState
+
         from flightdepth.scenes import Textures
         from flightdepth.training import load_recipe
-        from flightdepth.training.loop import train as run
     from flightdepth.weights.store import read_network
 
     wanted = load_recipe(recipe)
     wanted = wanted if samples is None else wanted.scaled_to(samples)
-    folder = runs / wanted.name
-    refuse_to_overwrite(folder, resume=resume)
-    start = read_network(wanted.name) if shipped else None
-    introduce(wanted, folder)
-    stored = opened_sets(sets or [], wanted)
-    dressed = Textures.from_images([]) if stored else gathered_textures(textures, procedural)
-    with stop_request() as stop, progress_bar(wanted.name, wanted.samples, "samples") as bar:
-        run(
-            wanted,
-            dressed,
+    folder, first = runs / wanted.name, PartialState().is_main_process
+    with nullcontext() if first else redirect_stdout(io.StringIO()):  # one of several processes speaks
+        if first:  # before long there are files of this run
+            refuse_to_overwrite(folder, resume=resume)
+        start = read_network(wanted.name) if shipped else None
+        introduce(wanted, folder)
+        stored = opened_sets(sets or [], wanted)
+        dressed = Textures.from_images([]) if stored else gathered_textures(textures, procedural)
+        run(wanted, dressed, folder, resume=resume, shipped=start, sets=stored)
+        conclude(wanted, folder)
+
+
+def run(
+    recipe: Recipe,
+    textures: Textures,
+    folder: Path,
+    *,
+    resume: bool,
+    shipped: StoredNetwork | None = None,
+    sets: dict[int, StoredSet] | None = None,
+) -> None:
+    """Train with a progress bar, until the end or Ctrl-C."""
+    from accelerate import PartialState
+
+    from flightdepth.training.loop import train as train_on
+
+    state = PartialState()
+    with stop_request(once=state.num_processes == 1) as stop, ExitStack() as stack:
+        options: dict[str, Any] = {}
+        if state.is_main_process:
+            bar = stack.enter_context(progress_bar(recipe.name, recipe.samples, "samples"))
+            options["report"] = Display(bar)
+        train_on(
+            recipe,
+            textures,
             folder,
             resume=resume,
-            shipped=start,
-            sets=stored,
-            report=Display(bar),
+            shipped=shipped,
+            sets=sets,
             stop=stop.is_set,
-            threads=os.cpu_count() or 1,
+            threads=max(1, (os.cpu_count() or 1) // state.num_processes),
+            **options,
         )
-    conclude(wanted, folder)
 
 
 def refuse_to_overwrite(folder: Path, *, resume: bool) -> None:
@@ -142,14 +174,19 @@ def introduce(recipe: Recipe, folder: Path) -> None:
 
 
 @contextmanager
-def stop_request() -> Iterator[threading.Event]:
-    """An event that Ctrl-C sets, so that the step under way is finished; a second Ctrl-C ends at once."""
+def stop_request(*, once: bool = True) -> Iterator[threading.Event]:
+    """An event that Ctrl-C sets, so that the step under way is finished.
+
+    A second Ctrl-C ends at once, if `once`; else it says no more than the first: the launcher of several processes
+    passes on what the terminal has told them already.
+    """
     stop = threading.Event()
 
     def request(*_: object) -> None:
         stop.set()
-        signal.signal(signal.SIGINT, before)
-        say("finishing this step, then saving; Ctrl-C again ends at once, without saving")
+        if once:
+            signal.signal(signal.SIGINT, before)
+            say("finishing this step, then saving; Ctrl-C again ends at once, without saving")
 
     before = signal.signal(signal.SIGINT, request)
     try:

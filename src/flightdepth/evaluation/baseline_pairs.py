@@ -19,7 +19,7 @@ from flightdepth.flight.steadiness import TurnRate
 from flightdepth.ranges.direction import estimate_direction
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.network import FrameGrid
-from flightdepth.ranges.pairs import Baselines, FrameBuffer, baselines
+from flightdepth.ranges.pairs import Baselines, FrameBuffer, baselines, same_way
 from flightdepth.ranges.pairs import Frame as Prepared
 from flightdepth.ranges.turning import homography, is_visible, turned
 
@@ -29,7 +29,6 @@ Vector = NDArray[np.float64]
 
 NEAR_ENOUGH = 0.2  # of the wanted distance
 SPAN_S = 4.0  # how long ago an earlier frame may be, as in the estimator
-SAME_WAY_RAD = math.radians(2)  # between the log's directions of two pairs that may share one
 
 
 class Witness(Enum):
@@ -175,6 +174,6 @@ class _Directions:
         if found is not None:
             self._seen = world / length_m, found.unit
             return found.unit * length_m, Witness.PICTURES
-        if self._seen is None or float(world @ self._seen[0]) < math.cos(SAME_WAY_RAD) * length_m:
+        if self._seen is None or not same_way(self._seen[0][None], world)[0]:
             return None
         return self._seen[1] * length_m, Witness.LONGER

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flightdepth.evaluation.metrics import picture_errors
 from flightdepth.evaluation.pairs import Task, TruePair
+from flightdepth.ranges.derotation import derotated
 from flightdepth.runtimes.network import Network
 from flightdepth.scenes import chance
 from flightdepth.stillbox.motion_noise import rotated, tilted
@@ -19,9 +20,10 @@ from flightdepth.stillbox.motion_noise import rotated, tilted
 KINDS: Mapping[str, tuple[float, ...]] = {
     "direction off, degrees": (0.0, 1.0, 2.0, 5.0, 10.0),
     "speed off, share": (0.0, 0.02, 0.05, 0.1),
-    "unreported rotation, degrees": (0.0, 0.02, 0.05, 0.1, 0.2, 0.5),
+    "unreported rotation, degrees": (0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0),
 }
 SEED = 11
+DEROTATED = "{} derotated"  # heading of the errors after what the pictures show of it was taken out
 
 
 @dataclass(frozen=True)
@@ -33,36 +35,49 @@ class Wrong:
 
 
 def noise_rows(
-    networks: Sequence[Network], pairs: Iterable[TruePair], kinds: Mapping[str, tuple[float, ...]] = KINDS
+    networks: Sequence[Network],
+    pairs: Iterable[TruePair],
+    kinds: Mapping[str, tuple[float, ...]] = KINDS,
+    *,
+    derotate: bool = False,
 ) -> list[dict[str, Any]]:
     """Rows {kind, size, L1 in metres per network}: one for each kind of error and size, over all pairs.
 
-    Every network is asked about the same wrong pairs; the truth stays what it is.
+    Every network is asked about the same wrong pairs; the truth stays what it is. `derotate` adds the L1 of
+    each after the rotation and the direction seen in the pictures have mended the pair.
     """
-    errors: dict[tuple[str, float], list[list[float]]] = {
-        (kind, size): [[] for _ in networks] for kind, sizes in kinds.items() for size in sizes
+    rows: dict[tuple[str, float], dict[str, list[float]]] = {
+        (kind, size): {} for kind, sizes in kinds.items() for size in sizes
     }
     for number, pair in enumerate(pairs):
         networks = [network.at_focal(pair.focal_px) for network in networks]
-        for (kind, size), columns in errors.items():
+        for (kind, size), columns in rows.items():
             rng = chance.stream(SEED, number)
-            for network, column in zip(networks, columns, strict=True):
-                column.append(_error_m(network, pair, kind, size, rng.spawn(1)[0]))
+            for network in networks:
+                for name, error_m in _errors_m(
+                    network, pair, (kind, size), rng.spawn(1)[0], derotate=derotate
+                ):
+                    columns.setdefault(name, []).append(error_m)
     return [
-        {"kind": kind, "size": size}
-        | {
-            network.card.name: float(np.mean(column))
-            for network, column in zip(networks, columns, strict=True)
-        }
-        for (kind, size), columns in errors.items()
+        {"kind": kind, "size": size} | {name: float(np.mean(column)) for name, column in columns.items()}
+        for (kind, size), columns in rows.items()
     ]
 
 
-def _error_m(network: Network, pair: TruePair, kind: str, size: float, rng: np.random.Generator) -> float:
+def _errors_m(
+    network: Network, pair: TruePair, error: tuple[str, float], rng: np.random.Generator, *, derotate: bool
+) -> Iterator[tuple[str, float]]:
+    """L1 by column: as reported, and mended where asked for."""
+    kind, size = error
     task = Task.of(pair, network.card)
     wrong = WRONGS[kind](task, pair, size, rng)
-    found = task.ask(network, pair, previous=wrong.previous, nominal=wrong.nominal)
-    return picture_errors(found.depth_m[0], task.truth_m).l1_m
+    tries = {network.card.name: wrong}
+    if derotate:
+        mended = derotated(wrong.previous, pair.current, wrong.nominal, task.camera)
+        tries[DEROTATED.format(network.card.name)] = Wrong(*mended)
+    for name, each in tries.items():
+        found = task.ask(network, pair, previous=each.previous, nominal=each.nominal)
+        yield name, picture_errors(found.depth_m[0], task.truth_m).l1_m
 
 
 def _direction(task: Task, pair: TruePair, degrees: float, rng: np.random.Generator) -> Wrong:

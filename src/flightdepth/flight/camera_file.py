@@ -1,7 +1,8 @@
 """Camera calibrations as they are commonly stored.
 
-Supported: OpenCV's calibration files (YAML, XML or JSON, as cv2.FileStorage writes them), ROS
-camera_info YAML, and JSON with this package's own names: width, height, fx, fy, cx, cy, distortion, model.
+Supported: OpenCV's calibration files (YAML, XML or JSON, as cv2.FileStorage writes them), ROS camera_info
+YAML (the calibrator's file or a message as `topic echo` prints it), Kalibr's camchain YAML (its first camera),
+and JSON with this package's own names: width, height, fx, fy, cx, cy, distortion, model.
 """
 
 from __future__ import annotations
@@ -18,9 +19,28 @@ from flightdepth.errors import BadInput
 from flightdepth.motion import Vector
 
 EXPECTED = "an OpenCV calibration, a ROS camera_info YAML or JSON with width, height, fx, fy, cx, cy"
-MATRIX_NAMES = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "K")
-DISTORTION_NAMES = ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "D")
-FISHEYE_MODELS = ("equidistant", "fisheye")
+MATRIX_NAMES = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "k")
+DISTORTION_NAMES = (
+    "distortion_coefficients",
+    "Distortion_Coefficients",
+    "distCoeffs",
+    "dist_coeffs",
+    "distortion_coeffs",
+    "D",
+    "d",
+)
+SIZE_NAMES = (("image_width", "image_height"), ("width", "height"))
+MODELS: dict[str, Model] = {
+    "": "pinhole",
+    "none": "pinhole",
+    "pinhole": "pinhole",
+    "radtan": "pinhole",
+    "plumb_bob": "pinhole",
+    "rational_polynomial": "pinhole",
+    "equidistant": "fisheye",
+    "fisheye": "fisheye",
+}
+INTRINSICS, SIZE = ("intrinsics",), ("resolution",)  # Kalibr's
 OWN_FIELDS = {"width", "height", "fx", "fy", "cx", "cy", "distortion", "model"}
 
 
@@ -68,7 +88,8 @@ def _from_storage(path: Path, text: str) -> Camera:
     marked = text if text.lstrip().startswith(("%YAML", "<?xml", "{")) else f"%YAML:1.0\n---\n{text}"
     try:
         storage = cv2.FileStorage(marked, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        return _from_nodes(path, storage.root())
+        first = storage.root().getNode("cam0")
+        return _from_kalibr(path, first) if first.isMap() else _from_nodes(path, storage.root())
     except (cv2.error, SystemError, TypeError, ValueError, OverflowError) as error:
         reason = "broken file" if isinstance(error, cv2.error | SystemError) else error
         raise BadInput(f"camera {path}", expected=EXPECTED, got=f"something else ({reason})") from error
@@ -78,28 +99,47 @@ def _from_nodes(path: Path, root: Any) -> Camera:
     matrix = _numbers(root, MATRIX_NAMES)
     if matrix is None:
         raise _no_focal_length(path)
-    width, height = (int(_real(root.getNode(name), name)) for name in ("image_width", "image_height"))
+    names = SIZE_NAMES[1] if root.getNode(SIZE_NAMES[0][0]).empty() else SIZE_NAMES[0]
+    width, height = (int(_real(root.getNode(name), name)) for name in names)
     if len(matrix) != 9:
         raise BadInput(f"camera {path}", expected="a 3x3 camera matrix", got=f"{len(matrix)} numbers")
     distortion = _numbers(root, DISTORTION_NAMES)
     coefficients = () if distortion is None else tuple(distortion.tolist())
     fx, fy, cx, cy = (float(matrix[i]) for i in (0, 4, 2, 5))
-    return Camera(width, height, fx, fy, cx, cy, distortion=coefficients, model=_model(root))
+    return Camera(width, height, fx, fy, cx, cy, distortion=coefficients, model=_model(path, root))
 
 
-def _model(root: Any) -> Model:
-    node = root.getNode("distortion_model")
-    if node.isString() and node.string() in FISHEYE_MODELS:
-        return "fisheye"
+def _from_kalibr(path: Path, root: Any) -> Camera:
+    kind, intrinsics, size = root.getNode("camera_model"), _numbers(root, INTRINSICS), _numbers(root, SIZE)
+    if not (kind.isString() and kind.string() == "pinhole" and intrinsics is not None and size is not None):
+        raise BadInput(f"camera {path}", expected="Kalibr's pinhole model", got="another, or a part of it")
+    if len(intrinsics) != 4 or len(size) != 2:
+        raise BadInput(f"camera {path}", expected="4 intrinsics and 2 sizes", got=str([*intrinsics, *size]))
+    distortion = _numbers(root, DISTORTION_NAMES)
+    coefficients = () if distortion is None else tuple(distortion.tolist())
+    fx, fy, cx, cy = (float(value) for value in intrinsics)
+    return Camera(int(size[0]), int(size[1]), fx, fy, cx, cy, coefficients, _model(path, root))
+
+
+def _model(path: Path, root: Any) -> Model:
+    """The lens model by its name; one that this package does not have is refused, not taken for another."""
     flag = root.getNode("fisheye_model")
-    return "fisheye" if flag.isInt() and flag.real() != 0 else "pinhole"
+    if flag.isInt() and flag.real() != 0:
+        return "fisheye"
+    node = root.getNode("distortion_model")
+    if node.empty():
+        node = root.getNode("camera_model")
+    name = node.string().strip() if node.isString() else ""
+    if name not in MODELS:
+        raise BadInput(f"distortion model of camera {path}", expected=", ".join(MODELS)[2:], got=name)
+    return MODELS[name]
 
 
 def _numbers(root: Any, names: tuple[str, ...]) -> Vector | None:
     """Numbers of the first node with one of `names`: OpenCV's matrix, ROS's {rows, cols, data} or a list."""
     for name in names:
         node = root.getNode(name)
-        if not node.getNode("dt").empty():  # only OpenCV's own matrices say their type
+        if node.isMap() and not node.getNode("dt").empty():  # only OpenCV's own matrices say their type
             return np.asarray(node.mat(), dtype=np.float64).ravel()
         if node.isMap():
             node = node.getNode("data")

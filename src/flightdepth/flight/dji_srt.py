@@ -13,6 +13,7 @@ Layouts read, by the models known to write them:
 HTML tags are dropped; decimals may be written with a comma. A cue's start is the time: the wall clock inside
 it is not used. Velocity comes from the positions (positions.py). H.S, where given, replaces its horizontal
 size, V.S its vertical one with the sign that agrees with the heights, because firmware differs on the sign.
+focal_len (35 mm equivalent) and dzoom_ratio give the field of view of a video as wide as the sensor.
 Gimbal angles are yaw from north clockwise, pitch up, roll to the right, in degrees: the attitude of the
 camera is Rz(yaw) Ry(pitch) Rx(roll) applied to a camera that looks north.
 """
@@ -28,6 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.lenses import fov_of_equivalent_deg
 from flightdepth.flight.order import in_time_order, rising
 from flightdepth.flight.positions import (
     DEGREE_M,
@@ -37,7 +39,14 @@ from flightdepth.flight.positions import (
     velocities,
     without_jumps,
 )
-from flightdepth.flight.records import NS_PER_S, AttitudeSample, Sample, Telemetry, VelocitySample
+from flightdepth.flight.records import (
+    NS_PER_S,
+    AttitudeSample,
+    Sample,
+    Telemetry,
+    VelocitySample,
+    ViewTrack,
+)
 from flightdepth.motion import NED_FROM_CAMERA, Vector, quaternion_from_rotation, rotation_from_euler
 
 NUMBER = r"([-+]?\d{1,9}(?:[.,]\d{1,12})?)"
@@ -48,6 +57,7 @@ FIELD = re.compile(
     rf"\s*[:(]?\s*{NUMBER}",
     re.IGNORECASE,
 )
+ZOOM = re.compile(rf"\b(focal_len|dzoom_ratio)\s*:\s*{NUMBER}", re.IGNORECASE)
 GPS = re.compile(r"\b(?:GPS|RTK)\s*\(([^()]{1,80})\)")
 GIMBAL_PRY = re.compile(rf"\bG\.PRY\s*\(\s*{NUMBER}\D{{0,3}},\s*{NUMBER}\D{{0,3}},\s*{NUMBER}")
 # Best first: those above the start are barometric and smooth, those above the sea may be the GPS's.
@@ -64,6 +74,7 @@ class Cue:
     gps: tuple[float, float] | None
     gps_has_height: bool
     yaw_pitch_roll_deg: tuple[float, float, float] | None
+    hfov_deg: float | None = None
 
     def place(self, *, latitude_first: bool) -> tuple[float, float] | None:
         """Latitude and longitude, degrees; None before the first fix (0, 0) and for what is not on earth."""
@@ -104,7 +115,8 @@ def read_dji_srt(path: Path) -> Telemetry:
     samples.extend(in_time_order(turned, counts))
     samples.sort(key=lambda sample: sample.stamp_ns)
     name = f"DJI subtitles {path.name}: {len(found.stamps_ns)} velocities from positions"
-    return Telemetry(name + (", gimbal attitude" if turned else ""), tuple(samples), dict(+counts))
+    name += ", gimbal attitude" if turned else ""
+    return Telemetry(name, tuple(samples), dict(+counts), view=_views(cues))
 
 
 def _text(data: bytes) -> str:
@@ -133,7 +145,8 @@ def _cue(mark: re.Match[str], body: str) -> Cue:
         fields.setdefault(field[1].lower().replace("longt", "long"), _number(field[2]))
     gps = GPS.search(body)
     inside = gps[1] if gps else ""
-    return Cue(stamp_ns, fields, _pair(inside), "m" in inside.lower(), _gimbal(fields, body))
+    hfov_deg = _hfov_deg({name.lower(): _number(value) for name, value in ZOOM.findall(body)})
+    return Cue(stamp_ns, fields, _pair(inside), "m" in inside.lower(), _gimbal(fields, body), hfov_deg)
 
 
 def _number(text: str) -> float:
@@ -152,6 +165,22 @@ def _gimbal(fields: dict[str, float], body: str) -> tuple[float, float, float] |
         return fields["gb_yaw"], fields["gb_pitch"], fields["gb_roll"]
     match = GIMBAL_PRY.search(body)
     return (_number(match[3]), _number(match[1]), _number(match[2])) if match else None
+
+
+def _hfov_deg(told: dict[str, float]) -> float | None:
+    """Field of view of the whole sensor's width: focal_len is mm or tenths of mm, dzoom_ratio 1 or 10000."""
+    focal_mm, zoom = told.get("focal_len", 0.0), told.get("dzoom_ratio", 1.0)
+    focal_mm *= 0.1 if focal_mm >= 100 else 1
+    focal_mm *= zoom / 10_000 if zoom >= 1000 else zoom
+    return fov_of_equivalent_deg(focal_mm) if 5 < focal_mm < 2000 else None
+
+
+def _views(cues: Sequence[Cue]) -> ViewTrack | None:
+    told = [(cue.stamp_ns, cue.hfov_deg) for cue in cues if cue.hfov_deg is not None]
+    if not told:
+        return None
+    stamps, degrees = zip(*told, strict=True)
+    return ViewTrack(np.array(stamps, dtype=np.int64), np.array(degrees), nominal=True)
 
 
 def _ordered(cues: Sequence[Cue], counts: Counter[str]) -> list[Cue]:

@@ -12,6 +12,8 @@ from dataclasses import replace
 from enum import IntFlag
 from typing import NamedTuple
 
+import numpy as np
+
 from flightdepth.flight.records import AttitudeSample, Sample, Telemetry
 from flightdepth.motion import (
     NED_FROM_CAMERA,
@@ -59,6 +61,11 @@ def camera_attitude(gimbal: GimbalAttitude, heading_rad: float | None) -> Vector
             return None
         rotation = rotation_from_euler(0.0, 0.0, yaw_rad) @ rotation
     return quaternion_from_rotation(rotation @ NED_FROM_CAMERA)
+
+
+def looking(pitch_rad: float) -> Vector:
+    """`body_from_camera`, shape (3, 3), of a camera that looks ahead along the body's x, turned up by a pitch."""
+    return np.asarray(rotation_from_euler(0.0, pitch_rad, 0.0) @ NED_FROM_CAMERA)
 
 
 def with_fixed_camera(telemetry: Telemetry, body_from_camera: Vector = NED_FROM_CAMERA) -> Telemetry:

@@ -66,7 +66,8 @@ class Record:
             raise GpmfError(f"{self.key}: {self.size} bytes a sample, its type takes {dtype.itemsize}")
         table = np.frombuffer(self.data, dtype=dtype, count=self.repeat)
         names = dtype.names or ()
-        columns = [table[name].reshape(self.repeat, -1).astype(np.float64) for name in names]
+        with np.errstate(invalid="ignore"):  # damaged bytes may be a signalling NaN
+            columns = [table[name].reshape(self.repeat, -1).astype(np.float64) for name in names]
         return np.concatenate(columns, axis=1)
 
 

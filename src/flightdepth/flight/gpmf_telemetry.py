@@ -13,9 +13,10 @@ from av.error import FFmpegError
 from av.stream import Discard
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.autopilot import Gate, Velocity
 from flightdepth.flight.clock import Interval, Stamps, on_video_clock, spread
 from flightdepth.flight.gpmf import GpmfError, Stream, streams
-from flightdepth.flight.records import NS_PER_S, GyroscopeTrack, Telemetry, VelocitySample
+from flightdepth.flight.records import NS_PER_S, GyroscopeTrack, Telemetry
 from flightdepth.flight.video import open_container
 from flightdepth.motion import Vector
 
@@ -82,19 +83,14 @@ def _telemetry(
     first = parts[0][1]
     stamps = sample_times(parts)
     velocities = np.concatenate([read(stream) for _, stream in parts])
-    kept, previous_ns = [], None
+    gate = Gate(counts)
     for stamp_ns, velocity in zip(stamps.tolist(), velocities, strict=True):
-        if not np.isfinite(velocity).all():
-            counts["velocities that are not numbers"] += 1
-        elif previous_ns is not None and stamp_ns <= previous_ns:
-            counts["velocities not later than the one before"] += 1
-        else:
-            kept.append(VelocitySample(stamp_ns, velocity))
-            previous_ns = stamp_ns
+        gate.take(stamp_ns, Velocity(velocity))
+    kept = gate.velocities
     name = f"GPMF in the video: {first.name} of {first.device}, {len(kept)} velocities"
     if not kept:
         raise BadInput(name, expected="at least one velocity that is a number", got="none")
-    return Telemetry(name, tuple(kept), dict(counts), _gyroscope(gyroscope))
+    return Telemetry(name, tuple(kept), dict(+counts), _gyroscope(gyroscope))
 
 
 def sample_times(parts: list[TimedStream]) -> Stamps:

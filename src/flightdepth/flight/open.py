@@ -5,16 +5,22 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
+from typing import Literal
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.flight.camera_file import read_camera
+from flightdepth.flight.apparent_motion import apparent_motion
+from flightdepth.flight.cameras import ChosenCamera, choose_camera
 from flightdepth.flight.constant_speed import forward_velocity
+from flightdepth.flight.gimbal import looking, with_fixed_camera
 from flightdepth.flight.gpmf_telemetry import read_gpmf
+from flightdepth.flight.offset import ClockOffset, estimate_offset
 from flightdepth.flight.records import (
     NS_PER_S,
+    AttitudeSample,
     Frame,
     GyroscopeTrack,
     Sample,
@@ -25,7 +31,12 @@ from flightdepth.flight.records import (
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.video import Video
 
-NO_CAMERA = "Give --hfov DEGREES (the horizontal field of view) or --camera FILE."
+BODY_ONLY = (
+    "the log tells how the drone turned, not the camera; --mount-pitch 0 uses it for a camera that is screwed "
+    "to the drone and looks ahead (-90: down)"
+)
+AUTO: Literal["auto"] = "auto"
+WATCHED_S = 120.0  # of the video, to estimate an offset
 NO_TELEMETRY = "Give --telemetry LOG or --speed M_S."
 
 
@@ -37,11 +48,23 @@ class Flight:
     thus be ahead of the next frame, by one velocity's spacing at most. Later samples are left out.
     """
 
-    def __init__(self, video: Video, camera: Camera, telemetry: Telemetry | None, speed_m_s: float) -> None:
+    def __init__(
+        self,
+        video: Video,
+        chosen: ChosenCamera,
+        telemetry: Telemetry | None,
+        speed_m_s: float,
+        *,
+        clock: ClockOffset | None = None,
+        clock_warnings: tuple[str, ...] = (),
+    ) -> None:
         self._video = video
         self._telemetry = telemetry
         self._speed_m_s = speed_m_s
-        self.camera = camera
+        self._chosen = chosen
+        self.camera = chosen.camera
+        self._clock_warnings = clock_warnings
+        self.clock = clock  # as estimated from the pictures, where that was asked for
 
     def __enter__(self) -> Flight:
         return self
@@ -57,8 +80,31 @@ class Flight:
 
     def __iter__(self) -> Iterator[Frame | Sample]:
         if self._telemetry is not None:
-            return merged(self._video.frames(), self._telemetry.samples)
-        return with_speed(self._video.frames(), self._speed_m_s)
+            return merged(self._frames(), self._telemetry.samples)
+        return with_speed(self._frames(), self._speed_m_s)
+
+    def _frames(self) -> Iterator[Frame]:
+        if self._chosen.views is None:
+            return self._video.frames()
+        return (replace(frame, camera=self._chosen.at(frame.stamp_ns)) for frame in self._video.frames())
+
+    @property
+    def camera_source(self) -> str:
+        """A line saying where the camera comes from, and how sure it is."""
+        return self._chosen.source
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know of the camera, a line each."""
+        log, told = self._telemetry, (*self._chosen.warnings, *self._clock_warnings)
+        if log is None or not log.body_attitudes or any(isinstance(s, AttitudeSample) for s in log.samples):
+            return told
+        return (*told, BODY_ONLY)
+
+    @property
+    def video_bytes(self) -> int:
+        """Size of the video's file."""
+        return self._video.path.stat().st_size
 
     @property
     def telemetry_name(self) -> str:
@@ -95,17 +141,21 @@ def open_flight(
     telemetry: str | Path | None = None,
     camera: Camera | str | Path | None = None,
     *,
-    telemetry_offset_s: float = 0.0,
+    telemetry_offset_s: float | Literal["auto"] = 0.0,
     speed_m_s: float | None = None,
     hfov_deg: float | None = None,
+    mount_pitch_deg: float | None = None,
     start_s: float | None = None,
     end_s: float | None = None,
 ) -> Flight:
     """Open a video with its telemetry.
 
     telemetry  a log file; None looks inside the video (GPMF), unless `speed_m_s` is given
-    telemetry_offset_s  is added to the log's times, so that they count from the video's first picture
-    camera     a Camera or a calibration file; None needs `hfov_deg`, the horizontal field of view
+    telemetry_offset_s  is added to the log's times, so that they count from the video's first picture; "auto"
+               estimates it from the pictures, which takes a pass over the video, and stays at 0 where they tell none
+    camera     a Camera, a calibration file, a photograph with EXIF tags or a name of the table of lenses;
+               None takes `hfov_deg`, the horizontal field of view, or what the file tells for certain
+    mount_pitch_deg  the camera is screwed to the drone and looks up by so many degrees, -90 is down
     speed_m_s  constant speed straight ahead, for flights without a log
     start_s, end_s  part of the video, seconds since its first picture
     """
@@ -114,18 +164,27 @@ def open_flight(
     video = Video(Path(path), start_s=start_s, end_s=end_s)
     try:
         log = choose_telemetry(video, telemetry, speed_m_s, telemetry_offset_s)
-        return Flight(video, choose_camera(video, camera, hfov_deg), log, speed_m_s or 0.0)
+        log = mounted(log, mount_pitch_deg)
+        chosen = choose_camera(video, camera, hfov_deg, log)
+        clock = None
+        if log is not None and telemetry_offset_s == AUTO:
+            log, clock = synchronised(video, chosen.camera, log)
+        return Flight(
+            video, chosen, log, speed_m_s or 0.0, clock, clock_warnings(clock, inside=telemetry is None)
+        )
     except BaseException:
         video.close()
         raise
 
 
 def choose_telemetry(
-    video: Video, telemetry: str | Path | None, speed_m_s: float | None, offset_s: float
+    video: Video, telemetry: str | Path | None, speed_m_s: float | None, offset_s: float | Literal["auto"]
 ) -> Telemetry | None:
     """The log given, or the one inside the video, moved by `offset_s`; None where a constant speed is flown."""
-    if not math.isfinite(offset_s):
-        raise BadInput("--telemetry-offset", expected="a finite number of seconds", got=str(offset_s))
+    if offset_s != AUTO and not math.isfinite(offset_s):
+        raise BadInput(
+            "--telemetry-offset", expected="a finite number of seconds, or auto", got=str(offset_s)
+        )
     if speed_m_s is not None:
         forward_velocity(0, speed_m_s)  # refuses a speed that is not one, before the first frame
         return None
@@ -133,9 +192,35 @@ def choose_telemetry(
     if log is None:
         got = "none inside the video"
         raise BadInput(f"telemetry of {video.path}", expected="a velocity", got=got, mend=NO_TELEMETRY)
+    if offset_s == AUTO:
+        return log  # moved once the camera is known
     log = log.later_by(round(offset_s * NS_PER_S)) if offset_s else log
     check_overlap(video, log)
     return log
+
+
+def synchronised(video: Video, camera: Camera, log: Telemetry) -> tuple[Telemetry, ClockOffset]:
+    """The log moved by what the pictures tell, and what that was."""
+    start_s = video.start_ns / NS_PER_S
+    last_s = (
+        start_s + WATCHED_S if video.end_ns is None else min(start_s + WATCHED_S, video.end_ns / NS_PER_S)
+    )
+    with Video(video.path, start_s=start_s, end_s=last_s) as watched:
+        clock = estimate_offset(apparent_motion(watched.frames(), camera), log)
+    log = log if clock.offset_s is None else log.later_by(round(clock.offset_s * NS_PER_S))
+    check_overlap(video, log)
+    return log, clock
+
+
+def clock_warnings(clock: ClockOffset | None, *, inside: bool) -> tuple[str, ...]:
+    """What the user should know of an estimated offset; `inside`: the video's own container times the log."""
+    if clock is None:
+        return ()
+    if clock.offset_s is None:
+        return (f"--telemetry-offset auto: {clock}; the log's times are taken as they are",)
+    if inside and clock.contradicts(0.0):
+        return (f"--telemetry-offset auto: {clock}: contradicts the times in the video's own file",)
+    return ()
 
 
 def check_overlap(video: Video, log: Telemetry) -> None:
@@ -153,20 +238,16 @@ def check_overlap(video: Video, log: Telemetry) -> None:
         )
 
 
-def choose_camera(video: Video, camera: Camera | str | Path | None, hfov_deg: float | None) -> Camera:
-    """The camera given, at the size of the upright pictures."""
-    width, height = video.size
-    if camera is not None and hfov_deg is not None:
-        raise BadInput("--camera and --hfov", expected="one of them", got="both")
-    if hfov_deg is not None:
-        return Camera.from_fov(width, height, hfov_deg)
-    if camera is None:
-        raise BadInput(f"camera of {video.path}", expected="a focal length", got="none", mend=NO_CAMERA)
-    known = camera if isinstance(camera, Camera) else read_camera(Path(camera))
-    if abs(known.width * height - known.height * width) > max(known.width, width):
-        got = f"one for {known.width}x{known.height}"
-        raise BadInput("camera", expected=f"a calibration for {width}x{height} or its shape", got=got)
-    return known.resized(width, height)
+def mounted(log: Telemetry | None, pitch_deg: float | None) -> Telemetry | None:
+    """The log with the attitude of a camera that is screwed to the drone, where the user says that it is."""
+    if pitch_deg is None:
+        return log
+    if not -90 <= pitch_deg <= 90:
+        raise BadInput("--mount-pitch", expected="-90 (down) to 90 (up) degrees", got=str(pitch_deg))
+    if log is None or not log.body_attitudes:
+        got = "none" if log is None else log.name
+        raise BadInput("--mount-pitch", expected="a log with the attitude of the drone", got=got)
+    return with_fixed_camera(log, looking(math.radians(pitch_deg)))
 
 
 def merged(frames: Iterator[Frame], samples: tuple[Sample, ...]) -> Iterator[Frame | Sample]:

@@ -8,8 +8,9 @@
 
 CSV is separated by spaces (`vmeta-extract --csv`) or, made of the JSON by `vmeta_json_to_csv.py`, by commas.
 JSON holds {"frame": [{"time": ..., "metadata": {...}}, ...]}. `time` is microseconds since the video's start.
-Quaternions turn the view's axes (forward, right, down) into north-east-down, w first. Version 1 names its
-speed x, y, z; Parrot's library takes them for north, east, down, and so does this reader.
+`picture_hfov` (version 3) or `camera.hfov` (protobuf) is each picture's field of view in degrees, cropped and
+zoomed. Quaternions turn the view's axes (forward, right, down) into north-east-down, w first. Version 1 names
+its speed x, y, z; Parrot's library takes them for north, east, down, and so does this reader.
 
 A row of versions 2 and 3 whose position is unknown lacks one cell, because the library leaves one out: the
 columns after it are found by `frame_quat`, which must have length 1.
@@ -30,7 +31,14 @@ import numpy as np
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.order import in_time_order
-from flightdepth.flight.records import AttitudeSample, BodyAttitudeSample, Sample, Telemetry, VelocitySample
+from flightdepth.flight.records import (
+    AttitudeSample,
+    BodyAttitudeSample,
+    Sample,
+    Telemetry,
+    VelocitySample,
+    ViewTrack,
+)
 from flightdepth.motion import (
     NED_FROM_CAMERA,
     Vector,
@@ -53,6 +61,7 @@ SPEEDS = [
 ]
 BODIES = ["drone_quat", "metadata_drone_quat"]  # the second also from the nested drone.quat of protobuf
 VIEWS = ["frame_quat", "metadata_frame_quat", "metadata_camera_quat"]
+FIELDS_OF_VIEW = ("picture_hfov", "metadata_picture_hfov", "metadata_camera_hfov")
 
 
 def looks_like_parrot(head: bytes, path: Path) -> bool:
@@ -78,8 +87,10 @@ def read_parrot(path: Path) -> Telemetry:
     velocities: list[VelocitySample] = []
     attitudes: list[AttitudeSample] = []
     bodies: list[BodyAttitudeSample] = []
+    views: dict[int, float] = {}
     for row in rows:
-        _take(row, velocities, attitudes, bodies, counts)
+        if _take(row, velocities, attitudes, bodies, counts) and 1 < (hfov_deg := _hfov_deg(row)) < 170:
+            views[velocities[-1].stamp_ns] = hfov_deg
     if not velocities:
         raise BadInput(what, expected="Parrot metadata with a speed", got="none that is a number")
     samples: list[Sample] = [*in_time_order(velocities, counts), *in_time_order(attitudes, counts)]
@@ -87,7 +98,23 @@ def read_parrot(path: Path) -> Telemetry:
     name = f"Parrot metadata {path.name}: {len(velocities)} velocities"
     name += ", attitude of the camera" if attitudes else ""
     body_attitudes = tuple(in_time_order(bodies, counts))
-    return Telemetry(name, tuple(samples), dict(+counts), body_attitudes=body_attitudes)
+    return Telemetry(
+        name, tuple(samples), dict(+counts), body_attitudes=body_attitudes, view=_view_track(views)
+    )
+
+
+def _hfov_deg(row: Mapping[str, Any]) -> float:
+    """Degrees, NaN where the row does not tell; what no lens has in degrees is taken for radians."""
+    name = next((name for name in FIELDS_OF_VIEW if name in row), FIELDS_OF_VIEW[0])
+    value = _number(row.get(name))
+    return math.degrees(value) if 0 < value < math.pi else value
+
+
+def _view_track(views: Mapping[int, float]) -> ViewTrack | None:
+    if not views:
+        return None
+    stamps = sorted(views)
+    return ViewTrack(np.array(stamps, dtype=np.int64), np.array([views[stamp] for stamp in stamps]))
 
 
 def _split(line: str) -> list[str]:
@@ -151,7 +178,8 @@ def _take(
     attitudes: list[AttitudeSample],
     bodies: list[BodyAttitudeSample],
     counts: Counter[str],
-) -> None:
+) -> bool:
+    """Read one row; whether it was sound."""
     names = _speeds(list(row))
     time_us = _number(row.get("time"))
     velocity = np.array([_number(row.get(name)) for name in names or SPEEDS[0]])
@@ -160,10 +188,10 @@ def _take(
     damaged = bool(np.isfinite(view).any() and view.any()) and not _is_unit(view)
     if damaged or not math.isfinite(time_us) or not np.isfinite(velocity).all():
         counts["rows without a time, a speed or a sound view"] += 1
-        return
+        return False
     if np.abs(velocity).max() > SPEED_LIMIT_M_S or not 0 <= time_us < TIME_LIMIT_US:
         counts["rows beyond reason"] += 1
-        return
+        return False
     stamp_ns = round(time_us * NS_PER_US)
     velocities.append(VelocitySample(stamp_ns, velocity))
     if _is_unit(view) and names is not None and not names[0].endswith("_x"):
@@ -171,6 +199,7 @@ def _take(
         attitudes.append(AttitudeSample(stamp_ns, quaternion_from_rotation(world_from_camera)))
     if _is_unit(body):
         bodies.append(BodyAttitudeSample(stamp_ns, body))
+    return True
 
 
 def _quaternion(row: Mapping[str, Any], prefixes: Sequence[str]) -> Vector:

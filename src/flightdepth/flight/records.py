@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.motion import Vector, unit_quaternion
 
@@ -25,11 +26,17 @@ def seconds(stamp_ns: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One picture: uint8 RGB [H, W, 3]. `index` counts the delivered pictures from 0."""
+    """One picture: uint8 RGB [H, W, 3]. `index` counts the delivered pictures from 0.
+
+    `after_damage`: pictures between this one and the one before were damaged, and perhaps the one before too.
+    `camera` is this picture's own where the lens zooms or the crop changes; None means the flight's.
+    """
 
     index: int
     stamp_ns: int
     image: NDArray[np.uint8]
+    after_damage: bool = False
+    camera: Camera | None = None
 
     def __post_init__(self) -> None:
         if self.image.dtype != np.uint8 or self.image.ndim != 3 or self.image.shape[2] != 3:
@@ -109,11 +116,39 @@ class GyroscopeTrack:
 
 
 @dataclass(frozen=True, eq=False)
+class ViewTrack:
+    """Horizontal field of view of the pictures: stamps int64 [n], rising; degrees [n].
+
+    `nominal` where it is only the lens's 35 mm equivalent, so that a cropped video sees less.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    horizontal_deg: Vector
+    nominal: bool = False
+
+    def __post_init__(self) -> None:
+        sound = self.horizontal_deg.shape == (len(self.stamps_ns),) and len(self.stamps_ns) > 0
+        if not (sound and ((self.horizontal_deg > 0) & (self.horizontal_deg < 180)).all()):
+            raise BadInput("fields of view", expected="0 to 180 degrees for each stamp", got="others")
+
+    def between(self, start_ns: int, end_ns: int | None) -> Vector:
+        """Degrees of the pictures from `start_ns` to `end_ns`, and of the one before."""
+        first = max(0, int(np.searchsorted(self.stamps_ns, start_ns, "right")) - 1)
+        last = len(self.stamps_ns) if end_ns is None else int(np.searchsorted(self.stamps_ns, end_ns))
+        return self.horizontal_deg[first : max(last, first + 1)]
+
+    def at(self, stamp_ns: int) -> float:
+        """Degrees of the picture nearest to a time."""
+        return float(self.horizontal_deg[int(np.abs(self.stamps_ns - stamp_ns).argmin())])
+
+
+@dataclass(frozen=True, eq=False)
 class Telemetry:
     """All that one log says about a flight, in time order, on the video's clock.
 
     `name` is a line for people; `counts` says how much of the log was dropped, and why. `body_attitudes` are
     the drone's own, in time order; they say nothing of a camera until somebody knows how it is mounted.
+    `view` is the field of view of each picture, where the log tells it.
     """
 
     name: str
@@ -121,6 +156,7 @@ class Telemetry:
     counts: dict[str, int] = field(default_factory=dict)
     gyroscope: GyroscopeTrack | None = None
     body_attitudes: tuple[BodyAttitudeSample, ...] = ()
+    view: ViewTrack | None = None
 
     def __post_init__(self) -> None:
         stamps = [sample.stamp_ns for sample in self.samples]
@@ -141,6 +177,7 @@ class Telemetry:
             body_attitudes=tuple(
                 replace(body, stamp_ns=body.stamp_ns + offset_ns) for body in self.body_attitudes
             ),
+            view=None if self.view is None else replace(self.view, stamps_ns=self.view.stamps_ns + offset_ns),
         )
 
     @property

@@ -3,7 +3,8 @@
 DepthNet expects pictures that do not turn against each other. Rotation by an angle moves the picture as a
 displacement of angle * depth does, so it changes depth by a share of angle * alpha * beta (paper, eq. 3).
 At beta_mean = 0.4 and DepthNet's alpha = 100 m / 0.3 m the change is the depth itself at 1 / (0.4 * 333) =
-0.0075 rad (0.43 degrees) within a pair; the paper's own noise, 0.001 rad a frame, stays well below.
+0.0075 rad (0.43 degrees) within a pair; the paper's own noise, 0.001 rad a frame, stays well below. Where each
+pair's rotation is seen in its pictures and taken out (ranges/derotation.py), four times as much does no harm.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from flightdepth.flight.rotation import Flow, smallest_rotation
 from flightdepth.motion import Vector
 
 MAX_TURN_RAD = 0.0075
+MAX_DEROTATED_RAD = 0.03
 PAIR_NS = 110_000_000  # a nominal pair: 0.1 s and a little, so that three steps at 29.97 frames/s count
 SMALL_WIDTH = 160
 MAX_POINTS = 80
@@ -50,11 +52,13 @@ class TurnRate:
 class Steadiness:
     """Follows points of small grey pictures over 0.1 s; about 4 ms a picture on one core."""
 
-    def __init__(self, camera: Camera, gyroscope: GyroscopeTrack | None = None) -> None:
+    def __init__(
+        self, camera: Camera, gyroscope: GyroscopeTrack | None = None, *, max_turn_rad: float = MAX_TURN_RAD
+    ) -> None:
         height = max(1, round(camera.height * SMALL_WIDTH / camera.width))
         self._source = camera
         self._camera = camera.resized(SMALL_WIDTH, height)
-        self._gyroscope = gyroscope
+        self._gyroscope, self._max_turn_rad = gyroscope, max_turn_rad
         self._kept: deque[tuple[int, Grey]] = deque()
 
     def add(self, stamp_ns: int, image: NDArray[np.uint8]) -> TurnRate:
@@ -90,18 +94,18 @@ class Steadiness:
             return TurnRate(float("nan"), False, "the picture changes too fast to be followed")
         flow = Flow.between(normalised(start, self._camera), normalised(end, self._camera))
         turn_rad = float(np.linalg.norm(smallest_rotation(flow, NOISE_PX / self._camera.fx)))
-        return verdict(turn_rad, span_s, "the picture")
+        return verdict(turn_rad, span_s, "the picture", self._max_turn_rad)
 
     def _from_gyroscope(self, before_ns: int, stamp_ns: int) -> TurnRate:
         turn_rad = None if self._gyroscope is None else self._gyroscope.turn_rad(before_ns, stamp_ns)
         if turn_rad is None:
             return TurnRate(float("nan"), True, "too little texture to tell whether the picture turns")
-        return verdict(turn_rad, (stamp_ns - before_ns) / NS_PER_S, "the gyroscope")
+        return verdict(turn_rad, (stamp_ns - before_ns) / NS_PER_S, "the gyroscope", self._max_turn_rad)
 
 
-def verdict(turn_rad: float, span_s: float, witness: str) -> TurnRate:
+def verdict(turn_rad: float, span_s: float, witness: str, max_turn_rad: float = MAX_TURN_RAD) -> TurnRate:
     """Turn rate of `turn_rad` in `span_s` seconds, and whether a pair that far apart can be used."""
-    if turn_rad <= MAX_TURN_RAD:
+    if turn_rad <= max_turn_rad:
         return TurnRate(turn_rad / span_s, True)
     reason = f"turns {np.degrees(turn_rad):.1f} degrees in {span_s:.2f} s, says {witness}"
     return TurnRate(turn_rad / span_s, False, reason)

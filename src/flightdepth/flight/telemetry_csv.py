@@ -8,13 +8,16 @@ Columns, in any order:
     sigma_m_s                                           optional: its standard deviation
     qw, qx, qy, qz                                      optional: attitude, world (NED) from camera
 
-Other columns are ignored, and the telemetry's name says which. Times must rise from line to line.
+Other columns are ignored, and the telemetry's name says which. Lines whose time is not later than the one before
+are left out and counted, and so is a last line without its end: it was cut off. Anything else that is wrong is
+refused with its line, for who writes such a file can mend it.
 """
 
 from __future__ import annotations
 
 import csv
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +27,7 @@ import numpy as np
 
 from flightdepth.errors import BadInput
 from flightdepth.files import write_atomic
+from flightdepth.flight.order import rising
 from flightdepth.flight.records import (
     NS_PER_S,
     AttitudeSample,
@@ -31,7 +35,6 @@ from flightdepth.flight.records import (
     Telemetry,
     VelocityFrame,
     VelocitySample,
-    seconds,
 )
 from flightdepth.motion import Vector
 
@@ -77,8 +80,12 @@ def read_csv(path: Path) -> Telemetry:
     """Read a telemetry CSV; anything wrong is named with its line."""
     what = f"telemetry {path}"
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            return _read(what, path.name, csv.reader(file, skipinitialspace=True))
+        lines = path.read_bytes().decode("utf-8-sig").splitlines(keepends=True)
+        counts: Counter[str] = Counter()
+        if len(lines) > 2 and not lines[-1].endswith(("\n", "\r")):
+            lines.pop()
+            counts["last lines without an end: cut off"] += 1
+        return _read(what, path.name, csv.reader(lines, skipinitialspace=True), counts)
     except OSError as error:
         got = error.strerror or str(error)
         raise BadInput(what, expected="a CSV file that can be read", got=got) from error
@@ -119,7 +126,7 @@ def _line(velocity: VelocitySample, has_sigma: bool, attitude: Vector | None) ->
     return ",".join(cells)
 
 
-def _read(what: str, name: str, rows: Iterable[list[str]]) -> Telemetry:
+def _read(what: str, name: str, rows: Iterable[list[str]], counts: Counter[str]) -> Telemetry:
     iterator = iter(rows)
     header = [cell.strip() for cell in next(iterator, [])]
     if not any(header):
@@ -127,20 +134,21 @@ def _read(what: str, name: str, rows: Iterable[list[str]]) -> Telemetry:
             what, expected="a header line and a line for each time", got="an empty file", mend=MEND
         )
     columns = Columns.of(what, header)
-    samples: list[Sample] = []
+    read: list[list[Sample]] = []
     for line, row in enumerate(iterator, start=2):
         if not any(cell.strip() for cell in row):
             continue
         where = f"{what}, line {line}"
         new = _samples(where, columns, _cells(where, header, row))
-        if samples and new[0].stamp_ns <= samples[-1].stamp_ns:
-            expected = f"a time after {seconds(samples[-1].stamp_ns)}"
-            raise BadInput(where, expected=expected, got=seconds(new[0].stamp_ns))
-        samples.extend(new)
-    if not samples:
+        read.append(new)
+    if not read:
         raise BadInput(what, expected="a line for each time", got="only the header")
+    kept = rising([new[0].stamp_ns for new in read])
+    if len(kept) < len(read):
+        counts["velocities not later than the one before"] += len(read) - len(kept)
     ignored = f", ignored columns: {', '.join(columns.ignored)}" if columns.ignored else ""
-    return Telemetry(f"CSV {name}: {columns.frame} velocity{ignored}", tuple(samples))
+    samples = tuple(sample for index in kept for sample in read[index])
+    return Telemetry(f"CSV {name}: {columns.frame} velocity{ignored}", samples, dict(counts))
 
 
 def _cells(where: str, header: Sequence[str], row: Sequence[str]) -> dict[str, str]:

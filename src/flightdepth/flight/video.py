@@ -9,7 +9,7 @@ from fractions import Fraction
 from itertools import chain
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import av
 import numpy as np
@@ -17,6 +17,7 @@ from av.error import FFmpegError
 from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.decoding import SoundPictures
 from flightdepth.flight.records import NS_PER_S, Frame, seconds
 
 VIDEO_EXPECTED = "a video such as MP4, MOV or MKV"
@@ -56,11 +57,19 @@ def is_text(head: bytes) -> bool:
     return all(character.isprintable() or character in "\t\r\n\f" for character in text)
 
 
+class _Picture(NamedTuple):
+    """A decoded picture and its time; `after_damage`: others between it and the one before were damaged."""
+
+    stamp_ns: int
+    picture: Any
+    after_damage: bool
+
+
 class Video:
     """One pass over the pictures of a video file. Times are container times, relative to the stream's start.
 
-    A packet or picture that is damaged, has no time, or is not later than the one before is left out and
-    counted in `counts`. Pictures are turned upright where the file says that the camera was held sideways.
+    A picture that is damaged or built on a damaged one, has no time, or is not later than the one before is left
+    out and counted in `counts`. Pictures are turned upright where the file says that the camera was held sideways.
     `duration_ns` is what the file claims, 0 where it does not say; `frame_count_hint` is about how many
     pictures will be delivered, for progress bars, None where the file does not say.
     """
@@ -100,9 +109,27 @@ class Video:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height of the upright pictures."""
-        picture = self._first[1]
+        picture = self._first.picture
         turned = quarter_turns(picture) % 2
         return (picture.height, picture.width) if turned else (picture.width, picture.height)
+
+    @property
+    def quarter_turns(self) -> int:
+        """How often the pictures are turned by 90 degrees, anticlockwise, 0..3, to stand upright."""
+        return quarter_turns(self._first[1])
+
+    @property
+    def pixel_aspect(self) -> float:
+        """Width of a pixel as a share of its height, in the upright pictures; 1 where the file does not say."""
+        told = self._stream.sample_aspect_ratio
+        aspect = float(told) if told else 1.0
+        return 1 / aspect if self.quarter_turns % 2 else aspect
+
+    @property
+    def tags(self) -> dict[str, str]:
+        """What the container and its video stream say of themselves, by lower-case name."""
+        told = {**self._stream.metadata, **self._container.metadata}
+        return {str(name).lower(): str(value).strip() for name, value in told.items()}
 
     def _find_duration_ns(self) -> int:
         if self._stream.duration is not None:
@@ -118,63 +145,40 @@ class Video:
 
     def frames(self) -> Iterator[Frame]:
         """The pictures from `start_s` (included) to `end_s` (left out), in time order; call once."""
-        index, size = 0, (self._first[1].width, self._first[1].height)
-        for stamp_ns, picture in chain([self._first], self._chosen):
+        index, damaged = 0, False
+        size = (self._first.picture.width, self._first.picture.height)
+        for stamp_ns, picture, after_damage in chain([self._first], self._chosen):
+            damaged |= after_damage
             if (picture.width, picture.height) != size:
                 self.counts["frames of another size than the first"] += 1
                 continue
-            yield Frame(index, stamp_ns, upright(picture))
-            index += 1
+            yield Frame(index, stamp_ns, upright(picture), after_damage=damaged)
+            index, damaged = index + 1, False
 
-    def _between(self) -> Iterator[tuple[int, Any]]:
-        for stamp_ns, picture in self._pictures():
-            if self.end_ns is not None and stamp_ns >= self.end_ns:
+    def _between(self) -> Iterator[_Picture]:
+        damaged = False  # carried over to the next picture where one falls away
+        for chosen in self._pictures():
+            if self.end_ns is not None and chosen.stamp_ns >= self.end_ns:
                 break
-            if stamp_ns >= self.start_ns:
-                yield stamp_ns, picture
+            damaged |= chosen.after_damage
+            if chosen.stamp_ns >= self.start_ns:
+                yield chosen._replace(after_damage=damaged)
+                damaged = False
 
-    def _pictures(self) -> Iterator[tuple[int, Any]]:
+    def _pictures(self) -> Iterator[_Picture]:
         """Sound pictures with strictly rising times, from the key frame before the start on."""
-        last_ns = -1
-        for picture in self._decoded():
+        last_ns, damaged = -1, False
+        self._seek()
+        whole = self.start_ns == 0
+        for picture, after_damage in SoundPictures(self._container, self._stream, self.counts, whole=whole):
+            damaged |= after_damage
             if picture.pts is None:
                 self.counts["frames without a time"] += 1
-            elif picture.is_corrupt:
-                self.counts["damaged frames"] += 1
             elif (stamp_ns := self._nanoseconds(picture.pts - self._origin)) <= last_ns:
                 self.counts["frames not later than the one before"] += 1
             else:
-                last_ns = stamp_ns
-                yield stamp_ns, picture
-
-    def _decoded(self) -> Iterator[Any]:
-        self._seek()
-        read = given = 0
-        for packet in self._packets():
-            read += packet.size > 0
-            try:
-                pictures = packet.decode()
-            except FFmpegError:
-                self.counts["damaged video packets"] += 1
-                continue
-            given += len(pictures)
-            yield from pictures
-        if self.start_ns == 0:  # after a seek, packets may rightly give no picture
-            self._count_lost(read, given)
-
-    def _count_lost(self, read: int, given: int) -> None:
-        lost = read - given - self.counts.get("damaged video packets", 0)
-        if lost > 0:
-            self.counts["video packets that gave no picture"] = lost
-        # FFmpeg ends a cut MP4 without a word, but the index at its front tells how much there should be.
-        if read < self._stream.frames:
-            self.counts["frames missing at the end of the file"] = self._stream.frames - read
-
-    def _packets(self) -> Iterator[Any]:
-        try:
-            yield from self._container.demux(self._stream)
-        except FFmpegError:
-            self.counts["read errors (the rest of the video is lost)"] += 1
+                yield _Picture(stamp_ns, picture, damaged)
+                last_ns, damaged = stamp_ns, False
 
     def _find_origin(self) -> int:
         """Time of the first picture, ticks; some containers tell it only with the first packet."""

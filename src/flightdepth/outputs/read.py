@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 from zipfile import BadZipFile
 
 import cv2
@@ -14,14 +16,17 @@ from pydantic import ValidationError
 from flightdepth.errors import BadInput
 from flightdepth.outputs.encoding import Map, confidence_from_bytes, depth_from_centimetres
 from flightdepth.outputs.frame_table import FrameRow, rows_from_csv
+from flightdepth.outputs.poses import FramePose, poses_from_csv
 from flightdepth.outputs.record import FlightRecord
-from flightdepth.outputs.writer import CONFIDENCE, DEPTH, RECORD, TABLE
+from flightdepth.outputs.writer import CONFIDENCE, DEPTH, POSES, RECORD, SIGMA, TABLE
+
+Table = TypeVar("Table")
 
 
 def read_depth(path: Path) -> Map:
     """Depth in metres, float32 [H, W], NaN = unknown, of a .png (whole centimetres) or .npz (float32)."""
     if path.suffix == ".npz":
-        return _read_npz(path)
+        return _read_npz(path, "depth_m")
     image = _read_png(path)
     if image.dtype != np.uint16 or image.ndim != 2:
         raise BadInput(
@@ -39,13 +44,19 @@ def read_confidence(path: Path) -> Map:
     return confidence_from_bytes(image)
 
 
+def read_sigma(path: Path) -> Map:
+    """Standard deviation in metres, float32 [H, W], NaN = unknown, of a .png or .npz."""
+    return _read_npz(path, "sigma_m") if path.suffix == ".npz" else read_depth(path)
+
+
 class FlightFolder:
-    """An output folder: `record` (flight.json), `rows` (frames.csv), and the maps of each frame."""
+    """An output folder: `record` (flight.json), `rows` (frames.csv), and the maps and pose of each frame."""
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         self.record = self._read_record()
         self.rows = self._read_rows()
+        self.poses = self._read_poses()
 
     def depth_m(self, index: int) -> Map:
         """Depth in metres, float32 [H, W], NaN = unknown, of the frame with this index."""
@@ -54,6 +65,11 @@ class FlightFolder:
     def confidence(self, index: int) -> Map:
         """Confidence 0..1, float32 [H, W], of the frame with this index."""
         return read_confidence(self.folder / CONFIDENCE / f"{index:06d}.png")
+
+    def sigma_m(self, index: int) -> Map | None:
+        """Standard deviation in metres, float32 [H, W]; None without depth, or of a network that tells none."""
+        path = self.folder / SIGMA / f"{index:06d}.{self.record.depth.format}"
+        return read_sigma(path) if path.exists() else None
 
     def _read_record(self) -> FlightRecord:
         path = self.folder / RECORD
@@ -65,9 +81,16 @@ class FlightFolder:
             raise _not_ours(path, error.errors()[0]["msg"]) from error
 
     def _read_rows(self) -> list[FrameRow]:
-        path = self.folder / TABLE
+        return self._read_table(TABLE, rows_from_csv)
+
+    def _read_poses(self) -> dict[int, FramePose]:
+        """By frame index; none in folders of older versions."""
+        return self._read_table(POSES, poses_from_csv) if (self.folder / POSES).exists() else {}
+
+    def _read_table(self, name: str, parse: Callable[[str], Table]) -> Table:
+        path = self.folder / name
         try:
-            return rows_from_csv(path.read_text(encoding="utf-8"))
+            return parse(path.read_text(encoding="utf-8"))
         except OSError as error:
             raise _not_ours(path, error.strerror or str(error)) from error
         except (csv.Error, KeyError, ValueError, AttributeError, TypeError) as error:
@@ -82,13 +105,13 @@ def _read_png(path: Path) -> np.ndarray:
     return image
 
 
-def _read_npz(path: Path) -> Map:
+def _read_npz(path: Path, name: str) -> Map:
     data = _read_bytes(path)
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            return np.asarray(arrays["depth_m"], dtype=np.float32)
+            return np.asarray(arrays[name], dtype=np.float32)
     except (BadZipFile, OSError, ValueError, KeyError, EOFError, TypeError, AttributeError) as error:
-        raise BadInput(f"map {path}", expected="an .npz with depth_m", got="something else") from error
+        raise BadInput(f"map {path}", expected=f"an .npz with {name}", got="something else") from error
 
 
 def _read_bytes(path: Path) -> bytes:

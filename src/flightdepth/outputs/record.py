@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from flightdepth.camera import Camera
+from flightdepth.flight.offset import ClockOffset
 from flightdepth.outputs.encoding import FARTHEST, UNIT_M, UNKNOWN
 from flightdepth.outputs.frame_table import FrameRow
 from flightdepth.weights.card import NetworkCard
@@ -26,8 +27,11 @@ class Source(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     flight: str = Field(description="name of the video")
+    video_bytes: int | None = Field(default=None, description="size of the video's file")
     telemetry: str = Field(description="where the velocity comes from")
     camera: Camera
+    camera_source: str = Field(default="", description="where the camera comes from, and how sure it is")
+    clock: ClockOffset | None = Field(default=None, description="offset between video and log, where estimated")
     network: NetworkCard
     settings: dict[str, bool | int | float | str | None] = Field(default_factory=dict)
 

@@ -6,10 +6,16 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 
 from flightdepth.flight import AttitudeSample, Flight, Frame, Steadiness, VelocitySample
+from flightdepth.flight.records import Sample
+from flightdepth.outputs.poses import PoseTrack
 from flightdepth.outputs.writer import FlightWriter
 from flightdepth.ranges import MultiRangeEstimator, RangedDepth
 
 Progress = Callable[[Frame, RangedDepth], None]
+
+
+def ignore(sample: Sample) -> None:
+    """What nobody wants to see."""
 
 
 def run_flight(
@@ -19,8 +25,9 @@ def run_flight(
 
     `writer.summary` is complete once the writer is closed.
     """
-    for frame, result in depths(flight, estimator):
-        writer.add(frame, result)
+    track = PoseTrack()
+    for frame, result in depths(flight, estimator, on_sample=track.add):
+        writer.add(frame, result, track.at(frame, result))
         progress(frame, result)
     writer.note_dropped(Counter(flight.counts) + Counter(estimator.dropped))
 
@@ -29,19 +36,23 @@ def depths(
     flight: Flight,
     estimator: MultiRangeEstimator,
     *,
-    on_velocity: Callable[[VelocitySample], None] | None = None,
+    on_sample: Callable[[Sample], None] = ignore,
 ) -> Iterator[tuple[Frame, RangedDepth]]:
     """Give every sample and frame of `flight` to `estimator`; each frame with its result."""
-    steadiness = Steadiness(flight.camera, flight.gyroscope)
+    steadiness = Steadiness(flight.camera, flight.gyroscope, max_turn_rad=estimator.max_turn_rad)
     for event in flight:
         match event:
             case VelocitySample():
                 estimator.add_velocity(event.stamp_ns, event.velocity, frame=event.frame, sigma=event.sigma)
-                if on_velocity is not None:
-                    on_velocity(event)
+                on_sample(event)
             case AttitudeSample():
                 estimator.add_attitude(event.stamp_ns, event.world_from_camera)
+                on_sample(event)
             case Frame():
                 turn = steadiness.add(event.stamp_ns, event.image)
                 unusable = None if turn.usable else turn.reason
+                if event.camera is not None:
+                    estimator.see_through(event.camera)
+                if event.after_damage:
+                    estimator.forget_frames()
                 yield event, estimator.add_frame(event.stamp_ns, event.image, unusable=unusable)

@@ -16,15 +16,24 @@ from flightdepth.errors import BadInput
 from flightdepth.files import folder_in_progress, write_atomic
 from flightdepth.flight.records import Frame
 from flightdepth.outputs.background import Background
-from flightdepth.outputs.encoding import FARTHEST, Map, bytes_from_confidence, centimetres_from_depth, png
+from flightdepth.outputs.encoding import (
+    FARTHEST,
+    Map,
+    bytes_from_confidence,
+    centimetres_from_depth,
+    png,
+    rounded_centimetres,
+)
 from flightdepth.outputs.film import Film
 from flightdepth.outputs.frame_table import FrameRow, csv_bytes
+from flightdepth.outputs.poses import FramePose, csv_of_poses
 from flightdepth.outputs.preview import Preview
 from flightdepth.outputs.record import Counts, DepthFormat, DepthScaleNote, FlightRecord, Source, Summary
 from flightdepth.ranges.result import RangedDepth
 
-DEPTH, CONFIDENCE, TABLE, RECORD, PREVIEW = "depth", "confidence", "frames.csv", "flight.json", "preview.mp4"
-OWN_NAMES = frozenset({DEPTH, CONFIDENCE, TABLE, RECORD, PREVIEW})
+DEPTH, CONFIDENCE, SIGMA = "depth", "confidence", "sigma"
+TABLE, POSES, RECORD, PREVIEW = "frames.csv", "poses.csv", "flight.json", "preview.mp4"
+OWN_NAMES = frozenset({DEPTH, CONFIDENCE, SIGMA, TABLE, POSES, RECORD, PREVIEW})
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +62,7 @@ class FlightWriter:
         refuse_foreign_folder(target)
         self._target, self._source, self._preview, self._format = target, source, preview, depth_format
         self._rows: list[FrameRow] = []
+        self._poses: list[FramePose] = []
         self._notes: dict[str, None] = {}  # a set in order
         self._dropped: dict[str, int] = {}
         self._saturated_pixels = 0
@@ -88,9 +98,10 @@ class FlightWriter:
         """Figures of what was added so far."""
         return Summary.of(self._rows, self._counts(), tuple(self._notes))
 
-    def add(self, frame: Frame, result: RangedDepth) -> None:
+    def add(self, frame: Frame, result: RangedDepth, pose: FramePose | None = None) -> None:
         """Write one frame; its arrays must not change afterwards."""
         self._rows.append(FrameRow.of(frame, result))
+        self._poses += [] if pose is None else [pose]
         self._notes.update(dict.fromkeys(result.notes))
         for thread in self._threads:
             thread.put(Item(frame, result))
@@ -103,12 +114,20 @@ class FlightWriter:
         name = f"{item.frame.index:06d}"
         confidence = png(bytes_from_confidence(item.result.confidence))
         (self._folder / CONFIDENCE / f"{name}.png").write_bytes(confidence)
+        self._write_sigma(name, item.result.sigma_m)
         if self._format == "npz":
-            (self._folder / DEPTH / f"{name}.npz").write_bytes(npz(item.result.depth_m))
+            (self._folder / DEPTH / f"{name}.npz").write_bytes(npz(depth_m=item.result.depth_m))
             return
         centimetres = centimetres_from_depth(item.result.depth_m)
         self._saturated_pixels += int(np.count_nonzero(centimetres == FARTHEST))
         (self._folder / DEPTH / f"{name}.png").write_bytes(png(centimetres))
+
+    def _write_sigma(self, name: str, sigma_m: Map | None) -> None:
+        if sigma_m is None:
+            return
+        (self._folder / SIGMA).mkdir(exist_ok=True)
+        data = npz(sigma_m=sigma_m) if self._format == "npz" else png(rounded_centimetres(sigma_m))
+        (self._folder / SIGMA / f"{name}.{self._format}").write_bytes(data)
 
     def _write_picture(self, item: Item) -> None:
         self._film.add(item.frame.stamp_ns, self._preview.draw(item.frame, item.result))
@@ -118,6 +137,7 @@ class FlightWriter:
             thread.finish()
         self._film.close()
         write_atomic(self._folder / TABLE, csv_bytes(self._rows))
+        write_atomic(self._folder / POSES, csv_of_poses(self._poses))
         record = FlightRecord(
             flightdepth=version("flightdepth"),
             source=self._source,
@@ -136,10 +156,10 @@ class FlightWriter:
         return Counts.of(self._rows, self._dropped, self._saturated_pixels)
 
 
-def npz(depth_m: Map) -> bytes:
-    """Depth float32 [H, W] under the key `depth_m`, not compressed: the last bits are noise."""
+def npz(**maps: Map) -> bytes:
+    """Maps float32 [H, W] under their names, not compressed: the last bits are noise."""
     file = io.BytesIO()
-    np.savez(file, depth_m=depth_m)
+    np.savez(file, **maps)  # type: ignore[arg-type]
     return file.getvalue()
 
 

@@ -9,23 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.ranges.network import Image
 from flightdepth.ranges.pairs import Frame, Pair, Served, same_way
+from flightdepth.ranges.tracks import Tracker, tracked_rays
 
 Vector = NDArray[np.float64]
 
-MOST_POINTS = 160
 FEWEST_INLIERS = 12
 LEAST_MOTION_PX = 1.0  # median over the points; less is within what tracking and gimbal get wrong
 INLIER_PX = 0.75  # between a point and its epipolar line
-LARGEST_RETURN_PX = 0.5  # a track that does not come back to within this is lost
 TRIALS = 120
 REFINEMENTS = 3
 WORST_SIGMA_RAD = np.radians(15)
@@ -46,8 +43,8 @@ class Direction:
 class SeenDirections:
     """Directions of pairs whose log does not tell them to the camera, from the pictures; a flight's memory of them."""
 
-    def __init__(self, camera: Camera) -> None:
-        self._camera = camera
+    def __init__(self, camera: Camera, tracker: Tracker) -> None:
+        self._focal_px, self._tracker = camera.fx, tracker
         self._last: tuple[int, Vector, Vector] | None = None  # stamp, world displacement, unit in camera axes
 
     def of(self, served: Sequence[Served], current: Frame) -> tuple[Pair, ...]:
@@ -60,7 +57,7 @@ class SeenDirections:
         return tuple(sorted(found, key=lambda pair: pair.shift))
 
     def _seen(self, frames: Sequence[Frame], world_m: Vector, current: Frame) -> Vector | None:
-        tries = (estimate_direction(frame.image, current.image, self._camera) for frame in frames)
+        tries = (self._direction(frame, current) for frame in frames)
         found = next((each for each in tries if each is not None), None)
         if found is not None:
             self._last = current.stamp_ns, world_m, found.unit
@@ -68,6 +65,10 @@ class SeenDirections:
         if self._last is None or current.stamp_ns - self._last[0] > HOLDS_NS:
             return None
         return self._last[2] if same_way(self._last[1][None], world_m)[0] else None
+
+    def _direction(self, previous: Frame, current: Frame) -> Direction | None:
+        now, before = self._tracker.rays(previous.image, current.image)
+        return direction_of(now, before, self._focal_px)
 
 
 def estimate_direction(previous: Image, current: Image, camera: Camera) -> Direction | None:
@@ -77,20 +78,6 @@ def estimate_direction(previous: Image, current: Image, camera: Camera) -> Direc
     """
     now, before = tracked_rays(previous, current, camera)
     return direction_of(now, before, camera.fx)
-
-
-def tracked_rays(previous: Image, current: Image, camera: Camera) -> tuple[Vector, Vector]:
-    """Rays (x, y, 1) of corners of `current` and of the same points in `previous`, [N, 3] each."""
-    grey_now, grey_before = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (current, previous))
-    spacing = max(5, camera.width // 40)
-    corners = cv2.goodFeaturesToTrack(grey_now, MOST_POINTS, 0.01, spacing)
-    if corners is None:
-        return np.empty((0, 3)), np.empty((0, 3))
-    there, found = _tracked(grey_now, grey_before, corners)
-    back, found_back = _tracked(grey_before, grey_now, there)
-    returned = np.linalg.norm((back - corners)[:, 0], axis=1) < LARGEST_RETURN_PX
-    kept = found & found_back & returned
-    return _rays(corners[kept, 0], camera), _rays(there[kept, 0], camera)
 
 
 def direction_of(now: Vector, before: Vector, focal_px: float) -> Direction | None:
@@ -108,20 +95,6 @@ def direction_of(now: Vector, before: Vector, focal_px: float) -> Direction | No
     if sigma_rad > WORST_SIGMA_RAD:
         return None
     return Direction(d * _sign(d, now[inside], before[inside]), sigma_rad, int(np.count_nonzero(inside)))
-
-
-def _tracked(
-    start: NDArray[Any], end: NDArray[Any], points: NDArray[Any]
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Where points [N, 1, 2] of one grey picture are in another (Lucas-Kanade), and whether they were found."""
-    there, found, _ = cv2.calcOpticalFlowPyrLK(start, end, points, points.copy())
-    return np.asarray(there, dtype=np.float32), np.asarray(found)[:, 0] == 1
-
-
-def _rays(pixels: NDArray[np.float32], camera: Camera) -> Vector:
-    x = (pixels[:, 0] - camera.cx) / camera.fx
-    y = (pixels[:, 1] - camera.cy) / camera.fy
-    return np.column_stack([x, y, np.ones_like(x)]).astype(np.float64)
 
 
 def _consensus(normals: Vector, now: Vector, focal_px: float) -> Vector:

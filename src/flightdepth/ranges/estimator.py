@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.flight.steadiness import MAX_DEROTATED_RAD, MAX_TURN_RAD
+from flightdepth.ranges.derotation import Derotation
 from flightdepth.ranges.direction import SeenDirections
 from flightdepth.ranges.displacement import Trajectory, VelocityFrame
 from flightdepth.ranges.fusion import Fused, Fusion, fuse
-from flightdepth.ranges.network import DepthNetwork, Image, Map
-from flightdepth.ranges.pairs import Frame, FrameBuffer, Pair, baselines, pick, seen_from
+from flightdepth.ranges.network import DepthNetwork, Image, Map, Movable
+from flightdepth.ranges.pairs import Baselines, Frame, FrameBuffer, Pair, baselines, pick, seen_from
 from flightdepth.ranges.plan import Planner
+from flightdepth.ranges.repeats import Repeats
 from flightdepth.ranges.result import RangedDepth
+from flightdepth.ranges.tracks import Tracker
 from flightdepth.ranges.turning import in_view, is_visible, turned
+from flightdepth.runtimes.memory import OutOfMemory
 from flightdepth.runtimes.prediction import Prediction
+
+logger = logging.getLogger(__name__)
 
 MAX_RANGES = 4
 NO_DIRECTION = "direction of motion unknown: no log tells it, and too few tracked points do"
@@ -37,7 +45,8 @@ class MultiRangeEstimator:
     the frame times. In real time the last velocity holds for half a second; after that depth is unknown.
     The attitude must be the camera's (of the gimbal, not of the body): where it is known at both frames,
     the earlier picture is turned into the current orientation before the network sees it. Give none for
-    pictures that are already stabilised.
+    pictures that are already stabilised. What small rotation no log reports is seen in each pair's pictures
+    and taken out, and so is an error of the direction, unless `derotate` is False.
     """
 
     def __init__(
@@ -48,9 +57,9 @@ class MultiRangeEstimator:
         ranges: int = 2,
         fusion: str = "saturation",
         buffer_s: float = 4.0,
+        derotate: bool = True,
     ) -> None:
-        if not 1 <= ranges <= MAX_RANGES:
-            raise BadInput("ranges", expected=f"1 to {MAX_RANGES}", got=str(ranges))
+        check_ranges(ranges)
         if fusion not in {kind.value for kind in Fusion}:
             raise BadInput("fusion", expected="saturation or paper", got=repr(fusion))
         if not (np.isfinite(buffer_s) and buffer_s > 0):
@@ -59,7 +68,12 @@ class MultiRangeEstimator:
         self._grid = network.grid(camera)
         self._card = network.card.at_focal(self._grid.camera.fx)
         self._trajectory = Trajectory()
-        self._directions = SeenDirections(self._grid.camera)
+        self._derotate = derotate
+        self._look_through(self._grid.camera)
+        self._repeats = Repeats()
+        self._most_pairs = MAX_RANGES + 1  # and one scout; fewer once the network's device has no memory for them
+        self._asked = ranges
+        self._memory_notes: tuple[str, ...] = ()
         self._buffer = FrameBuffer(buffer_s)
         self._planner = Planner(
             self._card,
@@ -73,6 +87,21 @@ class MultiRangeEstimator:
         self._span_ns = round(buffer_s * 1e9)
         self._last_ns: int | None = None
         self._frames_given = 0
+
+    @property
+    def ranges(self) -> int:
+        """Pairs a frame; may be set between two frames, where the machine has more or less to do."""
+        return self._planner.ranges
+
+    @ranges.setter
+    def ranges(self, ranges: int) -> None:
+        check_ranges(ranges)
+        self._planner.ranges = ranges
+
+    @property
+    def max_turn_rad(self) -> float:
+        """Rotation within a tenth of a second that no log reports, above which a frame does harm."""
+        return MAX_DEROTATED_RAD if self._derotate else MAX_TURN_RAD
 
     @property
     def dropped(self) -> Mapping[str, int]:
@@ -98,6 +127,28 @@ class MultiRangeEstimator:
         """The camera's pose (4, 4); once one is given, poses replace velocities and attitudes."""
         self._trajectory.add_pose(stamp_ns, world_from_camera)
 
+    def see_through(self, camera: Camera) -> None:
+        """Take the next pictures for those of `camera`, of the same size: the lens zoomed, or its crop changed.
+
+        Earlier pictures are dropped where it is another camera than before, so the next one has no depth.
+        """
+        if camera == self._camera:
+            return
+        self._camera, self._grid = camera, self._network.grid(camera)
+        self._card = self._network.card.at_focal(self._grid.camera.fx)
+        self._look_through(self._grid.camera)
+        self._max_turn_rad = math.radians(camera.horizontal_fov_deg) / 4
+        self.forget_frames()
+
+    def _look_through(self, camera: Camera) -> None:
+        """What the pictures of an ideal camera tell of its motion; each pair is tracked once for both."""
+        tracker = Tracker(camera)
+        self._directions, self._derotation = SeenDirections(camera, tracker), Derotation(camera, tracker)
+
+    def forget_frames(self) -> None:
+        """Pair what comes with none of the frames so far: some of them may be damaged, or of another flight."""
+        self._buffer.clear()
+
     def add_frame(self, stamp_ns: int, image: Image, *, unusable: str | None = None) -> RangedDepth:
         """Depth of `image` [H, W, 3] uint8 RGB.
 
@@ -117,11 +168,15 @@ class MultiRangeEstimator:
         prepared = self._grid.image(image)
         # A picture that fits the grid comes back as it is; the caller may write its next frame into it.
         current = Frame(self._frames_given, stamp_ns, prepared.copy() if prepared is image else prepared)
+        self._repeats.add(stamp_ns, current.image)
         pairs = self._pairs(current)
-        self._buffer.add(current)
+        if not self._repeats.frozen:
+            self._buffer.add(current)
         if isinstance(pairs, str):
             return self._unknown(pairs, started)
-        prediction = self._predict(pairs, current)
+        if self._derotate:
+            pairs = self._derotation.of(pairs, current, seen=self._network.card.knows_direction)
+        pairs, prediction = self._predict_in_memory(pairs, current)
         fused = self._fuse(pairs, prediction)
         self._planner.learn(stamp_ns, fused, self._grid.valid)
         return self._result(pairs, prediction, fused, started)
@@ -131,13 +186,47 @@ class MultiRangeEstimator:
         self._forget_before(current.stamp_ns - self._span_ns)
         frames = self._buffer.frames
         lines = baselines(self._trajectory, frames, current.stamp_ns, self._max_turn_rad)
+        if self._is_frozen(lines, frames):
+            return f"frozen picture: the same for {_seconds(self._repeats.shown_ns, current.stamp_ns):.2f} s in flight"
         if lines.reason is not None:
             return lines.reason
         wanted_m, depths_m = self._planner.wanted(current.stamp_ns, lines.length_m[lines.usable])
-        pairs = pick(lines, frames, current.index, wanted_m, depths_m)
+        most = self._most_pairs
+        pairs = pick(lines, frames, current.index, wanted_m[:most], depths_m[:most])
         if not self._network.card.knows_direction or all(pair.directed for pair in pairs):
             return pairs
         return self._directions.of(seen_from(lines, frames, pairs), current) or NO_DIRECTION
+
+    def _is_frozen(self, lines: Baselines, frames: Sequence[Frame]) -> bool:
+        """Whether the camera moved while it showed this picture; then that holds until it shows another."""
+        since_ns = self._repeats.shown_ns
+        if self._repeats.repeated and not self._repeats.frozen:
+            shown = np.array([frame.stamp_ns >= since_ns for frame in frames], dtype=np.bool_)
+            self._repeats.frozen = bool((shown & lines.usable).any())
+        return self._repeats.frozen
+
+    def _predict_in_memory(
+        self, pairs: tuple[Pair, ...], current: Frame
+    ) -> tuple[tuple[Pair, ...], Prediction]:
+        """With fewer pairs where the network's device has no memory for all, and then on the CPU; logged once."""
+        while True:
+            try:
+                return pairs, self._predict(pairs, current)
+            except OutOfMemory as error:
+                if len(pairs) > 1:
+                    pairs = pairs[:-1]
+                    self._give_up(error, len(pairs), f"{len(pairs)} frame pairs at a time")
+                elif isinstance(self._network, Movable) and self._network.move_to_cpu():
+                    self._give_up(error, MAX_RANGES + 1, "on the CPU")
+                else:
+                    raise
+
+    def _give_up(self, error: OutOfMemory, most: int, what: str) -> None:
+        if not self._memory_notes:
+            logger.warning("%s: going on with fewer frame pairs, in the end on the CPU", error)
+            self._asked = self.ranges
+        self._most_pairs, self.ranges = most, min(self._asked, most)
+        self._memory_notes = (f"{error}: after that {what}",)
 
     def _predict(self, pairs: tuple[Pair, ...], current: Frame) -> Prediction:
         """One batch through the network; earlier frames first turned into the current orientation."""
@@ -184,8 +273,13 @@ class MultiRangeEstimator:
             farther_than_m=self._bound(fused.farther_than_m, known),
             nearer_than_m=self._bound(fused.nearer_than_m, known),
             latency_ms=_since_ms(started),
-            notes=(NON_ROTATING,) if self._trajectory.non_rotating else (),
+            notes=((NON_ROTATING,) if self._trajectory.non_rotating else ()) + self._memory_notes,
+            moved_m=self._moved(pairs),
         )
+
+    def _moved(self, pairs: tuple[Pair, ...]) -> NDArray[np.float64] | None:
+        told = self._network.card.knows_direction or all(pair.directed for pair in pairs)
+        return np.stack([pair.displacement_m for pair in pairs]) if told else None
 
     def _bound(self, bound_m: Map, known: NDArray[np.bool_]) -> Map:
         """A bound at the source's size, where depth is not `known`; it is one value over wide areas."""
@@ -206,6 +300,16 @@ class MultiRangeEstimator:
     def _forget_before(self, stamp_ns: int) -> None:
         self._buffer.expire(stamp_ns)
         self._trajectory.forget(stamp_ns)
+
+
+def check_ranges(ranges: int) -> None:
+    """Refuse a number of ranges that the paper's system does not have."""
+    if not 1 <= ranges <= MAX_RANGES:
+        raise BadInput("ranges", expected=f"1 to {MAX_RANGES}", got=str(ranges))
+
+
+def _seconds(since_ns: int, until_ns: int) -> float:
+    return (until_ns - since_ns) * 1e-9
 
 
 def _since_ms(started: float) -> float:

@@ -35,7 +35,8 @@ RIGHT_WITHIN = 0.25
 LAPLACE_68 = (
     1.148  # two in three errors of scale b are within 1.148 b (Laplace), as two in three are within sigma
 )
-NOTHING, AT_MOST, MEASURED, AT_LEAST = range(4)  # what a range says of a pixel
+
+Flags = NDArray[np.bool_]
 
 
 class Fusion(Enum):
@@ -69,6 +70,25 @@ class Fused:
     sigma_m: Map | None
 
 
+@dataclass(frozen=True)
+class Said:
+    """What each range says of each pixel, bool [n, h, w]; where all three are False it says nothing."""
+
+    at_most: Flags
+    measured: Flags
+    at_least: Flags
+
+    @classmethod
+    def of(cls, beta: Map, usable: Flags, lower: float, upper: float) -> Said:
+        """From the outputs [n, h, w], of which `usable` ones count."""
+        at_most, at_least = usable & (beta <= lower), usable & (beta >= upper)
+        return cls(at_most, usable & ~at_most & ~at_least, at_least)
+
+    def where(self, kept: Flags) -> Said:
+        """The same, and nothing where `kept` [n, h, w] or [h, w] is False."""
+        return Said(self.at_most & kept, self.measured & kept, self.at_least & kept)
+
+
 def weight(beta: Map) -> Map:
     """f of the paper: 0 up to beta_min, rises to 1 at beta_mean, falls to 0 at beta_max. Any shape."""
     rising = (beta - np.float32(BETA_MIN)) / np.float32(BETA_MEAN - BETA_MIN)
@@ -83,7 +103,7 @@ def fuse(
     *,
     fusion: Fusion = Fusion.SATURATION,
     sigma_m: Map | None = None,
-    seen: NDArray[np.bool_] | None = None,
+    seen: Flags | None = None,
 ) -> Fused:
     """Fuse beta [n, h, w], 0..1, of pairs `displacements_m` [n] apart (D*, really flown, metres).
 
@@ -95,26 +115,29 @@ def fuse(
     """
     usable = np.isfinite(beta) if seen is None else np.isfinite(beta) & seen
     reach_m = (card.alpha * displacements_m).astype(np.float32)[:, None, None]
+    depths_m = reach_m * beta
     lower, upper = ends(card) if fusion is Fusion.SATURATION else (-np.inf, np.inf)
-    said = _said(beta, usable, lower, upper)
-    trust = np.float32(EPSILON) + weight(beta)
+    said = Said.of(beta, usable, lower, upper)
     told = sigma_m if fusion is Fusion.SATURATION else None
-    if told is not None:
-        told = np.maximum(told, np.float32(LEAST_SIGMA) * reach_m * beta)
-        said = np.where((said == MEASURED) & (told >= WORST_SIGMA * reach_m * beta), NOTHING, said)
+    if told is None:
+        trust = np.float32(EPSILON) + weight(beta)
+    else:
+        told = np.maximum(told, np.float32(LEAST_SIGMA) * depths_m)
+        said = said.where(~said.measured | (told < np.float32(WORST_SIGMA) * depths_m))
         trust = 1 / np.square(np.maximum(told, np.float32(1e-6)))
     if fusion is Fusion.SATURATION:
-        said = np.where(_agree(said, beta, reach_m, lower, upper), said, NOTHING)
-    low, high, measured = said == AT_MOST, said == AT_LEAST, said == MEASURED
-    w = np.where(measured, trust, np.float32(0))
+        said = said.where(_agree(said, depths_m, np.float32(lower) * reach_m, np.float32(upper) * reach_m))
+    w = np.where(said.measured, trust, np.float32(0))
     total = w.sum(axis=0)
     unknown = total == 0
-    share = np.asarray(w / np.where(unknown, 1, total), dtype=np.float32)
-    depth = _mean(share, np.where(measured, reach_m * beta, 0), unknown)
-    sigma = None if sigma_m is None else _mean(share, np.where(measured, sigma_m, 0), unknown)
+    share = w / np.where(unknown, np.float32(1), total)
+    depth = _mean(share, np.where(said.measured, depths_m, np.float32(0)), unknown)
+    sigma = (
+        None if sigma_m is None else _mean(share, np.where(said.measured, sigma_m, np.float32(0)), unknown)
+    )
     best = np.asarray(w.max(axis=0) / np.float32(1 + EPSILON), dtype=np.float32)
     confidence = best if told is None or sigma is None else _chance(depth, sigma)
-    farther, nearer = _bounds(low, high, reach_m, unknown, (lower, upper))
+    farther, nearer = _bounds(said, reach_m, unknown, (lower, upper))
     return Fused(depth, confidence, farther, nearer, sigma)
 
 
@@ -138,44 +161,32 @@ def ends(card: NetworkCard) -> tuple[float, float]:
     return card.beta_min + LOWER_MARGIN, BETA_MAX
 
 
-def _said(beta: Map, usable: NDArray[np.bool_], lower: float, upper: float) -> NDArray[np.int8]:
-    """What each range says of each pixel: `NOTHING`, `AT_MOST`, `MEASURED` or `AT_LEAST`, [n, h, w]."""
-    inside = np.where(beta <= lower, AT_MOST, np.where(beta >= upper, AT_LEAST, MEASURED))
-    return np.where(usable, inside, NOTHING).astype(np.int8)
-
-
-def _agree(said: NDArray[np.int8], beta: Map, reach_m: Map, lower: float, upper: float) -> NDArray[np.bool_]:
+def _agree(said: Said, depths_m: Map, lower_m: Map, upper_m: Map) -> Flags:
     """Whether some depth is within `TOLERANCE` of what every range says, bool [h, w].
 
     Where nothing can be matched (sky, bare walls) a network answers with what is usual, whatever the
     displacement: zeta then grows with D instead of staying the same, and would ask for ever longer ones.
     """
-    least = np.select([said == MEASURED, said == AT_LEAST], [beta, np.float32(upper)], np.float32(0))
-    most = np.select([said == MEASURED, said == AT_MOST], [beta, np.float32(lower)], np.float32(np.inf))
-    at_least_m = (least * reach_m).max(axis=0) / np.float32(TOLERANCE)
-    at_most_m = (most * reach_m).min(axis=0) * np.float32(TOLERANCE)
+    least_m = np.where(said.measured, depths_m, np.where(said.at_least, upper_m, np.float32(0)))
+    most_m = np.where(said.measured, depths_m, np.where(said.at_most, lower_m, np.float32(np.inf)))
+    at_least_m = least_m.max(axis=0) / np.float32(TOLERANCE)
+    at_most_m = most_m.min(axis=0) * np.float32(TOLERANCE)
     return np.asarray(at_least_m <= at_most_m)
 
 
-def _mean(share: Map, value: NDArray[Any], unknown: NDArray[np.bool_]) -> Map:
+def _mean(share: Map, value: NDArray[Any], unknown: Flags) -> Map:
     mean = np.asarray(np.einsum("nhw,nhw->hw", share, value), dtype=np.float32)
     mean[unknown] = np.nan
     return mean
 
 
-def _bounds(
-    low: NDArray[np.bool_],
-    high: NDArray[np.bool_],
-    reach_m: Map,
-    unknown: NDArray[np.bool_],
-    ends: tuple[float, float],
-) -> tuple[Map, Map]:
+def _bounds(said: Said, reach_m: Map, unknown: Flags, ends: tuple[float, float]) -> tuple[Map, Map]:
     """Largest "at least" and smallest "at most" where depth is unknown; neither where they contradict."""
     if not unknown.any():
         nothing = np.full(unknown.shape, np.nan, dtype=np.float32)
         return nothing, nothing
-    farther = np.where(high, reach_m * np.float32(ends[1]), -np.inf).max(axis=0)
-    nearer = np.where(low, reach_m * np.float32(ends[0]), np.inf).min(axis=0)
+    farther = np.where(said.at_least, reach_m * np.float32(ends[1]), np.float32(-np.inf)).max(axis=0)
+    nearer = np.where(said.at_most, reach_m * np.float32(ends[0]), np.float32(np.inf)).min(axis=0)
     told = unknown & (farther <= nearer)
     farther = np.where(told & np.isfinite(farther), farther, np.nan).astype(np.float32)
     nearer = np.where(told & np.isfinite(nearer), nearer, np.nan).astype(np.float32)

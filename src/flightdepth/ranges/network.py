@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,4 +51,16 @@ class DepthNetwork(Protocol):
     def predict(
         self, previous_n: Sequence[Image], current: Image, displacements_n3: Vector, camera: Camera, /
     ) -> Prediction:
-        """One batch of n pairs; displacements in metres [n, 3]."""
+        """One batch of n pairs; displacements in metres [n, 3].
+
+        Raises:
+            OutOfMemory: the device has no room for so many.
+        """
+
+
+@runtime_checkable
+class Movable(Protocol):
+    """A network on a device of little memory."""
+
+    def move_to_cpu(self) -> bool:
+        """Go on where there is room for every batch; False where there is no such place."""

@@ -46,8 +46,11 @@ class Planner:
     def __init__(
         self, card: NetworkCard, ranges: int, *, sides: float, memory_s: float, saturation: bool
     ) -> None:
-        """`sides`: smaller side of the picture over focal length; `memory_s`: how long a depth counts."""
-        self._card, self._ranges, self._saturation = card, ranges, saturation
+        """`sides`: smaller side of the picture over focal length; `memory_s`: how long a depth counts.
+
+        `ranges` may change between frames; it counts from the next depth that is learnt on.
+        """
+        self._card, self.ranges, self._saturation = card, ranges, saturation
         self._shift_per_depth = MAX_PICTURE_SHIFT * sides
         self._memory_ns = round(memory_s * 1e9)
         self._learned_ns = 0
@@ -69,8 +72,8 @@ class Planner:
             self._limit_m = np.inf
         if self._centroids_m is None:
             shortest, longest = usable_m.min(), usable_m.max()
-            spread = np.geomspace(shortest, longest, self._ranges + 2)[1:-1]
-            depths, wanted = np.full(self._ranges, np.nan), spread
+            spread = np.geomspace(shortest, longest, self.ranges + 2)[1:-1]
+            depths, wanted = np.full(self.ranges, np.nan), spread
         else:
             depths, wanted = self._centroids_m, self._displacements(self._centroids_m)
         scout = self._scout(stamp_ns, usable_m)
@@ -82,8 +85,10 @@ class Planner:
         self._learned_ns = stamp_ns
         measured = np.count_nonzero(np.isfinite(depth_m)) >= MIN_MEASURED * depth_m.size
         before = self._centroids_m
+        if before is not None and len(before) != self.ranges:
+            before = None  # so many were asked for until now
         self._centroids_m = (
-            centroids(depth_m, self._ranges, before, logarithmic=self._saturation) if measured else None
+            centroids(depth_m, self.ranges, before, logarithmic=self._saturation) if measured else None
         )
         nearer, farther = fused.nearer_than_m[valid], fused.farther_than_m[valid]
         self._limit_m = self._shift_per_depth * _near_depth(depth_m, nearer, farther)

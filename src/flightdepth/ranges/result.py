@@ -27,6 +27,8 @@ class RangedDepth:
     latency_ms                  time spent in `add_frame`
     reason                      why there is no depth at all, None when there is
     notes                       assumptions behind this depth, a line each; mostly empty
+    moved_m          [n, 3]     the displacements as vectors in the current camera's axes (right, down,
+                                forward); None where their direction is unknown
 
     n is the number of ranges, less where two chose the same frame, one more when a scout looks beyond them.
     """
@@ -43,6 +45,7 @@ class RangedDepth:
     latency_ms: float
     reason: str | None = None
     notes: tuple[str, ...] = ()
+    moved_m: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         size, n = self.depth_m.shape, len(self.shifts)
@@ -51,6 +54,8 @@ class RangedDepth:
             raise ValueError(f"expected maps of one size [H, W], got {[size, *(m.shape for m in maps)]}")
         if not n == len(self.displacements_m) == len(self.centroids_m) == len(self.range_depths_m):
             raise ValueError(f"expected {n} of each per-range entry")
+        if self.moved_m is not None and self.moved_m.shape != (n, 3):
+            raise ValueError(f"expected moved_m [{n}, 3], got {self.moved_m.shape}")
         if (n == 0) != (self.reason is not None):
             raise ValueError("expected a reason where there is no depth, and only there")
 

@@ -12,7 +12,7 @@ from flightdepth.ranges.network import Image
 Vector = NDArray[np.float64]
 
 # A turn that moves no pixel by more than this is left alone: resampling would cost more than it mends.
-UNSEEN_PX = 0.25
+UNSEEN_PX = 0.1
 
 
 def homography(current_from_previous: Vector, camera: Camera) -> Vector:
@@ -31,7 +31,7 @@ def turned(image: Image, current_from_previous: Vector, camera: Camera) -> Image
     size = (image.shape[1], image.shape[0])
     border = cv2.BORDER_REPLICATE
     return np.asarray(
-        cv2.warpPerspective(image, warp, size, flags=cv2.INTER_LINEAR, borderMode=border), dtype=np.uint8
+        cv2.warpPerspective(image, warp, size, flags=cv2.INTER_CUBIC, borderMode=border), dtype=np.uint8
     )
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 from typing import get_args
 
 from flightdepth.errors import BadInput
 from flightdepth.runtimes.contract import Precision, Runtime
+from flightdepth.runtimes.memory import OutOfMemory
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime, cpu_runs_bf16
 from flightdepth.runtimes.onnx_ort import PROVIDERS, OnnxRuntime
 from flightdepth.weights.card import NetworkCard
+
+logger = logging.getLogger(__name__)
 
 OPENVINO_DEVICES = ("auto", "cpu", "openvino")
 DEVICES = (*OPENVINO_DEVICES, *PROVIDERS)
@@ -29,7 +33,16 @@ def open_runtime(
         return OpenVinoRuntime(onnx, precision=precision or best_precision(card), threads=threads)
     if precision == "bf16":
         raise BadInput(f"precision on {device}", expected="f32", got="bf16", mend="Use device openvino.")
-    return OnnxRuntime(onnx, device, threads=threads)
+    try:
+        return OnnxRuntime(onnx, device, threads=threads)
+    except OutOfMemory as error:
+        logger.warning("%s while the network was loaded: it runs on the CPU", error)
+        return on_cpu(card, onnx, threads=threads)
+
+
+def on_cpu(card: NetworkCard, onnx: bytes, *, threads: int | None = None) -> Runtime:
+    """Where every network finds room: OpenVINO on the CPU."""
+    return OpenVinoRuntime(onnx, precision=best_precision(card), threads=threads)
 
 
 def best_precision(card: NetworkCard) -> Precision:

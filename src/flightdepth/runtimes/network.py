@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.runtimes.contract import DEPTH, SIGMA, Arrays, Precision, Runtime
-from flightdepth.runtimes.devices import open_runtime
+from flightdepth.runtimes.devices import OPENVINO_DEVICES, on_cpu, open_runtime
 from flightdepth.runtimes.grid import NetworkGrid, check_image
 from flightdepth.runtimes.inputs import paired_inputs, swept_inputs
+from flightdepth.runtimes.memory import OutOfMemory
+from flightdepth.runtimes.onnx_openvino import unfit_weights
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
-from flightdepth.weights.store import SHIPPED, read_card, read_network, shipped_networks
+from flightdepth.weights.store import SHIPPED, StoredNetwork, read_card, read_network, shipped_networks
 
 Image = NDArray[np.uint8]
 
@@ -29,11 +33,13 @@ class Network:
 
     card         how it was trained and how well it does
     runtime      what runs it
+    cpu          opens the same network on the CPU, for a device that has no memory left; None: there is none
     """
 
-    def __init__(self, card: NetworkCard, runtime: Runtime) -> None:
+    def __init__(self, card: NetworkCard, runtime: Runtime, cpu: Callable[[], Runtime] | None = None) -> None:
         self.card = card
         self.runtime = runtime
+        self._cpu = cpu
         self._grids: dict[Camera, NetworkGrid] = {}
 
     def grid(self, camera: Camera) -> NetworkGrid:
@@ -87,14 +93,25 @@ class Network:
     def at_focal(self, focal_px: float) -> Network:
         """The same network with its pictures scaled to another focal length, where it knows any."""
         card = self.card.at_focal(focal_px)
-        return self if card == self.card else Network(card, self.runtime)  # itself keeps its grids
+        return self if card == self.card else Network(card, self.runtime, self._cpu)  # itself keeps its grids
+
+    def move_to_cpu(self) -> bool:
+        """Go on there, where the device has no memory left; False where this is the last resort already."""
+        if self._cpu is None:
+            return False
+        self.runtime, self._cpu = self._cpu(), None
+        return True
 
     def warm_up(self, camera: Camera, pairs: int = 1) -> None:
-        """Compile for batches of 1 to `pairs`, about 0.1 s each; a flight's first frames would wait."""
+        """Compile for batches of 1 to `pairs`, about 0.1 s each; a flight's first frames would wait.
+
+        A batch that the device has no memory for is left: who flies finds out, and says so.
+        """
         grid = self.grid(camera)
         blank = np.zeros((grid.camera.height, grid.camera.width, 3), dtype=np.uint8)
-        for n in range(1, pairs + 1):
-            self.runtime(self._batch([blank] * n, blank, np.ones((n, 3)), grid.camera))
+        with suppress(OutOfMemory):
+            for n in range(1, pairs + 1):
+                self.runtime(self._batch([blank] * n, blank, np.ones((n, 3)), grid.camera))
 
     def _inputs(
         self,
@@ -143,8 +160,29 @@ def load_network(
     threads    None uses every core
     """
     stored = read_network(name_or_path)
+    refuse_broken_weights(stored)
     runtime = open_runtime(stored.card, stored.onnx, device=device, precision=precision, threads=threads)
-    return Network(stored.card, runtime)
+    if runtime.architecture != stored.card.architecture:
+        raise BadInput(
+            f"weights of {stored.card.name}",
+            expected=f"a {stored.card.architecture}, as the card says",
+            got=f"a {runtime.architecture}",
+            mend="The card belongs to other weights; export the network again.",
+        )
+    elsewhere = device not in OPENVINO_DEVICES
+    cpu = partial(on_cpu, stored.card, stored.onnx, threads=threads) if elsewhere else None
+    return Network(stored.card, runtime, cpu)
+
+
+def refuse_broken_weights(stored: StoredNetwork) -> None:
+    """Refuse weights that are not numbers: each depth would be one of them, or none."""
+    for name, share in unfit_weights(stored.onnx):
+        raise BadInput(
+            f"weights of {stored.card.name}",
+            expected="finite numbers",
+            got=f"NaN or infinity in {share:.0%} of {name}",
+            mend="The training diverged, or the file is damaged; take an earlier checkpoint.",
+        )
 
 
 def networks() -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Iterator
 from threading import Lock
 from typing import Any
 
@@ -63,6 +64,19 @@ class OpenVinoRuntime:
         if len(self._requests) > SHAPES_KEPT:
             self._requests.popitem(last=False)
         return request
+
+
+def unfit_weights(onnx: bytes) -> Iterator[tuple[str, float]]:
+    """Weights with NaN or infinity in them: name, and how large a share of its numbers."""
+    model, _ = open_graph(ov.Core(), onnx)
+    for node in model.get_ops():
+        if node.get_type_name() != "Constant" or not node.get_element_type().is_real():
+            continue
+        data = np.asarray(node.get_data(), dtype=np.float32)
+        # A lone infinity may be the open end of a Clip.
+        unfit = ~np.isfinite(data) if data.size > 1 else np.isnan(data)
+        if unfit.any():
+            yield node.get_friendly_name(), float(unfit.mean())
 
 
 def open_graph(core: Any, onnx: bytes) -> tuple[Any, str]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput, FlightDepthError, MissingExtra
 from flightdepth.runtimes.contract import OUTPUTS, Arrays, architecture_of, check_inputs
+from flightdepth.runtimes.memory import OutOfMemory, memory_errors
 
 PROVIDERS = {
     "onnxruntime": "CPUExecutionProvider",
@@ -32,6 +33,7 @@ class OnnxRuntime:
         options.log_severity_level = 3
         if threads is not None:
             options.intra_op_num_threads = threads
+        self._device = device
         self._session, self.architecture = open_session(onnxruntime, onnx, options, PROVIDERS[device])
         self.description = f"ONNX Runtime {onnxruntime.__version__}, {PROVIDERS[device]}, f32"
 
@@ -40,7 +42,8 @@ class OnnxRuntime:
         check_inputs(self.architecture, inputs)
         names = OUTPUTS[self.architecture]
         contiguous = {name: np.ascontiguousarray(array) for name, array in inputs.items()}
-        outputs = self._session.run(list(names), contiguous)
+        with memory_errors(self._device):
+            outputs = self._session.run(list(names), contiguous)
         return {name: np.asarray(each, np.float32) for name, each in zip(names, outputs, strict=True)}
 
 
@@ -52,7 +55,10 @@ def open_session(onnxruntime: Any, onnx: bytes, options: Any, provider: str) -> 
             "device", expected=f"an execution provider out of {', '.join(available)}", got=provider
         )
     try:
-        session = onnxruntime.InferenceSession(onnx, options, providers=[provider])
+        with memory_errors(provider):
+            session = onnxruntime.InferenceSession(onnx, options, providers=[provider])
+    except OutOfMemory:
+        raise
     except Exception as error:  # ONNX Runtime's errors have no common type of their own
         raise BadInput(
             "ONNX file", expected="a graph that ONNX Runtime reads", got=str(error).splitlines()[0]

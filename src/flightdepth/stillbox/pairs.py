@@ -39,19 +39,23 @@ class PairRule:
     depth_min_m, depth_max_m   the target is clipped to this range: 0..100, Clamped 10..60
     reference_focal_px         None: the target is metres. Else it is the depth that moves a pixel as far in a
                                picture of this focal length: depth * reference / focal
+    backward, still            whether there are pairs with the later frame first, and pairs of one frame
     """
 
     nominal_shift: int = 3
     depth_min_m: float = 0.0
     depth_max_m: float = 100.0
     reference_focal_px: float | None = None
+    backward: bool = True
+    still: bool = True
 
     def draw_frames(self, rng: np.random.Generator, frames: int) -> tuple[int, int]:
         """Numbers of (previous, current): |shift| = round(2 * nominal * u) at most frames - 1, either order."""
         shift = min(round(2 * self.nominal_shift * rng.random()), frames - 1)
+        shift = shift if self.still else max(shift, 1)
         first = int(rng.integers(frames - shift))
         second = first + shift
-        return (first, second) if rng.random() < 0.5 else (second, first)
+        return (first, second) if rng.random() < 0.5 or not self.backward else (second, first)
 
     def target_m(self, depth_m: Depth, shift: int, focal_px: float) -> Depth:
         """Depth that gives the same picture pair at the nominal shift: depth * nominal / |shift|, clipped.

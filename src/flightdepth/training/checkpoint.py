@@ -14,7 +14,7 @@ from torch import Tensor, nn, optim
 from flightdepth.errors import BadInput
 from flightdepth.files import write_atomic
 
-_STATE = ("step", "exp_avg", "exp_avg_sq")  # of AdamW, for each parameter
+_STATE = ("step", "exp_avg", "exp_avg_sq", "momentum_buffer")  # of AdamW and SGD, for each parameter
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ def read_optimizer(path: Path, network: nn.Module, optimizer: optim.Optimizer) -
     with safe_open(str(path), "pt") as file:
         keys = set(file.keys())
         for name, parameter in network.named_parameters():
-            stored = {s: f"optimizer.{name}.{s}" for s in _STATE}
-            if keys.issuperset(stored.values()):
+            stored = {s: key for s in _STATE if (key := f"optimizer.{name}.{s}") in keys}
+            if stored:
                 optimizer.state[parameter] = {
                     s: _laid_out_like(parameter, file.get_tensor(key)) for s, key in stored.items()
                 }

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -18,7 +18,7 @@ import torch
 from onnx import helper, numpy_helper
 from torch import Tensor, nn
 
-from flightdepth.architectures import DepthNet, MotionNet
+from flightdepth.architectures import DepthNet, FlowNetS, MotionNet
 from flightdepth.errors import BadInput
 from flightdepth.sweep import LEVELS
 from flightdepth.training.inputs import motion_inputs
@@ -34,7 +34,7 @@ HALF = ".half"  # suffix of an initialiser stored in half precision
 class Deployed(nn.Module):
     """What a runtime sees: `pairs` uint8 [n, H, W, 6] to `depth_m` float32 [n, H/4, W/4], metres at D0, clipped."""
 
-    def __init__(self, network: DepthNet, depth_min_m: float, depth_max_m: float) -> None:
+    def __init__(self, network: DepthNet | FlowNetS, depth_min_m: float, depth_max_m: float) -> None:
         super().__init__()
         self.network = network
         self.range_m = (depth_min_m, depth_max_m)
@@ -65,8 +65,10 @@ def deployed(recipe: Recipe, weights: dict[str, Tensor]) -> Deployed | DeployedM
     """The network of a recipe with these weights, in evaluation mode."""
     network = built(recipe)
     network.load_state_dict(weights)
-    wrapper = Deployed if isinstance(network, DepthNet) else DeployedMotion
-    return wrapper(network, recipe.depth_min_m, recipe.depth_max_m).eval()  # type: ignore[arg-type]
+    range_m = (recipe.depth_min_m, recipe.depth_max_m)
+    if isinstance(network, MotionNet):
+        return DeployedMotion(network, *range_m).eval()
+    return Deployed(network, *range_m).eval()
 
 
 def to_onnx(model: Deployed | DeployedMotion) -> bytes:
@@ -109,13 +111,20 @@ def weights_of(onnx_bytes: bytes) -> dict[str, Tensor]:
     """
     graph = onnx.load_model_from_string(onnx_bytes).graph
     arrays = {i.name.removesuffix(HALF): numpy_helper.to_array(i) for i in graph.initializer}
-    keys = (MotionNet(1) if "predict_spread2.weight" in arrays else DepthNet(1)).state_dict().keys()
+    keys = _architecture_with(arrays.keys())(1).state_dict().keys()
     found = {k: torch.from_numpy(arrays[k].copy()) for k in keys if k in arrays}
     if not found:
         raise BadInput("weights", expected="an ONNX file that flightdepth export wrote", got="other names")
     for key in keys - found.keys():  # counters of batch norm: not needed for inference, not exported
         found[key] = torch.zeros((), dtype=torch.int64)
     return {k: v.float() if v.is_floating_point() else v for k, v in found.items()}
+
+
+def _architecture_with(names: Collection[str]) -> type[DepthNet | FlowNetS | MotionNet]:
+    """What only one of them has: a spread, or convolutions with a bias instead of batch norm."""
+    if "predict_spread2.weight" in names:
+        return MotionNet
+    return FlowNetS if "conv1.0.bias" in names else DepthNet
 
 
 def _interface(model: Deployed | DeployedMotion) -> tuple[list[Tensor], list[str], list[str]]:

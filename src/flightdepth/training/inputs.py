@@ -14,7 +14,7 @@ from flightdepth.training.recipe import Recipe
 
 def network_inputs(recipe: Recipe, batch: Batch, device: torch.device) -> tuple[Tensor, ...]:
     """Arguments of the network's `forward`."""
-    if recipe.architecture == "DepthNet":
+    if recipe.architecture != "MotionNet":
         return (normalised(torch.from_numpy(batch.pairs).to(device)),)
     current, *maps = (torch.from_numpy(array).to(device) for array in swept(batch))
     return motion_inputs(current, *maps)

@@ -13,6 +13,7 @@ from flightdepth.training.recipe import Recipe
 SCALE_WEIGHTS = (0.32, 0.08, 0.02, 0.01, 0.005)  # finest first, as in the authors' code
 INSIDE_ONE_SIGMA = 0.6827
 SPREAD_WEIGHT = 0.05
+UNIT_DEPTH_M = 10.0  # where an error of inverse depth counts as one of depth
 
 
 def loss_m(recipe: Recipe, output: list[Tensor] | tuple[list[Tensor], Tensor], target_m: Tensor) -> Tensor:
@@ -20,15 +21,14 @@ def loss_m(recipe: Recipe, output: list[Tensor] | tuple[list[Tensor], Tensor], t
     ends = (
         {"lower": recipe.depth_min_m, "upper": recipe.depth_max_m} if recipe.loss == "saturating-l1" else {}
     )
-    if isinstance(output, list):
-        return multi_scale_l1(output, target_m, near_weight_m=recipe.near_weight_m, **ends)
-    depths, spread_m = output
-    error_m = (
-        depths[0].detach().clamp(recipe.depth_min_m, recipe.depth_max_m) - _pooled(target_m, depths[0])
-    ).abs()
-    return multi_scale_l1(
-        depths, target_m, near_weight_m=recipe.near_weight_m, **ends
-    ) + SPREAD_WEIGHT * pinball(spread_m, error_m, INSIDE_ONE_SIGMA)
+    depths, spread_m = (output, None) if isinstance(output, list) else output
+    inverse = recipe.loss_space == "inverse-depth"
+    total = multi_scale_l1(depths, target_m, near_weight_m=recipe.near_weight_m, inverse=inverse, **ends)
+    if spread_m is None:
+        return total
+    answer_m = depths[0].detach().clamp(recipe.depth_min_m, recipe.depth_max_m)
+    error_m = (answer_m - _pooled(target_m, answer_m)).abs()
+    return total + SPREAD_WEIGHT * pinball(spread_m, error_m, INSIDE_ONE_SIGMA)
 
 
 def multi_scale_l1(
@@ -38,23 +38,30 @@ def multi_scale_l1(
     lower: float = -torch.inf,
     upper: float = torch.inf,
     near_weight_m: float = 0.0,
+    inverse: bool = False,
 ) -> Tensor:
     """Sum over scales of weight * mean |depth - target|, the target average-pooled to each scale.
 
     depths: [B, h, w] each, finest first; target_m [B, H, W]; the result is a scalar in metres.
     With `lower` and `upper`, the ends of a clipped target, an answer beyond an end is no error where the
     target stands at that end: it will be clamped anyway. With `near_weight_m` an error at depth Z counts
-    1 + near_weight_m / Z times.
+    1 + near_weight_m / Z times; with `inverse` it is the error of inverse depth (`inverse_error_m`).
     """
     total = torch.zeros((), device=target_m.device)
     for depth, weight in zip(depths, SCALE_WEIGHTS, strict=True):
         truth = _pooled(target_m, depth)
         beyond = ((truth >= upper) & (depth > upper)) | ((truth <= lower) & (depth < lower))
-        error = (depth - truth).abs().masked_fill(beyond, 0.0)
+        error = inverse_error_m(depth, truth) if inverse else (depth - truth).abs()
+        error = error.masked_fill(beyond, 0.0)
         if near_weight_m:
             error = error * (1 + near_weight_m / truth.clamp_min(1.0))
         total = total + weight * error.mean()
     return total
+
+
+def inverse_error_m(depth: Tensor, truth: Tensor) -> Tensor:
+    """|1 / (1 m + depth) - 1 / (1 m + truth)|, times (1 m + 10 m)^2: metres near 10 m, nothing is divided by 0."""
+    return (UNIT_DEPTH_M + 1) ** 2 * (1 / (1 + depth.clamp_min(0)) - 1 / (1 + truth)).abs()
 
 
 def pinball(quantile: Tensor, value: Tensor, share: float) -> Tensor:

@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
-from flightdepth.architectures import DepthNet, MotionNet
+from torch import nn
+
+from flightdepth.architectures import DepthNet, FlowNetS, MotionNet
 from flightdepth.training.recipe import Recipe
 
 
-def built(recipe: Recipe) -> DepthNet | MotionNet:
+def built(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
     """With random weights, in training mode."""
+    network = drawn(recipe)
+    for module in list(network.modules()):
+        if isinstance(module, nn.BatchNorm2d):
+            module.momentum = recipe.batch_norm_momentum
+        for name, part in module.named_children():
+            if isinstance(part, nn.ReLU) and recipe.leaky_slope:
+                setattr(module, name, nn.LeakyReLU(recipe.leaky_slope, inplace=True))
+    return network
+
+
+def drawn(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
+    """As the architecture is published."""
     if recipe.architecture == "MotionNet":
         return MotionNet(recipe.base_width)
+    if recipe.architecture == "FlowNetS":
+        return FlowNetS(recipe.base_width, recipe.activation)
     return DepthNet(recipe.base_width, recipe.activation)

@@ -54,34 +54,56 @@ class Recipe(_Strict):
     """A network and its curriculum."""
 
     name: str
-    architecture: Literal["DepthNet", "MotionNet"] = "DepthNet"
+    architecture: Literal["DepthNet", "FlowNetS", "MotionNet"] = "DepthNet"
     base_width: int = Field(gt=0)
     activation: Literal["elu+1", "none"]
+    leaky_slope: float = Field(
+        default=0.0, ge=0, lt=1, description="LeakyReLU of that slope where the network has ReLU"
+    )
+    batch_norm_momentum: float = Field(default=0.1, gt=0, le=1, description="of the running statistics")
     nominal_shift: int = Field(gt=0)
     depth_min_m: float = Field(ge=0)
     depth_max_m: float = Field(gt=0)
     reference_focal_px: float | None = Field(
         default=None, gt=0, description="for any lens: the focal length at which depth is metres"
     )
+    backward_pairs: bool = Field(default=True, description="half of the pairs show the later frame first")
+    still_pairs: bool = Field(default=True, description="pairs of one frame, farthest depth everywhere")
+    pairs_per_scene: int = Field(default=40, gt=0, description="before another scene takes its place")
     loss: Literal["l1", "saturating-l1"]
+    loss_space: Literal["depth", "inverse-depth"] = "depth"
     near_weight_m: float = Field(
         default=0.0,
         ge=0,
         description="an error at depth Z counts 1 + this / Z times: 10 m makes 5 m count threefold",
     )
+    optimizer: Literal["adamw", "sgd"] = Field(default="adamw", description="sgd: with momentum 0.9")
     weight_decay: float = Field(ge=0)
     ema_decay: float = Field(ge=0, lt=1)
     warmup_samples: int = Field(ge=0)
     floor: float = Field(ge=0, le=1, description="learning rate at the end of a stage, share of the peak")
     seed: int
-    starts_from: str | None = Field(default=None, description="recipe whose last checkpoint is taken over")
+    accumulate: int = Field(
+        default=1, gt=0, description="equal parts of a batch, each seen by itself: memory, processes"
+    )
+    starts_from: str | None = Field(
+        default=None,
+        description="recipe whose last checkpoint is taken over; NAME/STAGE: its checkpoint there",
+    )
     scenes: StillBoxConfig = StillBoxConfig()
     stages: tuple[Stage, ...] = Field(min_length=1)
 
     @property
     def rule(self) -> PairRule:
         """How pairs are drawn and clipped."""
-        return PairRule(self.nominal_shift, self.depth_min_m, self.depth_max_m, self.reference_focal_px)
+        return PairRule(
+            self.nominal_shift,
+            self.depth_min_m,
+            self.depth_max_m,
+            self.reference_focal_px,
+            backward=self.backward_pairs,
+            still=self.still_pairs,
+        )
 
     @property
     def samples(self) -> int:

@@ -54,6 +54,12 @@ class Trained:
         return _whole_batches(stage) if number < self.progress.stage else 0
 
 
+def parent_checkpoint(runs: Path, starts_from: str) -> Path:
+    """Where a recipe's `starts_from` lies: NAME is a run's last checkpoint, NAME/STAGE that of a stage's end."""
+    name, _, stage = starts_from.partition("/")
+    return runs / name / (f"{stage}.safetensors" if stage else CHECKPOINT)
+
+
 def stages_behind(card: NetworkCard, recipe: Recipe) -> int:
     """How many of the recipe's first stages are the card's last: what its network has been through already."""
     trained = [(stage.name, stage.samples) for stage in card.stages]
@@ -156,5 +162,5 @@ def _shipped(path: Path) -> NetworkCard | None:
 def _parent(checkpoint: Path, recipe: Recipe) -> Trained | None:
     if recipe.starts_from is None:
         return None
-    folder = checkpoint.parent.parent / recipe.starts_from
-    return read_trained(folder) if (folder / CHECKPOINT).exists() else None
+    before = parent_checkpoint(checkpoint.parent.parent, recipe.starts_from)
+    return read_trained(before) if before.exists() else None

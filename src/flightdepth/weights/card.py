@@ -40,7 +40,7 @@ class NetworkCard(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())
 
     name: str
-    architecture: Literal["DepthNet", "MotionNet"]
+    architecture: Literal["DepthNet", "FlowNetS", "MotionNet"]
     base_width: int = Field(description="feature maps of the first convolution: 32, or 16 for Tiny")
     activation: Literal["elu+1", "none"]
     nominal_shift: int = Field(gt=0, description="frames between the images of a nominal training pair")

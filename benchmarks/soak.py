@@ -1,0 +1,123 @@
+"""A long flight, and what it does to memory: python benchmarks/soak.py --minutes 30.
+
+The sample flight again and again as one: decoded, its velocities given, depth estimated, files encoded and thrown
+away. Every few seconds the resident memory is read (after a collection); its slope after warm-up is fitted, with its
+standard error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import os
+import platform
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from flightdepth.flight import AttitudeSample, Flight, Frame, VelocitySample, open_flight
+from flightdepth.outputs import FlightWriter, Preview, Source
+from flightdepth.outputs.run import depths
+from flightdepth.ranges import MultiRangeEstimator
+from flightdepth.runtimes.network import Network, load_network
+
+SAMPLE = Path(sys.modules["flightdepth"].__file__ or "").parent / "sample"
+PASS_NS = 13_000_000_000  # from one beginning of the sample to the next: nothing is integrated across the cut
+PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
+FLAT_MIB_AN_HOUR = 20.0
+
+
+def resident_mib() -> float:
+    """Memory of this process that is in RAM."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_BYTES / 2**20
+
+
+class EndlessFlight:
+    """The sample flight over and over until `seconds` of wall time have passed; looks like a Flight."""
+
+    def __init__(self, seconds: float) -> None:
+        self._until = time.monotonic() + seconds
+        self.passes = 0
+        with self._open() as flight:
+            self.camera, self.gyroscope = flight.camera, flight.gyroscope
+
+    def _open(self) -> Flight:
+        return open_flight(SAMPLE / "flight.mp4", SAMPLE / "telemetry.csv", SAMPLE / "camera.json")
+
+    def __iter__(self) -> Iterator[Frame | VelocitySample | AttitudeSample]:
+        index = 0
+        while True:
+            with self._open() as flight:
+                for event in flight:
+                    if time.monotonic() >= self._until:
+                        return
+                    later = replace(event, stamp_ns=event.stamp_ns + self.passes * PASS_NS)
+                    if isinstance(later, Frame):
+                        later = replace(later, index=index)
+                        index += 1
+                    yield later
+            self.passes += 1
+
+
+def soak(network: Network, minutes: float, every_s: float) -> tuple[list[tuple[float, float]], int]:
+    """(seconds, MiB) every `every_s` seconds, and how many frames were flown."""
+    flight = EndlessFlight(60 * minutes)
+    camera = flight.camera
+    estimator = MultiRangeEstimator(network, camera)
+    source = Source(flight="sample", telemetry="sample", camera=camera, network=network.card)
+    taken: list[tuple[float, float]] = []
+    began = time.monotonic()
+    preview = Preview(camera.width, camera.height)
+    with TemporaryDirectory() as folder, FlightWriter(Path(folder) / "out", source, preview) as writer:
+        for frames, (frame, result) in enumerate(depths(flight, estimator), start=1):  # type: ignore[arg-type]
+            writer.add(frame, result)
+            throw_away(Path(folder), frame.index)
+            if time.monotonic() - began >= every_s * (len(taken) + 1):
+                gc.collect()
+                taken.append((time.monotonic() - began, resident_mib()))
+                print(f"{taken[-1][0]:7.0f} s {frames:7d} frames {taken[-1][1]:9.1f} MiB", flush=True)
+    return taken, frames
+
+
+def throw_away(folder: Path, index: int) -> None:
+    """Remove the maps of a frame long written, so that no disk fills up."""
+    for path in folder.glob(f".out.*/*/{index - 100:06d}.*"):
+        path.unlink()
+
+
+def slope(taken: list[tuple[float, float]], warm_up_s: float) -> tuple[float, float]:
+    """MiB an hour after `warm_up_s`, and its standard error."""
+    seconds, mib = np.array([each for each in taken if each[0] >= warm_up_s]).T
+    hours = seconds / 3600
+    (per_hour, _), covariance = np.polyfit(hours, mib, 1, cov=True)
+    return float(per_hour), float(np.sqrt(covariance[0, 0]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--network", default="motion-tiny", help="a shipped name or an ONNX file")
+    parser.add_argument("--every", type=float, default=5.0, help="seconds between two looks at the memory")
+    parser.add_argument("--json", type=Path, help="also write the figures here")
+    arguments = parser.parse_args()
+    network = load_network(arguments.network)
+    taken, frames = soak(network, arguments.minutes, arguments.every)
+    per_hour, error = slope(taken, warm_up_s=min(60.0, 20 * arguments.minutes))
+    per_frame = per_hour * 2**20 / max(1, frames / (taken[-1][0] / 3600))
+    print(f"{network.card.name}, {network.runtime.description}, {platform.machine()}")
+    print(f"{frames} frames in {taken[-1][0]:.0f} s, {taken[0][1]:.0f} to {taken[-1][1]:.0f} MiB")
+    print(f"slope {per_hour:.1f} +- {error:.1f} MiB an hour, {per_frame:.0f} bytes a frame")
+    print("flat" if per_hour - 2 * error < FLAT_MIB_AN_HOUR else "NOT FLAT")
+    if arguments.json:
+        figures = {"frames": frames, "mib_an_hour": per_hour, "standard_error": error, "seconds_mib": taken}
+        arguments.json.write_text(json.dumps(figures, indent=2))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""Between ROS messages and flightdepth, without rclpy: only the fields of messages are used.
+
+Pictures, axes and units of odometry are read as flightdepth reads them from recordings (docs/telemetry.md).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.flight.ros_frames import picture
+from flightdepth.flight.ros_messages import IMAGE, ODOMETRY, orientation_of, stamp_of, twist_of
+from flightdepth.flight.ros_records import RosMessage
+from flightdepth.motion import Vector, quaternion_from_rotation
+
+# CameraInfo.distortion_model (sensor_msgs/distortion_models.hpp) and the model here.
+MODELS = {"plumb_bob": "pinhole", "rational_polynomial": "pinhole", "equidistant": "fisheye", "": "pinhole"}
+FLOAT_BYTES = 4
+
+
+def image_of(message: Any, now_ns: int) -> tuple[int, NDArray[np.uint8]]:
+    """Stamp and uint8 RGB [H, W, 3] of a sensor_msgs/Image; `now_ns` where nobody set a stamp."""
+    return stamp_of(message.header, now_ns), picture(_unread(IMAGE, now_ns), message)
+
+
+def velocity_of(message: Any, now_ns: int) -> tuple[int, Vector, float | None]:
+    """Stamp, velocity NED in m/s and its standard deviation, of a nav_msgs/Odometry."""
+    twist = twist_of(_unread(ODOMETRY, now_ns), message)
+    assert twist is not None  # an Odometry always tells its axes
+    return twist.stamp_ns, twist.velocity, twist.sigma
+
+
+def camera_attitude_of(message: Any, now_ns: int, flu_from_camera: Vector) -> tuple[int, Vector]:
+    """Stamp and quaternion world_from_camera of a camera screwed to the body of a nav_msgs/Odometry.
+
+    `flu_from_camera` (3, 3) turns the camera's axes into forward-left-up of the body.
+    """
+    body = orientation_of(_unread(ODOMETRY, now_ns), message)
+    assert body is not None
+    return body.stamp_ns, quaternion_from_rotation(body.ned_from_frame @ flu_from_camera)
+
+
+def camera_of(info: Any) -> Camera:
+    """The camera of a sensor_msgs/CameraInfo, of the raw picture; binning and a region of interest are refused."""
+    if info.distortion_model not in MODELS:
+        raise BadInput("camera info", expected=f"a model of {list(MODELS)}", got=repr(info.distortion_model))
+    if max(info.binning_x, info.binning_y) > 1 or info.roi.width or info.roi.height:
+        raise BadInput("camera info", expected="the whole picture", got="binning or a region of interest")
+    fx, _, cx, _, fy, cy = (float(value) for value in info.k[:6])
+    distortion = tuple(float(value) for value in info.d) if any(info.d) else ()
+    return Camera(
+        int(info.width), int(info.height), fx, fy, cx, cy, distortion, MODELS[info.distortion_model]
+    )
+
+
+def depth_fields(depth_m: NDArray[np.float32]) -> dict[str, Any]:
+    """The fields of a sensor_msgs/Image in metres as REP 118 has them: 32FC1, NaN where unknown."""
+    height, width = depth_m.shape
+    little = np.ascontiguousarray(depth_m, dtype="<f4")
+    return {
+        "height": height,
+        "width": width,
+        "encoding": "32FC1",
+        "is_bigendian": 0,
+        "step": width * FLOAT_BYTES,
+        "data": little.view(np.uint8).ravel(),
+    }
+
+
+def info_fields(camera: Camera) -> dict[str, Any]:
+    """The fields of a sensor_msgs/CameraInfo of depth at the picture's pixels: same lens, no rectification."""
+    model = "equidistant" if camera.model == "fisheye" else "plumb_bob"
+    if len(camera.distortion) > 5:
+        model = "rational_polynomial"
+    projection = np.zeros((3, 4))
+    projection[:, :3] = camera.matrix
+    return {
+        "height": camera.height,
+        "width": camera.width,
+        "distortion_model": model,
+        "d": np.array(camera.distortion or (0.0,) * (4 if model == "equidistant" else 5)),
+        "k": camera.matrix.ravel(),
+        "r": np.eye(3).ravel(),
+        "p": projection.ravel(),
+        "binning_x": 0,
+        "binning_y": 0,
+    }
+
+
+def _unread(kind: str, now_ns: int) -> RosMessage:
+    """What flightdepth wants to know of a message besides its fields."""
+    return RosMessage(topic="", kind=kind, serial="cdr", log_ns=now_ns, data=b"")

@@ -1,0 +1,112 @@
+"""The node. Topics: image, camera_info and odometry in; depth and depth/camera_info out.
+
+Parameters: network ("" = the nearest), ranges (2), mount_pitch_deg (NaN = a stabilised camera; else the camera is
+screwed to the drone and looks up by so many degrees).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import rclpy
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, Image
+
+from flightdepth.errors import FlightDepthError
+from flightdepth.motion import rotation_from_euler
+from flightdepth.ranges import MultiRangeEstimator
+from flightdepth.runtimes.network import load_network, nearest_network
+from flightdepth_ros.conversion import (
+    camera_attitude_of,
+    camera_of,
+    depth_fields,
+    image_of,
+    info_fields,
+    velocity_of,
+)
+
+FLU_FROM_FORWARD_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+# One picture waits at most: a newer one takes its place, so that the delay does not grow.
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class DepthNode(Node):
+    """One estimator; the first CameraInfo makes it."""
+
+    def __init__(self) -> None:
+        super().__init__("flightdepth")
+        self.declare_parameter("network", "")
+        self.declare_parameter("ranges", 2)
+        self.declare_parameter("mount_pitch_deg", math.nan)
+        self.estimator: MultiRangeEstimator | None = None
+        self.camera = None
+        self.depth = self.create_publisher(Image, "depth", NEWEST)
+        self.info = self.create_publisher(CameraInfo, "depth/camera_info", NEWEST)
+        self.create_subscription(CameraInfo, "camera_info", self.on_camera, NEWEST)
+        self.create_subscription(Odometry, "odometry", self.on_odometry, 50)
+        self.create_subscription(Image, "image", self.on_image, NEWEST)
+
+    def on_camera(self, message: CameraInfo) -> None:
+        """The first tells the camera; later ones are ignored."""
+        if self.estimator is not None:
+            return
+        self.camera = camera_of(message)
+        name = self.get_parameter("network").value or nearest_network(self.camera)
+        network, ranges = load_network(name), self.get_parameter("ranges").value
+        network.warm_up(network.grid(self.camera).camera, ranges)
+        self.estimator = MultiRangeEstimator(network, self.camera, ranges=ranges)
+        self.get_logger().info(f"{network.card.name}, {self.camera.width}x{self.camera.height}")
+
+    def on_odometry(self, message: Odometry) -> None:
+        """Velocity, and the attitude of a camera that is screwed to the drone."""
+        if self.estimator is None:
+            return
+        stamp_ns, velocity, sigma = velocity_of(message, self.now_ns)
+        self.estimator.add_velocity(stamp_ns, velocity, sigma=sigma)
+        pitch_deg = self.get_parameter("mount_pitch_deg").value
+        if not math.isnan(pitch_deg):
+            # Up in forward-left-up is a negative turn about the left axis.
+            mount = rotation_from_euler(0.0, -math.radians(pitch_deg), 0.0) @ FLU_FROM_FORWARD_CAMERA
+            self.estimator.add_attitude(*camera_attitude_of(message, self.now_ns, mount))
+
+    def on_image(self, message: Image) -> None:
+        """Depth of each picture; where there is none, the log says why."""
+        if self.estimator is None:
+            return
+        stamp_ns, image = image_of(message, self.now_ns)
+        result = self.estimator.add_frame(stamp_ns, image)
+        if result.reason is not None:
+            self.get_logger().warning(f"no depth: {result.reason}", throttle_duration_sec=2.0)
+        self.publish(self.depth, Image(), message, depth_fields(result.depth_m))
+        self.publish(self.info, CameraInfo(), message, info_fields(self.camera))
+
+    @property
+    def now_ns(self) -> int:
+        """The node's clock."""
+        return self.get_clock().now().nanoseconds
+
+    @staticmethod
+    def publish(publisher, made, source: Image, fields: dict[str, object]) -> None:
+        """With the picture's own header: same time, same optical frame."""
+        made.header = source.header
+        for name, value in fields.items():
+            setattr(made, name, value.tobytes() if name == "data" else value)
+        publisher.publish(made)
+
+
+def main() -> None:
+    """Until Ctrl-C."""
+    rclpy.init()
+    node = DepthNode()
+    try:
+        rclpy.spin(node)
+    except KeyboardInterrupt:
+        pass
+    except FlightDepthError as error:
+        node.get_logger().fatal(str(error))
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()

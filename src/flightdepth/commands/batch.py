@@ -1,0 +1,97 @@
+"""Several flights, one after the other or on a Ray cluster; what stands is not done again."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from flightdepth.commands.terminal import report, say
+from flightdepth.errors import FlightDepthError
+
+CORES_PER_FLIGHT = 2
+
+
+class Engine(StrEnum):
+    """Who runs the flights."""
+
+    LOCAL = "local"
+    RAY = "ray"
+
+
+class Outcome(StrEnum):
+    """What came of a flight."""
+
+    DONE = "done"
+    STOOD = "finished before"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class Job:
+    """One flight and the folder for its depth."""
+
+    flight: Path
+    target: Path
+
+
+Run = Callable[[Path, Path], Outcome]  # a flight, its folder
+Attempt = Outcome | FlightDepthError
+
+
+def jobs_of(flights: Sequence[Path], out: Path) -> list[Job]:
+    """A folder in `out` for each flight, named after it; the second of a name gets -2, and so on."""
+    seen: Counter[str] = Counter()
+    jobs = []
+    for flight in flights:
+        seen[flight.stem] += 1
+        number = seen[flight.stem]
+        jobs.append(Job(flight, out / (flight.stem if number == 1 else f"{flight.stem}-{number}")))
+    return jobs
+
+
+def run_jobs(jobs: Sequence[Job], run: Run, engine: Engine, address: str | None) -> int:
+    """Run them all; one that fails is reported and does not stop the others. The worst exit code."""
+    attempts = here(jobs, run) if engine is Engine.LOCAL else on_ray(jobs, run, address)
+    outcomes: Counter[Outcome] = Counter()
+    worst = 0
+    for job, attempt in zip(jobs, attempts, strict=True):
+        if isinstance(attempt, FlightDepthError):
+            report(attempt)
+            worst = max(worst, attempt.exit_code)
+        outcomes[Outcome.FAILED if isinstance(attempt, FlightDepthError) else attempt] += 1
+        if attempt is Outcome.STOOD:
+            say(f"{job.flight}: finished before, skipped; remove {job.target} to have it done again")
+        elif attempt is Outcome.DONE and engine is Engine.RAY:
+            say(f"{job.flight}: done, {job.target}")
+    if len(jobs) > 1:
+        counts = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items())
+        say(f"{len(jobs)} flights: {counts}")
+    return worst
+
+
+def here(jobs: Sequence[Job], run: Run) -> Iterator[Attempt]:
+    """One after the other on this machine."""
+    for job in jobs:
+        try:
+            yield run(job.flight, job.target)
+        except FlightDepthError as error:
+            yield error
+
+
+def on_ray(jobs: Sequence[Job], run: Run, address: str | None) -> Iterator[Attempt]:
+    """On a cluster whose machines see the same files under the same paths."""
+    import ray
+
+    from flightdepth.cluster import ahead, cluster, failed
+
+    with cluster(ray, address) as cores:
+        task = ray.remote(num_cpus=min(CORES_PER_FLIGHT, cores))(run)
+        submit = lambda job: task.remote(job.flight.absolute(), job.target.absolute())  # noqa: E731
+        for job, reference in zip(jobs, ahead(jobs, submit, max(2, cores)), strict=True):
+            try:
+                yield ray.get(reference)
+            except ray.exceptions.RayError as error:
+                yield failed(f"flight {job.flight}", error)

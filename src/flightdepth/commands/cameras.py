@@ -1,0 +1,57 @@
+"""`flightdepth cameras`: the lenses that are known by name, and what a video says of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flightdepth.commands.terminal import say, warn
+
+
+def cameras(
+    video: Annotated[
+        Path | None, typer.Argument(metavar="[VIDEO]", help="Say what this video tells of its camera.")
+    ] = None,
+    *,
+    telemetry: Annotated[
+        Path | None, typer.Option(metavar="LOG", help="Log that may tell the field of view.")
+    ] = None,
+) -> None:
+    """List the lenses that `--camera NAME` knows, or what a video tells of its own.
+
+    Each entry holds for one mode of a camera and says how far it may be off:
+    depth is proportional to the focal length. A calibration is better.
+
+      flightdepth cameras
+
+      flightdepth cameras flight.mp4
+    """
+    if video is None:
+        list_lenses()
+    else:
+        tell(video, telemetry)
+
+
+def list_lenses() -> None:
+    """The table of lenses, a line each, so that it can be searched with grep."""
+    from flightdepth.flight.lenses import known_lenses
+
+    for lens in known_lenses():
+        view = f"{lens.horizontal_fov_deg:5.1f} deg {lens.model:<8} within {lens.error:>3.0%}"
+        say(f"{lens.name:<32} {view}  {lens.camera}: {lens.mode}  [{lens.source}]")
+
+
+def tell(path: Path, log: Path | None) -> None:
+    """What `run` would take for a video without --camera, or what it would ask for."""
+    from flightdepth.flight.cameras import choose_camera
+    from flightdepth.flight.telemetry import read_telemetry
+    from flightdepth.flight.video import Video
+
+    with Video(path) as video:
+        chosen = choose_camera(video, None, None, None if log is None else read_telemetry(log))
+    camera = chosen.camera
+    say(f"{path}: {camera.width}x{camera.height}, focal length {camera.fx:.0f} px; {chosen.source}")
+    for line in chosen.warnings:
+        warn(line)

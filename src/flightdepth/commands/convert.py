@@ -1,0 +1,113 @@
+"""`flightdepth convert`: depth of a flight as a point cloud, or as a ROS recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.errors import BadInput
+
+if TYPE_CHECKING:
+    from flightdepth.outputs import FlightFolder
+    from flightdepth.outputs.cloud import CloudSettings
+
+RECORDING = ".mcap"
+KINDS = (".ply", ".las", ".laz", RECORDING)
+
+
+def convert(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="What `flightdepth run` wrote.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help=".ply, .las, .laz or .mcap")],
+    *,
+    min_confidence: Annotated[
+        float | None, typer.Option(metavar="0..1", help="Clouds: leave out what is less sure. Default 0.6.")
+    ] = None,
+    max_range: Annotated[
+        float | None, typer.Option(metavar="M", help="Clouds: leave out what is farther. Default 60.")
+    ] = None,
+    voxel: Annotated[
+        float | None, typer.Option(metavar="M", help="Clouds: one point a cube of this edge. Default 0.25.")
+    ] = None,
+    every: Annotated[
+        int | None, typer.Option(metavar="N", help="Clouds: use every N-th frame. Default 10.")
+    ] = None,
+) -> None:
+    """Turn a flight's depth into one file that other programs read. The name's end says which.
+
+    A point cloud, metres east, north and up from the first camera, with colours and confidence:
+
+      flightdepth convert out flight.ply
+
+      flightdepth convert out flight.laz --voxel 0.5 --max-range 40
+
+    A ROS 2 recording: depth as 32FC1, confidence, pictures, camera info and transforms:
+
+      flightdepth convert out flight.mcap
+
+    .las and .laz need the extra `clouds`, .mcap the extra `ros`.
+    """
+    from flightdepth.outputs import FlightFolder
+    from flightdepth.outputs.cloud import CloudSettings
+
+    options = {"min_confidence": min_confidence, "max_range_m": max_range, "voxel_m": voxel, "every": every}
+    given = {name: value for name, value in options.items() if value is not None}
+    settings = CloudSettings(**given)  # type: ignore[arg-type]
+    kind = checked_kind(file)
+    if kind == RECORDING and given:
+        raise BadInput("options of clouds", expected="none with .mcap", got=", ".join(given))
+    flight = FlightFolder(folder)
+    if kind == RECORDING:
+        write_recording(flight, file)
+        say(f"{file}: {len(flight.rows):,} frames of {folder}")
+    else:
+        points = write_cloud(flight, file, settings)
+        say(f"{file}: {points:,} points from {folder}, metres east, north, up")
+
+
+def checked_kind(file: Path) -> str:
+    """What the name's end asks for."""
+    kind = file.suffix.lower()
+    if kind not in KINDS:
+        raise BadInput(f"file {file}", expected=f"a name that ends in {', '.join(KINDS)}", got=kind or "none")
+    if not file.absolute().parent.is_dir():
+        raise BadInput(f"file {file}", expected="an existing folder", got=f"no {file.parent}")
+    return kind
+
+
+def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> int:
+    """The cloud of a flight into `file`; how many points it has."""
+    from flightdepth.outputs.cloud import cloud_of
+    from flightdepth.outputs.cloud_files import write_las, write_ply
+
+    if file.suffix.lower() == ".ply":
+        write = write_ply
+    else:
+        with extra_packages("Writing LAS", "clouds"):
+            import laspy  # noqa: F401  before the work, not after it
+        write = write_las
+    with progress_bar("cloud", len(flight.rows) // settings.every, "frames") as bar:
+        cloud = cloud_of(flight, settings, lambda: bar.advance(bar.task_ids[0]))
+    if not len(cloud):
+        raise BadInput(
+            f"depth in {flight.folder}",
+            expected="points that count",
+            got="none",
+            mend="Try a lower --min-confidence, a larger --max-range or a smaller --every.",
+        )
+    write(file, cloud)
+    return len(cloud)
+
+
+def write_recording(flight: FlightFolder, file: Path) -> None:
+    """The flight as MCAP into `file`."""
+    from flightdepth.outputs.mcap_file import write_mcap
+
+    with (
+        extra_packages("Writing ROS recordings", "ros"),
+        progress_bar("recording", len(flight.rows), "frames") as bar,
+    ):
+        write_mcap(file, flight, lambda: bar.advance(bar.task_ids[0]))

@@ -1,0 +1,114 @@
+"""`flightdepth live`: a stream and a flight controller in, depth as it happens."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+
+def live(
+    *,
+    video: Annotated[
+        str,
+        typer.Option(metavar="ADDRESS", help="RTSP, RTP, MPEG-TS, camera or file: see below."),
+    ],
+    mavlink: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LINK", help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, serial:/dev/X[:BAUD]."
+        ),
+    ] = None,
+    telemetry: Annotated[
+        Path | None, typer.Option(metavar="LOG", help="A recorded log, played beside a video file.")
+    ] = None,
+    telemetry_offset: Annotated[
+        float, typer.Option(metavar="S", help="Seconds added to the log's times.")
+    ] = 0.0,
+    camera: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Calibration: OpenCV, ROS or JSON.")
+    ] = None,
+    hfov: Annotated[
+        float | None, typer.Option(metavar="DEG", help="Horizontal field of view, instead of --camera.")
+    ] = None,
+    mount: Annotated[
+        Literal["gimbal", "fixed"],
+        typer.Option(help="gimbal: stabilised, attitude from the gimbal. fixed: screwed to the drone."),
+    ] = "gimbal",
+    tilt: Annotated[
+        float, typer.Option(metavar="DEG", help="A fixed camera's angle below the drone's nose.")
+    ] = 0.0,
+    camera_delay_ms: Annotated[
+        float, typer.Option(metavar="MS", help="From exposure to the first byte sent: exposure and encoder.")
+    ] = 0.0,
+    sender_clock: Annotated[
+        bool, typer.Option("--sender-clock", help="Camera and this machine are set by NTP or PTP: use RTCP.")
+    ] = False,
+    network: Annotated[
+        str | None, typer.Option(metavar="NAME", help="See `flightdepth networks`. Default: the nearest.")
+    ] = None,
+    ranges: Annotated[int, typer.Option(metavar="N", help="Frame pairs a frame at most, 1 to 4.")] = 2,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Also write what `flightdepth run` writes.")
+    ] = None,
+    serve: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="A page to watch, and /metrics.")
+    ] = None,
+    obstacles: Annotated[
+        bool, typer.Option("--obstacles", help="Send OBSTACLE_DISTANCE over --mavlink.")
+    ] = False,
+    dry_run: Annotated[
+        Path | None,
+        typer.Option(metavar="TLOG", help="Write the obstacle messages here instead of sending them."),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", help="Stop after so many seconds. Default: Ctrl-C.")
+    ] = None,
+) -> None:
+    """Depth of a live stream, in metres, at a delay that does not grow.
+
+    A camera that speaks RTSP and an autopilot on UDP, with a page to watch:
+
+      flightdepth live --video rtsp://192.168.1.10/main --hfov 80
+      --mavlink udpin:0.0.0.0:14550 --serve 127.0.0.1:8080
+
+    A camera on this computer, screwed to the drone, 15 degrees down; the
+    autopilot on a serial port hears of obstacles:
+
+      flightdepth live --video /dev/video0 --camera camera.yaml --mount fixed
+      --tilt 15 --mavlink serial:/dev/ttyAMA0:921600 --obstacles
+
+    A recorded flight as if it were live, sending nothing:
+
+      flightdepth live --video flight.mp4 --telemetry log.csv --hfov 80
+
+    --video takes rtsp://HOST/PATH (TCP; rtsp+udp:// for UDP),
+    rtp://0.0.0.0:5600 (H.264), a .sdp file, udp://0.0.0.0:5600 (MPEG-TS),
+    /dev/videoN, or a file. Health, ages and drops are explained in
+    docs/live.md. Ctrl-C ends it.
+    """
+    from flightdepth.commands.live_session import Session
+    from flightdepth.commands.live_settings import LiveSettings, Mount
+
+    Session(
+        LiveSettings(
+            video,
+            mavlink,
+            telemetry,
+            telemetry_offset,
+            camera,
+            hfov,
+            Mount(mount),
+            tilt,
+            camera_delay_ms,
+            sender_clock,
+            network,
+            ranges,
+            out,
+            serve,
+            obstacles,
+            dry_run,
+            duration,
+        )
+    ).run()

@@ -1,0 +1,204 @@
+"""What `flightdepth live` puts together: the engine, its sources and sinks; and what it says meanwhile."""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+
+from flightdepth.commands.live_settings import LiveSettings, Mount
+from flightdepth.commands.terminal import say, warn
+from flightdepth.errors import BadInput
+from flightdepth.flight.telemetry import read_telemetry
+from flightdepth.flight.video import Video
+from flightdepth.live.autopilot_feed import AutopilotFeed, AutopilotListener
+from flightdepth.live.depth_stage import DepthStage, Lens
+from flightdepth.live.engine import LiveEngine, MotionSource, Parts
+from flightdepth.live.log_player import LogPlayer
+from flightdepth.live.mavlink_link import MavlinkLink
+from flightdepth.live.motion_store import MotionStore
+from flightdepth.live.obstacle_memory import ObstacleMap
+from flightdepth.live.obstacle_messages import ObstaclePacker, TlogWriter
+from flightdepth.live.obstacle_sender import ObstacleFeed, ObstacleSender
+from flightdepth.live.obstacles import ObstacleSettings, Sight
+from flightdepth.live.page import Page, PageServer
+from flightdepth.live.recorder import Recorder
+from flightdepth.live.status import LiveStatus
+from flightdepth.live.video_address import video_address
+from flightdepth.live.video_input import VideoInput, VideoListener
+from flightdepth.motion import NED_FROM_CAMERA, Vector, rotation_from_euler
+from flightdepth.runtimes.network import Network, load_network, nearest_network
+
+# A file and a log begin so long after the start, so that both are open by then.
+LEAD_NS = 300_000_000
+LINE_EVERY_S = 5.0
+LOOK_S = 0.2
+NOMINAL_SIZE = (640, 480)  # stands for the pictures before the first has come
+
+
+class Session:
+    """One run of `flightdepth live`."""
+
+    def __init__(self, settings: LiveSettings) -> None:
+        self.settings = settings
+        self.address = video_address(settings.video)
+        self.lens = Lens.given(settings.camera, settings.hfov)
+        self.nominal_camera = self.lens.camera or self.lens.at(*NOMINAL_SIZE)
+        self.network: Network = load_network(settings.network or nearest_network(self.nominal_camera))
+        fixed = settings.mount is Mount.FIXED
+        self.store = MotionStore(body_from_camera(settings.tilt) if fixed else None)
+        stage = DepthStage(self.network, self.lens, self.store, ranges=settings.ranges, fixed=fixed)
+        if self.address.paced:  # a file must not run on while the network is prepared
+            with Video(Path(self.address.target)) as first:
+                stage.prepare(*first.size)
+        self.epoch_ns = time.monotonic_ns() + LEAD_NS
+        self.feed: AutopilotFeed | None = None
+        self.link: MavlinkLink | None = None
+        self.engine = LiveEngine(
+            Parts(
+                stage=stage,
+                store=self.store,
+                video=self._video,
+                motion=self._motion,
+                boot_ns=lambda live_ns: None if self.feed is None else self.feed.boot_ns(live_ns),
+                telemetry_dropped=lambda: {} if self.feed is None else dict(self.feed.counts),
+            ),
+            say=warn,
+        )
+
+    def run(self) -> None:
+        """Until Ctrl-C, SIGTERM, the end of a file, or --duration."""
+        settings, engine, stop = self.settings, self.engine, threading.Event()
+        with ExitStack() as stack:
+            stack.enter_context(stopped_by_signals(stop))
+            self._add_sinks(stack)
+            stack.enter_context(engine)
+            stack.enter_context(told(engine))
+            engine.run(stop, settings.duration)
+        say(summary(engine.status()))
+
+    def _video(self, listener: VideoListener) -> VideoInput:
+        return VideoInput(
+            self.address,
+            listener,
+            delay_ns=round(self.settings.camera_delay_ms * 1e6),
+            sender_clock=self.settings.sender_clock,
+            epoch_ns=self.epoch_ns,
+        )
+
+    def _motion(self, engine: LiveEngine) -> MotionSource:
+        settings = self.settings
+        if settings.mavlink is not None:
+            self.feed = AutopilotFeed(self.store, AutopilotListener(engine.on_velocity, engine.on_reboot))
+            self.link = MavlinkLink(settings.mavlink, self.feed, rate_hz=self.store.rate_hz, on_error=warn)
+            return self.link
+        assert settings.telemetry is not None
+        telemetry = read_telemetry(settings.telemetry).later_by(round(settings.telemetry_offset * 1e9))
+        return LogPlayer(telemetry, self.store, epoch_ns=self.epoch_ns, on_velocity=engine.on_velocity)
+
+    def _add_sinks(self, stack: ExitStack) -> None:
+        settings, obstacles = self.settings, self._add_obstacles(stack)
+        if settings.serve is not None:
+            page = Page(self.engine.status, obstacles)
+            server = stack.enter_context(PageServer(page, settings.serve))
+            self.engine.add_sink("page", page.take)
+            say(f"page: {server.address}")
+        if settings.out is not None:
+            recorder = Recorder(settings.out, self.network.card, settings.for_record)
+            stack.callback(lambda: recorder.close(dict(self.engine.status().frames.dropped)))
+            self.engine.add_sink("recorder", recorder)
+
+    def _add_obstacles(self, stack: ExitStack) -> ObstacleFeed | None:
+        settings = self.settings
+        if not settings.obstacles and settings.dry_run is None:
+            return None
+        sight = Sight.of(self.network.card, self.network.grid(self.nominal_camera).camera.fx)
+        packer = ObstaclePacker(ObstacleSettings())
+        feed = ObstacleFeed(ObstacleMap(sight), packer, camera_ahead=settings.mount is Mount.FIXED)
+        self.engine.add_sink("obstacles", feed.take)
+        stack.enter_context(ObstacleSender(feed, self._obstacle_writer(stack)))
+        return feed
+
+    def _obstacle_writer(self, stack: ExitStack) -> Callable[[bytes], None]:
+        """To the autopilot, or with --dry-run to a file and nowhere else."""
+        if self.settings.dry_run is not None:
+            tlog = stack.enter_context(TlogWriter(self.settings.dry_run))
+            return lambda message: tlog.write(time.time_ns() // 1000, message)
+        assert self.link is not None
+        return self.link.write
+
+
+def body_from_camera(tilt_deg: float) -> Vector:
+    """Rotation (3, 3) of a camera that looks ahead and `tilt_deg` below the nose."""
+    if not (math.isfinite(tilt_deg) and -90 <= tilt_deg <= 90):
+        raise BadInput("--tilt", expected="-90 to 90 degrees", got=str(tilt_deg))
+    return np.asarray(rotation_from_euler(0.0, -math.radians(tilt_deg), 0.0) @ NED_FROM_CAMERA)
+
+
+@contextmanager
+def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
+    """Ctrl-C and SIGTERM set `stop`; a second one ends the process where it stands."""
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def told(engine: LiveEngine) -> Iterator[None]:
+    """A line when the health changes, and one each LINE_EVERY_S, from a thread of its own."""
+    over = threading.Event()
+
+    def watch() -> None:
+        said, line_at = None, 0.0
+        while not over.wait(LOOK_S):
+            status = engine.status()
+            health = (status.health.state, (status.health.reason or "").split(":")[0])
+            if health != said or time.monotonic() >= line_at:
+                said, line_at = health, time.monotonic() + LINE_EVERY_S
+                say(line(status))
+
+    thread = threading.Thread(target=watch, name="status", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def line(status: LiveStatus) -> str:
+    """The engine in one line."""
+    health = status.health.state.upper() + (f" ({status.health.reason})" if status.health.reason else "")
+    age = "-" if status.age_p95_ms is None else f"{status.age_ms:.0f} ms (p95 {status.age_p95_ms:.0f})"
+    return (
+        f"{status.uptime_s:7.1f} s  {health}; {status.fps:.1f} of {status.fps_in:.1f} frames/s, n = {status.ranges},"
+        f" age {age} since {status.age_from}, telemetry {status.telemetry_hz:.0f} Hz"
+    )
+
+
+def summary(status: LiveStatus) -> str:
+    """What came of it, a line for each thing."""
+    lines = [f"{status.frames.used} of {status.frames.received} pictures used in {status.uptime_s:.1f} s"]
+    lines += [f"  {count} dropped: {reason}" for reason, count in status.frames.dropped.items()]
+    lines += [
+        f"  {count} left out of the telemetry: {why}" for why, count in status.telemetry_dropped.items()
+    ]
+    for name, counts in status.sinks.items():
+        lines.append(f"  {name}: {counts.taken} results, {counts.missed} missed, {counts.failed} failed")
+    return "\n".join(lines)

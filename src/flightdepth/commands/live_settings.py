@@ -1,0 +1,59 @@
+"""The options of `flightdepth live`, checked before anything is opened."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from flightdepth.errors import BadInput
+
+
+class Mount(StrEnum):
+    """What holds the camera."""
+
+    GIMBAL = "gimbal"
+    FIXED = "fixed"
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """The options of `flightdepth live`."""
+
+    video: str
+    mavlink: str | None
+    telemetry: Path | None
+    telemetry_offset: float
+    camera: Path | None
+    hfov: float | None
+    mount: Mount
+    tilt: float
+    camera_delay_ms: float
+    sender_clock: bool
+    network: str | None
+    ranges: int
+    out: Path | None
+    serve: str | None
+    obstacles: bool
+    dry_run: Path | None
+    duration: float | None
+
+    def __post_init__(self) -> None:
+        if (self.mavlink is None) == (self.telemetry is None):
+            got = "neither" if self.mavlink is None else "both"
+            raise BadInput(
+                "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got=got
+            )
+        if not (math.isfinite(self.camera_delay_ms) and 0 <= self.camera_delay_ms < 10_000):
+            raise BadInput("--camera-delay-ms", expected="0 to 10000", got=str(self.camera_delay_ms))
+        if self.obstacles and self.mavlink is None and self.dry_run is None:
+            raise BadInput("--obstacles", expected="--mavlink to send over, or --dry-run", got="neither")
+
+    @property
+    def for_record(self) -> dict[str, bool | int | float | str | None]:
+        """As they stand in flight.json."""
+        return {
+            key: str(value) if isinstance(value, Path | StrEnum) else value
+            for key, value in asdict(self).items()
+        }

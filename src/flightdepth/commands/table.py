@@ -1,0 +1,236 @@
+"""`flightdepth evaluate table`: the paper's table of results, from a folder of runs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flightdepth.commands.export import card_of, running
+from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.terminal import counted, say, warn
+from flightdepth.commands.textures import gathered_textures
+from flightdepth.commands.train import PROCEDURAL, run
+from flightdepth.errors import BadInput
+
+if TYPE_CHECKING:
+    from flightdepth.evaluation.table import Row
+    from flightdepth.runtimes.network import Network
+    from flightdepth.scenes import Textures
+    from flightdepth.training import Recipe
+    from flightdepth.training.run_folder import Trained
+
+TIMED_CALLS = 30
+FIXED_SET_FOCAL_PX = 128.0  # of the set that the card of a network for any lens has its errors from
+Found = dict[str, Any]
+
+
+def paper_table(
+    *,
+    runs: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the runs.")] = Path("runs"),
+    train: Annotated[
+        bool, typer.Option("--train", help="Train what is missing first, or go on where it stopped.")
+    ] = False,
+    samples: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="With --train: pairs of each stage, instead of the recipes'."),
+    ] = None,
+    scenes: Annotated[int, typer.Option(metavar="N", min=1, help="Scenes of each test set.")] = 300,
+    textures: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="The photos that the runs' scenes wear, as of train.")
+    ] = None,
+    procedural: Annotated[
+        int, typer.Option(metavar="N", help="How many made textures, as of train.")
+    ] = PROCEDURAL,
+    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure there.")] = None,
+) -> None:
+    """The paper's L1 and RMSE for FlowNetS and DepthNet, chain by chain, ours beside the published ones.
+
+    Rows come from the runs folder; what was not trained is marked so. What was
+    measured is kept beside its checkpoint. Shipped networks stand below.
+
+      flightdepth evaluate table
+
+    All of it with one dial; Ctrl-C stops, the same command goes on:
+
+      flightdepth evaluate table --train --samples 20000
+    """
+    with extra_packages("flightdepth evaluate", "train"):
+        from flightdepth.evaluation import table as paper
+        from flightdepth.scenes import Textures
+    from rich.console import Console
+
+    if samples is not None and not train:
+        raise BadInput("--samples", expected="--train beside it", got="it alone")
+    if json is not None and not json.parent.is_dir():
+        raise BadInput("--json", expected="a file in an existing folder", got=str(json))
+    some = train or runs.is_dir()
+    dressed = gathered_textures(textures, procedural) if some else Textures.from_images([])
+    if train:
+        train_all(runs, dressed, samples)
+    rows = [(row, of_run(row, runs, dressed, scenes)) for row in paper.ROWS] + list(of_shipped())
+    for each in paper.tables(rows):
+        Console().print(each)
+    say_what_was_measured(rows)
+    if json is not None:
+        write(json, rows, scenes)
+
+
+def train_all(runs: Path, textures: Textures, samples: int | None) -> None:
+    """Every recipe of the table, one after the other, those before first."""
+    from flightdepth.evaluation.table import RECIPES
+    from flightdepth.training import load_recipe
+    from flightdepth.training.run_folder import read_trained
+
+    for number, name in enumerate(RECIPES, 1):
+        recipe = scaled(load_recipe(name), samples)
+        say(f"{number} of {len(RECIPES)}: {name}, {recipe.samples:,} pairs in {len(recipe.stages)} stages")
+        run(recipe, textures, runs / name, resume=True)
+        if read_trained(runs / name).progress.stage < len(recipe.stages):
+            say("stopped; the same command goes on from here")
+            raise typer.Exit(130)
+
+
+def scaled(recipe: Recipe, samples: int | None) -> Recipe:
+    """The recipe with that many pairs in its first stage, the others in proportion."""
+    if samples is None:
+        return recipe
+    return recipe.scaled_to(round(recipe.samples * samples / recipe.stages[0].samples))
+
+
+def of_run(row: Row, runs: Path, textures: Textures, scenes: int) -> Found | None:
+    """What was measured for a row, now or before; None where its checkpoint is missing."""
+    from flightdepth.files import write_json
+    from flightdepth.training.run_folder import parent_checkpoint, read_trained
+
+    checkpoint = parent_checkpoint(runs, row.source)
+    if not checkpoint.exists():
+        return None
+    trained, kept = read_trained(checkpoint), checkpoint.with_suffix(".figures.json")
+    wanted = key(checkpoint, trained, textures, scenes)
+    before: Found = json.loads(kept.read_bytes()) if kept.exists() else {}
+    if {name: before.get(name) for name in wanted} == wanted:
+        return before
+    found = wanted | measured(row, trained, textures, scenes)
+    write_json(kept, found)
+    return found
+
+
+def key(checkpoint: Path, trained: Trained, textures: Textures, scenes: int) -> Found:
+    """What figures depend on; they are measured again when it changes."""
+    from flightdepth.renderers.raycast import VERSION
+    from flightdepth.scenes.config import SET_VERSION
+
+    return {
+        "checkpoint_sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest(),
+        "recipe": trained.recipe.name,
+        "recipe_digest": trained.recipe.digest,
+        "scenes": scenes,
+        "set_version": SET_VERSION,
+        "renderer": VERSION,
+        "same_textures": same_textures(checkpoint.parent, textures),
+    }
+
+
+def same_textures(folder: Path, textures: Textures) -> bool:
+    """Whether a run drew its scenes, in these textures: then those that it learnt from can be drawn again."""
+    from flightdepth.training.run_folder import SETS, TEXTURES
+
+    worn = json.loads((folder / TEXTURES).read_bytes())
+    return not (folder / SETS).exists() and bool(worn["sha256"] == textures.digest)
+
+
+def measured(row: Row, trained: Trained, textures: Textures, scenes: int) -> Found:
+    """Errors on the test set and on the last scenes of training, and the time."""
+    from flightdepth.evaluation.network import evaluate_network
+    from flightdepth.evaluation.table import LastScenes, whole_set
+    from flightdepth.training.checkpoint import read_weights
+    from flightdepth.training.export import deployed, to_onnx
+
+    onnx = to_onnx(deployed(trained.recipe, read_weights(trained.checkpoint, "averaged")))
+    card = card_of(trained, row.source.replace("/", "-"))
+    card = card.model_copy(update={"sha256": hashlib.sha256(onnx).hexdigest()})
+    network, tests = running(card, onnx), whole_set(card, scenes)
+    name = f"Still Box {tests.picture.width} px"
+    found = facts(network)
+    found["test"] = evaluate_network(
+        network, counted(tests, f"{row.title}, test", "scenes"), set_name=name, seed=tests.seed
+    )
+    if same_textures(trained.checkpoint.parent, textures):
+        last = LastScenes.of(trained, card, textures, scenes)
+        shown = counted(last, f"{row.title}, train", "scenes")
+        found["train"] = evaluate_network(network, shown, set_name="training", seed=last.scenes.seed)
+    return found
+
+
+def facts(network: Network) -> Found:
+    """Size, training and time of a network."""
+    from flightdepth.evaluation.provenance import source_commit
+    from flightdepth.evaluation.table import median_ms, parameters
+    from flightdepth.runtimes.onnx_openvino import cpu_name
+
+    card = network.card
+    return {
+        "commit": source_commit(),
+        "weights_sha256": card.sha256,
+        "samples": card.samples,
+        "width_px": round(2 * card.focal_px),
+        "stages": [stage.model_dump(mode="json", exclude_defaults=True) for stage in card.stages],
+        "parameters": parameters(card.architecture, card.base_width),
+        "median_ms": median_ms(network, TIMED_CALLS),
+        "runtime": network.runtime.description,
+        "cpu": cpu_name(),
+    }
+
+
+def of_shipped() -> Iterator[tuple[Row, Found]]:
+    """Shipped networks of the table's range, with the errors on their cards."""
+    from flightdepth.evaluation.table import shipped_row
+    from flightdepth.weights.store import read_network, shipped_networks
+
+    for name in shipped_networks():
+        stored = read_network(name)
+        card = stored.card
+        if (card.depth_min_m, card.depth_max_m, card.nominal_shift) != (0, 100, 3) or not card.metrics:
+            continue
+        card = card.at_focal(FIXED_SET_FOCAL_PX)
+        errors = card.metrics
+        test = {"network": {each: errors[each] for each in ("l1_m", "rmse_m")}}
+        test |= {peer: {"l1_m": errors[f"{peer}_l1_m"]} for peer in ("constant", "classical")}
+        yield shipped_row(card), facts(running(card, stored.onnx)) | {"test": test, "card": card.name}
+
+
+def say_what_was_measured(rows: list[tuple[Row, Found | None]]) -> None:
+    """Whether metres can be compared, and what is missing."""
+    from flightdepth.evaluation.table import inside_original
+
+    found = [each for _, each in rows if each]
+    depths = {
+        each["test"]["set"]: each["test"]["truth_percentiles_m"] for each in found if "set" in each["test"]
+    }
+    for name, percentiles in depths.items():
+        spread = " / ".join(f"{value:.1f}" for value in percentiles.values())
+        inside = "inside" if inside_original(percentiles) else "OUTSIDE"
+        say(f"{name}: depth percentiles 5/25/50/75/95 {spread} m, {inside} the span of the original's scenes")
+    if any("recipe" in each and "train" not in each for each in found):
+        warn("no errors on training scenes: give the --textures and --procedural of the runs")
+    if found:
+        say(f"times: one pair, {found[0]['runtime']} on {found[0]['cpu']}")
+    if any(each is None for _, each in rows):
+        say("rows that are not trained: flightdepth evaluate table --train [--samples N]")
+
+
+def write(path: Path, rows: list[tuple[Row, Found | None]], scenes: int) -> None:
+    """Everything as JSON: published figures, measured ones, where each comes from."""
+    from dataclasses import asdict
+
+    from flightdepth.evaluation.provenance import source_commit
+    from flightdepth.files import write_json
+
+    said = [asdict(row) | {"title": row.title, "measured": found} for row, found in rows]
+    write_json(path, {"commit": source_commit(), "scenes": scenes, "rows": said})
+    say(f"figures: {path}")

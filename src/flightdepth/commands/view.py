@@ -1,0 +1,112 @@
+"""`flightdepth view`: a flight's depth in the Rerun viewer."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.errors import BadInput, FlightDepthError
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
+
+    from flightdepth.outputs import FlightFolder
+
+WEB_PORT, DATA_PORT = 9090, 9876
+NO_DISPLAY = "could not open a window ({error}); try `flightdepth view {folder} --web`"
+
+
+def view(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="What `flightdepth run` wrote.")],
+    *,
+    web: Annotated[bool, typer.Option("--web", help="In the browser, until Ctrl-C.")] = False,
+    port: Annotated[
+        int, typer.Option(metavar="N", min=1, max=65535, help="Of --web; the data goes over --data-port.")
+    ] = WEB_PORT,
+    data_port: Annotated[int, typer.Option(metavar="N", min=1, max=65535)] = DATA_PORT,
+    save: Annotated[
+        Path | None, typer.Option(metavar="FILE.rrd", help="Write a recording for `rerun FILE.rrd` instead.")
+    ] = None,
+    pictures: Annotated[
+        int, typer.Option(metavar="N", min=1, help="Show at most so many frames' pictures, evenly spread.")
+    ] = 500,
+) -> None:
+    """Look at a flight: video, depth with metres under the cursor, confidence, graphs, and the cloud in 3D.
+
+      flightdepth view out
+
+      flightdepth view out --web
+
+      flightdepth view out --save flight.rrd
+
+    Needs the extra `view`: pip install 'flightdepth[view]'.
+    """
+    from flightdepth.outputs import FlightFolder
+
+    if web and save is not None:
+        raise BadInput("--web and --save", expected="one of them", got="both")
+    with extra_packages("flightdepth view", "view"):
+        import rerun
+    flight = FlightFolder(folder)
+    recording = rerun.RecordingStream(f"flightdepth {folder.absolute().name}")
+    if save is not None:
+        write(recording, flight, save, pictures)
+    elif web:
+        serve(recording, flight, pictures, port, data_port)
+    else:
+        open_window(recording, flight, pictures)
+
+
+def write(recording: RecordingStream, flight: FlightFolder, file: Path, pictures: int) -> None:
+    """Write a recording; a half-written one is removed."""
+    import rerun
+
+    from flightdepth.files import write_atomic
+
+    if not file.absolute().parent.is_dir():
+        raise BadInput(f"--save {file}", expected="an existing folder", got=f"no {file.parent}")
+    stream = rerun.binary_stream(recording)
+    send(recording, flight, pictures)
+    write_atomic(file, stream.read(flush=True) or b"")
+    say(f"{file}: open it with `rerun {file}`")
+
+
+def serve(recording: RecordingStream, flight: FlightFolder, pictures: int, port: int, data_port: int) -> None:
+    """Serve the viewer and the flight until Ctrl-C."""
+    import rerun
+
+    try:
+        source = rerun.serve_grpc(grpc_port=data_port, recording=recording)
+        rerun.serve_web_viewer(web_port=port, open_browser=False, connect_to=source)
+    except (RuntimeError, OSError) as error:
+        raise FlightDepthError(f"could not serve on ports {port} and {data_port}: {error}") from error
+    send(recording, flight, pictures)
+    address = f"http://localhost:{port}/?url={source.replace('127.0.0.1', 'localhost')}"
+    say(f"open {address} (Ctrl-C ends it)")
+    while True:
+        time.sleep(3600)
+
+
+def open_window(recording: RecordingStream, flight: FlightFolder, pictures: int) -> None:
+    """The viewer's own window, which stays when this ends."""
+    import rerun
+
+    try:
+        rerun.spawn(recording=recording)
+    except (RuntimeError, OSError) as error:
+        raise FlightDepthError(NO_DISPLAY.format(error=error, folder=flight.folder)) from error
+    send(recording, flight, pictures)
+
+
+def send(recording: RecordingStream, flight: FlightFolder, pictures: int) -> None:
+    """Everything of the flight, with a progress bar."""
+    from flightdepth.outputs.viewer import every_nth, show
+
+    with progress_bar("viewer", len(flight.rows) // every_nth(flight, pictures), "frames") as bar:
+        show(recording, flight, most_pictures=pictures, on_picture=lambda: bar.advance(bar.task_ids[0]))
+    recording.flush()

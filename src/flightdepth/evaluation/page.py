@@ -1,0 +1,150 @@
+"""A network's page: what it is, its errors by depth and by angle of travel, and pictures, as Markdown beside a JPEG."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from flightdepth.evaluation.pairs import Task, TruePair
+from flightdepth.evaluation.pictures import ERROR_SHARE, Image, sheet
+from flightdepth.evaluation.tables import WHO, number
+from flightdepth.files import write_atomic
+from flightdepth.runtimes.network import Network
+from flightdepth.weights.card import NetworkCard
+
+QUALITY = 88  # of the JPEG
+GAP_PX = 8
+NAMES = {"network": "network", "classical": "classical peer", "constant": "best constant"}
+
+
+def write_page(
+    folder: Path, network: Network, result: Mapping[str, Any], pairs: Iterable[TruePair]
+) -> list[Path]:
+    """NAME.md and NAME.jpg in an existing folder, of `evaluate_network`'s result and some pairs to be shown."""
+    name = network.card.name
+    picture, page = folder / f"{name}.jpg", folder / f"{name}.md"
+    encoded = cv2.imencode(
+        ".jpg", cv2.cvtColor(sheets(network, pairs), cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, QUALITY]
+    )[1]
+    write_atomic(picture, encoded.tobytes())
+    write_atomic(page, page_text(network.card, result, picture.name).encode())
+    return [page, picture]
+
+
+def sheets(network: Network, pairs: Iterable[TruePair]) -> Image:
+    """RGB: for each pair input above truth, and beside them signed error above prediction; pairs side by side."""
+    tiles = []
+    for pair in pairs:
+        task = Task.of(pair, network.card)
+        prediction = task.ask(network, pair)
+        tiles.append(sheet(pair.current, task.truth_m, prediction.depth_m[0], task.card.depth_max_m))
+    gap = np.full((tiles[0].shape[0], GAP_PX, 3), 255, np.uint8)
+    return np.hstack([part for tile in tiles for part in (tile, gap)][:-1]).astype(np.uint8)
+
+
+def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str) -> str:
+    """The page."""
+    parts = [
+        f"# {card.name}",
+        what_it_is(card),
+        markdown(
+            ("stage", "pixels", "focal length px", "pairs", "batch", "learning rate"),
+            [
+                (
+                    s.name,
+                    f"{s.width}x{s.height}",
+                    f"{s.focal_px:g}",
+                    f"{s.samples:,}",
+                    s.batch,
+                    s.learning_rate,
+                )
+                for s in card.stages
+            ],
+        ),
+        f"## Errors\n\nOn {result['set']}, {result['pairs']} pairs:",
+        errors_table(result),
+        "By true depth, L1 in metres:",
+        parts_table(result, "depth_bins", "depth m", ("from_m", "to_m"), "pixels"),
+        "By the angle between the optical axis and the direction of travel (0 = forward), L1 in metres:",
+        parts_table(result, "travel_angles", "degrees", ("from_deg", "to_deg"), "pictures"),
+        *spread(result),
+        pictures_text(card, picture),
+        written_by(card, result),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def what_it_is(card: NetworkCard) -> str:
+    """The card in a sentence or two."""
+    lens = "any lens" if card.any_lens else f"a focal length of {card.focal_px:g} px"
+    told = "the displacement, a vector" if card.knows_direction else "the length of the displacement"
+    return (
+        f"{card.architecture} with {card.base_width} feature maps in its first layer, for {lens}. It is told {told},"
+        f" and says depth from {card.depth_min_m:g} to {card.depth_max_m:g} m at a displacement of {card.D0_m:.3g} m;"
+        f" at another one, depth in proportion. {card.samples:,} training pairs:"
+    )
+
+
+def errors_table(result: Mapping[str, Any]) -> str:
+    """L1, RMSE, relative error of the network and its peers."""
+    columns = (("l1_m", "L1 m"), ("rmse_m", "RMSE m"), ("abs_rel", "abs rel"), ("delta", "< 1.25"))
+    rows = [
+        (NAMES[who], *(number(result[who][name], 3) for name, _ in columns), number(ratio(result, who), 2))
+        for who in WHO
+    ]
+    return markdown(("", *(heading for _, heading in columns), "L1 of the network over this"), rows)
+
+
+def ratio(result: Mapping[str, Any], who: str) -> float | None:
+    """L1 of the network over a peer's."""
+    value = result["l1_ratios"].get(who)
+    return None if value is None else float(value)
+
+
+def parts_table(result: Mapping[str, Any], key: str, heading: str, ends: tuple[str, str], count: str) -> str:
+    """L1 of the network and its peers in each part of a range."""
+    rows = [
+        (
+            f"{parts[0][ends[0]]:g}-{parts[0][ends[1]]:g}",
+            f"{parts[0][count]:,.0f}",
+            *(number(part["l1_m"], 2) for part in parts),
+        )
+        for parts in zip(*(result[who][key] for who in WHO), strict=True)
+    ]
+    return markdown((heading, count, *(NAMES[who] for who in WHO)), rows)
+
+
+def spread(result: Mapping[str, Any]) -> list[str]:
+    """How far the error bar can be trusted, where there is one."""
+    if "spread" not in result:
+        return []
+    one, two = (result["spread"][key] for key in ("inside_one", "inside_two"))
+    return [f"Error bar: {one:.1%} of the errors are inside one sigma, {two:.1%} inside two."]
+
+
+def pictures_text(card: NetworkCard, picture: str) -> str:
+    """The picture with its key."""
+    full_m = ERROR_SHARE * card.depth_max_m
+    return (
+        f"## Pictures\n\n![Input, truth, error and prediction]({picture})\n\n"
+        "The first pairs of the set. Of each: input above truth, signed error above prediction. Error: green none,"
+        f" red too far, blue too near, full at {full_m:g} m. Depth: bright near, dark at {card.depth_max_m:g} m."
+    )
+
+
+def written_by(card: NetworkCard, result: Mapping[str, Any]) -> str:
+    """Where the figures come from."""
+    return (
+        f"Written by `flightdepth evaluate network {card.name} --report DIR`: {result['runtime']},"
+        f" weights {result['weights_sha256'][:16]}, commit {result['commit'] or 'unknown'}, seed {result['seed']}."
+    )
+
+
+def markdown(headings: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A Markdown table."""
+    lines = [headings, ["---"] * len(headings), *rows]
+    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)

@@ -1,0 +1,184 @@
+"""One trial over one sequence: the estimator as in flight, and what is measured of it."""
+
+from __future__ import annotations
+
+import base64
+import time
+from collections.abc import Sequence as Several
+from dataclasses import asdict
+from typing import Any, Literal, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.evaluation.flight_errors import RANGES, DepthRange, FlightErrors
+from flightdepth.evaluation.ranges_confidence import Reliability
+from flightdepth.evaluation.ranges_flicker import flicker
+from flightdepth.evaluation.ranges_peers import FixedShift, least_relative_m
+from flightdepth.evaluation.ranges_sequences import SPEED_M_S, STEP_S, Sequence, log_of
+from flightdepth.evaluation.ranges_trials import CONSTANT, Trial
+from flightdepth.outputs.encoding import centimetres_from_depth, png
+from flightdepth.ranges import DepthNetwork, FrameGrid, MultiRangeEstimator, RangedDepth
+from flightdepth.ranges.displacement import VelocityFrame
+from flightdepth.runtimes.prediction import Prediction
+
+Image = NDArray[np.uint8]
+Maps = NDArray[np.float32]
+Vector = NDArray[np.float64]
+
+MEASURED_FROM = 31  # frames: before, a metre was not flown yet, and long displacements can't be had
+ALL = DepthRange("all", 0.0, float("inf"))
+
+
+class OutputGrid:
+    """A network's grid whose maps stay at the output's size; scaling them up is done for the time it takes."""
+
+    def __init__(self, grid: FrameGrid) -> None:
+        self._grid = grid
+        self.camera, self.valid = grid.camera, grid.valid
+
+    def image(self, image: Image, /) -> Image:
+        """As the network's own."""
+        return self._grid.image(image)
+
+    def to_source(self, map_hw: Maps, /, interpolation: Literal["bilinear", "nearest"] = "bilinear") -> Maps:
+        """A copy of the map [h, w]."""
+        self._grid.to_source(map_hw, interpolation)
+        return map_hw.copy()
+
+
+class Watched:
+    """A network that notes how much processor time its predictions take, and leaves maps at its output's size."""
+
+    def __init__(self, network: DepthNetwork) -> None:
+        self._network = network
+        self.card = network.card
+        self.predict_ms: list[float] = []
+
+    def grid(self, camera: Camera, /) -> OutputGrid:
+        """See `OutputGrid`."""
+        return OutputGrid(self._network.grid(camera))
+
+    def predict(
+        self, previous_n: Several[Image], current: Image, displacements_n3: Vector, camera: Camera, /
+    ) -> Prediction:
+        """As the network's own."""
+        started = time.process_time()
+        found = self._network.predict(previous_n, current, displacements_n3, camera)
+        self.predict_ms.append((time.process_time() - started) * 1e3)
+        return found
+
+
+class Estimator(Protocol):
+    """What turns frames and velocities into depth."""
+
+    def add_velocity(self, stamp_ns: int, velocity: ArrayLike, *, frame: VelocityFrame = "world") -> None:
+        """The next velocity."""
+
+    def add_frame(self, stamp_ns: int, image: Image) -> RangedDepth:
+        """The next frame."""
+
+
+class Tally:
+    """What is measured of a trial, frame by frame; from MEASURED_FROM on."""
+
+    def __init__(self, sequence: Sequence) -> None:
+        self._sequence = sequence
+        self._errors = FlightErrors((ALL, *RANGES))
+        self._reliability = Reliability()
+        self._flickers: list[float] = []
+        self._shifts: list[list[int]] = []
+        self._before: Maps | None = None
+        self.without_depth = 0
+
+    def add(self, frame: int, depth_m: Maps, confidence: Maps, shifts: list[int]) -> None:
+        """Depth and confidence [h, w] of a frame."""
+        truth_m = self._sequence.truth_m[frame]
+        if depth_m.shape != truth_m.shape:  # an estimator without a depth answers at the picture's size
+            depth_m = np.full_like(truth_m, np.nan)
+            self.without_depth += 1
+        else:
+            self._reliability.add(depth_m, confidence, truth_m)
+            self._shifts.append(shifts)
+        if self._before is not None:
+            step_m = self._sequence.velocity[frame] * STEP_S
+            self._flickers.append(flicker(self._before, depth_m, step_m, self._sequence.camera))
+        self._errors.add("", depth_m, truth_m)
+        self._before = depth_m
+
+    def result(self) -> dict[str, Any]:
+        """All figures; NaN where there is nothing to measure."""
+        found = zip(self._errors.ranges, self._errors.result()[""], strict=True)
+        known = [value for value in self._flickers if np.isfinite(value)]
+        return {
+            "errors": {depth_range.name: asdict(errors) for depth_range, errors in found},
+            "flicker": float(np.mean(known)) if known else float("nan"),
+            "reliability": self._reliability.sums.tolist(),
+            "shifts": self._shifts,
+            "without_depth": self.without_depth,
+            "last_depth_png": _picture(self._before),
+        }
+
+
+def fly(trial: Trial, network: DepthNetwork | None, sequence: Sequence) -> dict[str, Any]:
+    """Measure a trial over a sequence; `network` None for the best constant depth alone."""
+    if trial.method == CONSTANT or network is None:
+        return _constant(sequence)
+    watched = Watched(network)
+    estimator = _estimator(trial, watched, sequence.camera)
+    tally, whole_ms = Tally(sequence), []
+    log = log_of(sequence, trial.telemetry.rate_hz, trial.telemetry.noise_m_s, trial.telemetry.bias)
+    axes: VelocityFrame = "camera" if trial.telemetry.directed else "world"
+    for frame, stamp_ns in enumerate(sequence.stamps_ns.tolist()):
+        while log and log[0][0] <= stamp_ns:
+            estimator.add_velocity(*log.pop(0), frame=axes)
+        started = time.process_time()
+        found = estimator.add_frame(stamp_ns, sequence.images[frame])
+        whole_ms.append((time.process_time() - started) * 1e3)
+        if frame >= MEASURED_FROM:
+            tally.add(frame, found.depth_m, found.confidence, found.shifts.tolist())
+    return tally.result() | {
+        "predict_ms": _median(watched.predict_ms[-len(whole_ms) + MEASURED_FROM :]),
+        "whole_ms": _median(whole_ms[MEASURED_FROM:]),
+    }
+
+
+def _estimator(trial: Trial, network: DepthNetwork, camera: Camera) -> Estimator:
+    if trial.ranges:
+        return MultiRangeEstimator(
+            network, camera, ranges=trial.ranges, fusion=trial.fusion, derotate=trial.derotate
+        )
+    card = network.card.at_focal(camera.fx)
+    return FixedShift(network, camera, round(card.D0_m / (SPEED_M_S * STEP_S)))
+
+
+def _constant(sequence: Sequence) -> dict[str, Any]:
+    """One depth for all frames, chosen with the truth in sight."""
+    constant_m = least_relative_m(sequence.truth_m[MEASURED_FROM:])
+    depth_m = np.full(sequence.truth_m.shape[1:], constant_m, np.float32)
+    tally = Tally(sequence)
+    for frame in range(MEASURED_FROM, len(sequence.images)):
+        tally.add(frame, depth_m, np.zeros_like(depth_m), [])
+    view = {"image_jpeg": _jpeg(sequence.images[-1]), "truth_png": _picture(sequence.truth_m[-1])}
+    times = {"predict_ms": 0.0, "whole_ms": 0.0}
+    return tally.result() | times | {"constant_m": constant_m, "view": view}
+
+
+def _median(values: list[float]) -> float:
+    return float(np.median(values)) if values else float("nan")
+
+
+def _jpeg(image: Image) -> str:
+    """An RGB picture as the text of a JPEG, for the report."""
+    done, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 90])
+    assert done
+    return base64.b64encode(data.tobytes()).decode()
+
+
+def _picture(depth_m: Maps | None) -> str | None:
+    """A depth map as the text of a PNG of centimetres, for the report."""
+    if depth_m is None:
+        return None
+    return base64.b64encode(png(centimetres_from_depth(depth_m))).decode()

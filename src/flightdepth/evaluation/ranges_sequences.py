@@ -1,0 +1,107 @@
+"""The study's sequences: straight flights through Still Box rooms, with their true depth."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.evaluation.metrics import pooled
+from flightdepth.renderers.raycast import VERSION, render
+from flightdepth.scenes import StillBoxConfig, Textures, chance
+from flightdepth.scenes.config import SET_VERSION
+from flightdepth.stillbox.sets import SceneSet
+
+Images = NDArray[np.uint8]
+Maps = NDArray[np.float32]
+Vector = NDArray[np.float64]
+
+SEED = 51  # of the study; the test sets and training have others
+WIDTH = 256
+SPEED_M_S, STEP_S = 1.0, 0.033  # 1 m/s at 30 Hz, as in the paper
+CLEARANCE_M = 2.0
+NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """One flight; the camera's axes are those without noise.
+
+    images      uint8 RGB [F, H, W, 3]
+    truth_m     [F, h, w] z-depth in metres, averaged over 4x4 pixels as networks see it, not clipped
+    velocity    [F, 3] m/s
+    stamps_ns   [F]
+    """
+
+    number: int
+    camera: Camera
+    images: Images
+    truth_m: Maps
+    velocity: Vector
+    stamps_ns: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Sequences:
+    """Sequence `number` follows from these alone; the same scene has the same path at any noise."""
+
+    frames: int
+    width: int = WIDTH
+    seed: int = SEED
+
+    def render(self, number: int, noise_rad: float, textures: Textures) -> Sequence:
+        """All frames, on every core that this process may use."""
+        drawn = SceneSet(self.config(noise_rad), self.width, self.width, self.seed)
+        scene = drawn.scene(number, len(textures))
+        with ThreadPoolExecutor(cores()) as executor:
+            rendered = render(scene, textures, drawn.camera, executor=executor)
+        shape = (self.width // 4, self.width // 4)
+        truth_m = np.stack([pooled(depth_m, shape) for depth_m in rendered.depth_m])
+        stamps = np.arange(self.frames, dtype=np.int64) * round(STEP_S * NS_PER_S)
+        # The world has the axes of the first camera without noise, and nothing turns on purpose.
+        velocity = drawn.velocity(number)
+        return Sequence(number, drawn.camera, rendered.images, truth_m, velocity, stamps)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What the pictures follow from, but for noise and number."""
+        return {
+            "frames": self.frames,
+            "width": self.width,
+            "seed": self.seed,
+            "set_version": SET_VERSION,
+            "renderer": VERSION,
+            "config": self.config(0.0).model_dump(mode="json"),
+        }
+
+    def config(self, noise_rad: float) -> StillBoxConfig:
+        """How the scenes are drawn."""
+        return StillBoxConfig(
+            frames=self.frames,
+            speed_m_s=SPEED_M_S,
+            time_step_s=STEP_S,
+            clearance_m=CLEARANCE_M,
+            objects_ahead_of="path",
+            orientation_noise_rad=noise_rad,
+        )
+
+
+def cores() -> int:
+    """How many this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)  # Linux only
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def log_of(sequence: Sequence, rate_hz: float, noise_m_s: float, bias: float) -> list[tuple[int, Vector]]:
+    """Velocity samples (stamp_ns, m/s in the camera's axes) of a log that errs so; the same at each call."""
+    end_ns = int(sequence.stamps_ns[-1])
+    stamps = np.arange(0, end_ns + 1, round(NS_PER_S / rate_hz), dtype=np.int64)
+    exact = [np.interp(stamps, sequence.stamps_ns, axis) for axis in sequence.velocity.T]
+    velocity = np.stack(exact, axis=1) * (1 + bias)
+    noise = chance.stream(SEED, sequence.number, 3).standard_normal(velocity.shape)
+    return list(zip(stamps.tolist(), velocity + noise_m_s * noise, strict=True))

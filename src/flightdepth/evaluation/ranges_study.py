@@ -1,0 +1,132 @@
+"""The multi-range study: every trial over every sequence, one file each, so that a stopped study goes on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from flightdepth.errors import BadInput
+from flightdepth.evaluation.network import without_nan
+from flightdepth.evaluation.provenance import source_commit
+from flightdepth.evaluation.ranges_flight import MEASURED_FROM, fly
+from flightdepth.evaluation.ranges_peers import FLOW_D0_M, FlowNetwork
+from flightdepth.evaluation.ranges_sequences import Sequence, Sequences
+from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, NOISE_RAD, Trial, all_trials
+from flightdepth.files import write_json
+from flightdepth.ranges import DepthNetwork
+from flightdepth.runtimes.network import load_network, networks
+from flightdepth.scenes import Textures
+from flightdepth.stillbox.testset import test_textures
+from flightdepth.weights.store import SHIPPED, read_card
+
+PARTS = "parts"
+
+
+@dataclass(frozen=True)
+class Task:
+    """A trial over sequence `number`, and the file that holds its result."""
+
+    number: int
+    trial: Trial
+    path: Path
+
+
+class Study:
+    """`scenes` sequences; results go to `folder`/parts. Networks run on one core, so that times can be compared.
+
+    `textures` None takes those of the fixed test sets.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        scenes: int,
+        sequences: Sequences,
+        *,
+        trials: tuple[Trial, ...] | None = None,
+        textures: Textures | None = None,
+    ) -> None:
+        if scenes < 1:
+            raise BadInput("scenes of the study", expected="at least 1", got=str(scenes))
+        if sequences.frames < MEASURED_FROM + 2:
+            got = str(sequences.frames)
+            raise BadInput("frames of a sequence", expected=f"at least {MEASURED_FROM + 2}", got=got)
+        self.folder, self.scenes, self.sequences = folder, scenes, sequences
+        self._wanted = all_trials() if trials is None else trials
+        self._own_textures = textures
+        self._opened: dict[str, DepthNetwork] = {}
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Networks that trials ask for and this build does not have."""
+        wanted = dict.fromkeys(trial.method for trial in self._wanted)
+        return tuple(name for name in wanted if name not in (FLOW, CONSTANT, *networks()))
+
+    @property
+    def trials(self) -> tuple[Trial, ...]:
+        """Those that can be flown; by the noise of the pictures, the paper's first."""
+        missing = self.missing
+        flown = (trial for trial in self._wanted if trial.method not in missing)
+        return tuple(sorted(flown, key=lambda trial: (trial.noise_rad != NOISE_RAD, trial.noise_rad)))
+
+    @property
+    def weights(self) -> dict[str, str]:
+        """SHA-256 of the networks that fly, by name."""
+        names = dict.fromkeys(trial.method for trial in self.trials)
+        return {name: read_card(SHIPPED / f"{name}.onnx").sha256 for name in names if name in networks()}
+
+    @cached_property
+    def tasks(self) -> tuple[Task, ...]:
+        """All there is to do, scene by scene and noise by noise: a rendered sequence serves many trials."""
+        weights, textures = self.weights, self._own_textures
+        told = self.sequences.facts | {"textures": "" if textures is None else textures.digest}
+        weights[FLOW] = f"D0 {FLOW_D0_M} m"
+        names = {
+            trial: trial.digest(told | {"weights": weights.get(trial.method, "")}) for trial in self.trials
+        }
+        return tuple(
+            Task(number, trial, self.folder / PARTS / f"{number:03d}_{name}.json")
+            for number in range(self.scenes)
+            for trial, name in names.items()
+        )
+
+    def __len__(self) -> int:
+        return len(self.tasks)
+
+    def __iter__(self) -> Iterator[Task]:
+        """Do what is not done yet; yields each task once its result is on the disk."""
+        (self.folder / PARTS).mkdir(parents=True, exist_ok=True)
+        commit, rendered = source_commit(), None
+        for task in self.tasks:
+            if not task.path.exists():
+                wanted = task.number, task.trial.noise_rad
+                if rendered is None or rendered[0] != wanted:
+                    rendered = wanted, self.sequences.render(*wanted, self._textures)
+                part = {"sequence": task.number, "trial": task.trial.facts, "commit": commit}
+                write_json(task.path, without_nan(part | self._fly(task.trial, rendered[1])))
+            yield task
+
+    def parts(self) -> list[dict[str, Any]]:
+        """The results, in the order of the tasks."""
+        return [json.loads(task.path.read_text("utf-8")) for task in self.tasks]
+
+    def _fly(self, trial: Trial, sequence: Sequence) -> dict[str, Any]:
+        network = self._network(trial.method, sequence.camera.fx)
+        runtime = getattr(network, "runtime", None)
+        return fly(trial, network, sequence) | {"runtime": runtime.description if runtime else ""}
+
+    def _network(self, method: str, focal_px: float) -> DepthNetwork | None:
+        if method == CONSTANT:
+            return None
+        if method not in self._opened:
+            flow = method == FLOW
+            self._opened[method] = FlowNetwork(focal_px) if flow else load_network(method, threads=1)
+        return self._opened[method]
+
+    @cached_property
+    def _textures(self) -> Textures:
+        return test_textures() if self._own_textures is None else self._own_textures

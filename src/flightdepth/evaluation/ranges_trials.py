@@ -1,0 +1,126 @@
+"""What the multi-range study compares: each trial is one method, flown in one way, over every sequence."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+NOISE_RAD = 0.001  # N0 of the paper's noisy scenes
+NOISES_RAD = (0.0, 0.001, 0.003, 0.01)
+SPEED_NOISES_M_S = (0.1, 0.2, 0.4)
+SPEED_BIASES = (-0.1, 0.1)
+RATES_HZ = (5.0, 10.0, 20.0, 50.0)
+NOISY_SPEED_M_S = 0.2  # at which rates are compared: without noise a constant speed needs one sample
+
+DEPTHNET, CLAMPED, TINY, MOTION = "depthnet-256", "clamped-256", "tiny-clamped-256", "motion-tiny"
+FLOW, CONSTANT = "DIS flow", "best constant"
+# The paper's last figure, the networks beyond it, and how many ranges each is given.
+FIGURE = {DEPTHNET: (1, 2), CLAMPED: (1, 2, 3), TINY: (1, 2, 3, 4), MOTION: (1, 2, 3)}
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """The velocity log: its rate; noise per axis and sample, m/s; bias, a share of the speed.
+
+    directed  whether it tells the direction to the camera; else its axes are unrelated to the camera's
+    """
+
+    rate_hz: float = 20.0
+    noise_m_s: float = 0.0
+    bias: float = 0.0
+    directed: bool = True
+
+
+@dataclass(frozen=True)
+class Trial:
+    """method: a network's name, FLOW or CONSTANT. ranges: n of the estimator; 0 pairs each frame with the one D0
+    before it at the nominal speed, always. noise_rad: N0 of the pictures. derotate: as the estimator's.
+    """
+
+    method: str
+    ranges: int
+    fusion: str = "paper"
+    noise_rad: float = NOISE_RAD
+    derotate: bool = False
+    telemetry: Telemetry = field(default_factory=Telemetry)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """As JSON has it; `trial_of` is the way back."""
+        return asdict(self)
+
+    def digest(self, settings: dict[str, Any]) -> str:
+        """Of the trial and of all that its result depends on."""
+        text = json.dumps([self.facts, settings], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+    @property
+    def label(self) -> str:
+        """What a table calls it, where the noise and the log are said elsewhere."""
+        if self.method == CONSTANT:
+            return "best constant depth"
+        shown = self.method if self.telemetry.directed else f"{self.method}, direction estimated"
+        pairs = "fixed shift" if self.ranges == 0 else f"n = {self.ranges}"
+        return f"{shown}, {pairs}, derotated" if self.derotate else f"{shown}, {pairs}"
+
+
+def trial_of(facts: dict[str, Any]) -> Trial:
+    """The trial that `Trial.facts` told."""
+    return Trial(**{**facts, "telemetry": Telemetry(**facts["telemetry"])})
+
+
+def figure() -> tuple[Trial, ...]:
+    """The paper's last figure, with the paper's fusion."""
+    return tuple(Trial(method, n) for method, counts in FIGURE.items() for n in counts)
+
+
+def peers() -> tuple[Trial, ...]:
+    """What does without a network, and what does without a known direction."""
+    unknown = Telemetry(directed=False)
+    flows = [Trial(FLOW, n, telemetry=log) for log in (Telemetry(), unknown) for n in (1, 2)]
+    return (*flows, Trial(MOTION, 2, telemetry=unknown), Trial(CONSTANT, 0))
+
+
+def pair_choices() -> tuple[Trial, ...]:
+    """One fixed shift; beside the optimal shift (one range) and the clusters of the figure up to n = 4."""
+    fixed = tuple(Trial(method, 0) for method in (DEPTHNET, TINY, MOTION))
+    return (*fixed, Trial(DEPTHNET, 3), Trial(DEPTHNET, 4), Trial(MOTION, 4))
+
+
+def default_fusion() -> tuple[Trial, ...]:
+    """As `flightdepth run` does it: outputs at the ends of a range are bounds."""
+    counts = {DEPTHNET: (1, 2), TINY: (1, 2, 4), MOTION: (1, 2, 3)}
+    return tuple(Trial(method, n, "saturation") for method, ns in counts.items() for n in ns)
+
+
+def orientation_noise() -> tuple[Trial, ...]:
+    """N0 from none to ten times the paper's."""
+    flown = ((DEPTHNET, 1), (TINY, 1), (MOTION, 2), (FLOW, 2))
+    return tuple(Trial(method, n, noise_rad=noise) for noise in NOISES_RAD for method, n in flown)
+
+
+def derotated() -> tuple[Trial, ...]:
+    """With what rotation the pictures show taken out before the network sees them; the last as `run` flies."""
+    flown = ((DEPTHNET, 1), (TINY, 1), (MOTION, 2))
+    noises = [noise for noise in NOISES_RAD if noise]
+    trials = [Trial(method, n, noise_rad=noise, derotate=True) for noise in noises for method, n in flown]
+    return (*trials, Trial(MOTION, 2, "saturation", derotate=True))
+
+
+def wrong_speed() -> tuple[Trial, ...]:
+    """A noisy speed, a biased one, and a noisy one at several rates; depth is proportional to it in any network."""
+    logs = [Telemetry(noise_m_s=noise) for noise in (0.0, *SPEED_NOISES_M_S)]
+    logs += [Telemetry(bias=bias) for bias in SPEED_BIASES]
+    logs += [Telemetry(rate_hz=rate, noise_m_s=NOISY_SPEED_M_S) for rate in RATES_HZ]
+    return tuple(Trial(MOTION, 2, telemetry=log) for log in logs)
+
+
+def all_trials(*, quick: bool = False) -> tuple[Trial, ...]:
+    """Every trial once; `quick`: the figure and the peers only."""
+    groups: Iterable[tuple[Trial, ...]] = (figure(), peers())
+    if not quick:
+        groups = (*groups, pair_choices(), default_fusion(), orientation_noise(), derotated(), wrong_speed())
+    return tuple(dict.fromkeys(trial for group in groups for trial in group))

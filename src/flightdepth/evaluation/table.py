@@ -1,0 +1,229 @@
+"""The paper's table of results: its rows, what others report for them, and what was measured here."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from flightdepth import architectures
+from flightdepth.camera import Camera
+from flightdepth.evaluation.tables import number
+from flightdepth.runtimes.network import Network
+from flightdepth.scenes import Textures
+from flightdepth.stillbox import PairRule, PairStream, Picture, TestPair, TestSet
+from flightdepth.stillbox.stream import CHUNK
+from flightdepth.training.loop import stream_seed
+from flightdepth.training.run_folder import Trained
+from flightdepth.weights.card import NetworkCard
+
+UNTRAINED = "untrained"
+NAME_WIDTH = 24  # of "DepthNet 64-128-256-512"
+RECIPES = ("table-depthnet", "table-depthnet-64-512", "table-depthnet-512", "table-flownets")
+# Depth percentiles of five scenes of the original at 256 px: a set outside their span is nearer or farther.
+ORIGINAL_SPAN_M = {"5": (2.7, 5.5), "25": (4.3, 9.4), "50": (9.4, 47), "75": (20, 65), "95": (41, 81)}
+
+
+@dataclass(frozen=True)
+class Published:
+    """Errors in metres of the paper's table II."""
+
+    l1_train_m: float
+    l1_test_m: float
+    rmse_train_m: float
+    rmse_test_m: float
+
+
+UNPUBLISHED = Published(math.nan, math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A network and the widths that it was trained at, one after the other.
+
+    source  RECIPE/STAGE whose end it is, or the name of a shipped network
+    """
+
+    title: str
+    network: str
+    chain: tuple[int, ...]
+    source: str
+    paper: Published | None = None
+
+    @property
+    def later_m(self) -> float | None:
+        """Test L1 that the authors report later, where they do."""
+        return LATER_L1_M.get(self.chain) if self.network == "DepthNet" and self.paper else None
+
+
+CHAIN = (64, 128, 256, 512)
+PAPER = {
+    ("FlowNetS", (64,)): Published(1.69, 4.16, 4.25, 7.97),
+    ("DepthNet", (64,)): Published(2.26, 4.49, 5.55, 8.44),
+    ("FlowNetS", CHAIN): Published(0.658, 2.44, 1.99, 4.77),
+    ("DepthNet", (64, 128)): Published(1.20, 3.07, 3.43, 6.30),
+    ("DepthNet", (64, 128, 256)): Published(0.876, 2.44, 2.69, 4.99),
+    ("DepthNet", CHAIN): Published(1.09, 2.48, 2.86, 4.90),
+    ("DepthNet", (64, 512)): Published(1.02, 2.57, 2.81, 5.13),
+    ("DepthNet", (512,)): Published(1.74, 4.59, 4.91, 8.62),
+}
+LATER_L1_M = {CHAIN[:1]: 4.65, CHAIN[:2]: 3.08, CHAIN[:3]: 2.29, CHAIN: 1.97}
+OWN_RECIPES = {(64, 512): "table-depthnet-64-512", (512,): "table-depthnet-512"}  # not the chain's
+
+
+def paper_row(network: str, chain: tuple[int, ...]) -> Row:
+    """A row of the paper's table."""
+    recipe = OWN_RECIPES.get(chain, f"table-{network.lower()}")
+    title = f"{network} {'-'.join(map(str, chain))}"
+    return Row(title, network, chain, f"{recipe}/{chain[-1]}", PAPER[network, chain])
+
+
+def equal_compute_row(chain: tuple[int, ...]) -> Row:
+    """DepthNet trained on, until it has cost as much as the whole chain."""
+    title = f"DepthNet {'-'.join(map(str, chain))}, compute of the chain"
+    return Row(title, "DepthNet", chain, f"{OWN_RECIPES[chain]}/512-more")
+
+
+ROWS = (*(paper_row(*key) for key in PAPER), *(equal_compute_row(chain) for chain in OWN_RECIPES))
+
+
+def shipped_row(card: NetworkCard) -> Row:
+    """A shipped network, beside what others report for its chain of widths, if it is theirs."""
+    chain = tuple(width for width, _ in groupby(round(2 * stage.focal_px) for stage in card.stages))
+    published = (card.architecture, card.base_width) in (("DepthNet", 32), ("FlowNetS", 64))
+    paper = PAPER.get((card.architecture, chain)) if published else None
+    return Row(f"{card.name}, shipped", card.architecture, chain, card.name, paper)
+
+
+def parameters(architecture: str, *base_width: int) -> int:
+    """Trained numbers of a network; without a width, of the published one."""
+    network = getattr(architectures, architecture)(*base_width)
+    return sum(parameter.numel() for parameter in network.parameters())
+
+
+def whole_set(card: NetworkCard, scenes: int) -> TestSet:
+    """The fixed test set in whole pictures, also of a network that was trained on crops, as the paper has it."""
+    width = round(2 * card.focal_px)
+    rule = PairRule(card.nominal_shift, card.depth_min_m, card.depth_max_m)
+    return TestSet(Picture(width, width, width), rule, scenes)
+
+
+@dataclass(frozen=True)
+class LastScenes:
+    """Nominal pairs of the last scenes that a stage learnt from, made as those of the test set."""
+
+    scenes: TestSet
+    numbers: range
+
+    @classmethod
+    def of(cls, trained: Trained, card: NetworkCard, textures: Textures, scenes: int) -> LastScenes:
+        """`scenes` of them at most; `textures` are those of the run."""
+        recipe, stage = trained.recipe, trained.progress.stage
+        last = max(trained.progress.sample // recipe.accumulate - 1, 0)
+        drawn = last // (CHUNK * recipe.pairs_per_scene) * CHUNK + PairStream.pool_scenes
+        width = round(2 * card.focal_px)
+        config = recipe.scenes.model_copy(update={"open_share": recipe.stages[stage].open_share})
+        whole = TestSet(
+            Picture(width, width, width), recipe.rule, scenes, stream_seed(recipe, stage), textures, config
+        )
+        return cls(whole, range(max(0, drawn - scenes), drawn))
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def __iter__(self) -> Iterator[TestPair]:
+        return map(self.scenes.pair, self.numbers)
+
+
+def median_ms(network: Network, calls: int, clock: Callable[[], float] = time.perf_counter) -> float:
+    """Median milliseconds of one pair at the network's own focal length, 90 degrees of view; inputs included."""
+    width = round(2 * network.card.focal_px)
+    pictures = np.random.default_rng(0).integers(0, 256, (2, width, width, 3), dtype=np.uint8)
+    camera, moved = Camera.from_fov(width, width, 90), np.array([[network.card.D0_m, 0, 0]])
+    taken = []
+    for _ in range(calls + 2):  # the first two compile
+        began = clock()
+        network.predict([pictures[0]], pictures[1], moved, camera)
+        taken.append((clock() - began) * 1e3)
+    return statistics.median(taken[2:])
+
+
+def inside_original(percentiles_m: Mapping[str, float]) -> bool:
+    """Whether a set is as deep as the original's scenes are, so that metres can be compared."""
+    return all(low <= percentiles_m[share] <= high for share, (low, high) in ORIGINAL_SPAN_M.items())
+
+
+def tables(rows: Sequence[tuple[Row, Mapping[str, Any] | None]]) -> list[Table]:
+    """L1, RMSE and cost: three tables of the same rows, each fit for a narrow terminal."""
+    return [l1_table(rows), rmse_table(rows), cost_table(rows)]
+
+
+def l1_table(rows: Sequence[tuple[Row, Mapping[str, Any] | None]]) -> Table:
+    """L1 in metres."""
+    table = headed(
+        "L1 in metres", "train", "paper", "test", "paper", "later", "test/train", "constant", "classical"
+    )
+    for row, found in rows:
+        paper = row.paper or UNPUBLISHED
+        train, test = figure(found, "train", "network", "l1_m"), figure(found, "test", "network", "l1_m")
+        cells = [(train, 2), (paper.l1_train_m, 2), (test, 2), (paper.l1_test_m, 2)]
+        ratio = test / train if test and train else None
+        peers = [(figure(found, "test", peer, "l1_m"), 2) for peer in ("constant", "classical")]
+        add(table, row, found, [*cells, (row.later_m, 2), (ratio, 2), *peers])
+    return table
+
+
+def rmse_table(rows: Sequence[tuple[Row, Mapping[str, Any] | None]]) -> Table:
+    """RMSE in metres."""
+    table = headed("RMSE in metres", "train", "paper", "test", "paper", "constant", "classical")
+    for row, found in rows:
+        paper = row.paper or UNPUBLISHED
+        train, test = (figure(found, part, "network", "rmse_m") for part in ("train", "test"))
+        cells = [(train, 2), (paper.rmse_train_m, 2), (test, 2), (paper.rmse_test_m, 2)]
+        peers = [(figure(found, "test", peer, "rmse_m"), 2) for peer in ("constant", "classical")]
+        add(table, row, found, [*cells, *peers])
+    return table
+
+
+def cost_table(rows: Sequence[tuple[Row, Mapping[str, Any] | None]]) -> Table:
+    """Parameters, pairs seen, width of the test pictures, time."""
+    table = headed("What it costs", "parameters M", "pairs seen", "px", "ms a pair")
+    for row, found in rows:
+        size = found["parameters"] if found else parameters(row.network)
+        pairs, ms = (f"{found['samples']:,}", found["median_ms"]) if found else (UNTRAINED, None)
+        width = found["width_px"] if found else row.chain[-1]
+        table.add_row(row.title, number(size / 1e6, 1), pairs, str(width), number(ms, 1))
+    return table
+
+
+def headed(title: str, *columns: str) -> Table:
+    """An empty table."""
+    table = Table(title=title, box=None)
+    table.add_column("network", min_width=NAME_WIDTH)
+    for column in columns:
+        table.add_column(column, justify="right", no_wrap=column != "test/train")
+    return table
+
+
+def add(
+    table: Table,
+    row: Row,
+    found: Mapping[str, Any] | None,
+    cells: Sequence[tuple[float | None, int]],
+) -> None:
+    """A row of figures, the first that of training scenes; one that was not trained says so."""
+    said = [number(value, digits) for value, digits in cells]
+    table.add_row(row.title, *([UNTRAINED, *said[1:]] if found is None else said))
+
+
+def figure(found: Mapping[str, Any] | None, part: str, who: str, key: str) -> float | None:
+    """One measured number, None where there is none."""
+    value = ((found or {}).get(part) or {}).get(who, {}).get(key)
+    return None if value is None else float(value)

@@ -1,0 +1,96 @@
+"""Sound pictures out of a video stream: after damage none until a key frame begins afresh.
+
+A decoder goes on after damage and fills what it lacks with grey or with what it saw last; every later picture is
+built on that, up to the next key frame, and only the first of them is marked. What is told of damage: an error of
+the decoder, a packet that the container calls damaged, a picture that the decoder calls damaged.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from typing import Any
+
+from av.error import FFmpegError
+
+# Pictures are shown in another order than they are decoded: so many before a damaged one may be built on it.
+REORDERED = 4
+# H.265 tells damage only when it is asked to stop there; asked of H.264, that would spoil more than it finds.
+STOP_AT_DAMAGE = frozenset({"hevc"})
+
+BUILT_ON_DAMAGE = "frames built on damaged ones, up to the next key frame"
+NO_KEY_FRAME_YET = "frames before the first key frame"
+
+
+class SoundPictures:
+    """One pass over a stream: (picture, whether damage lies between it and the one before), in order of display.
+
+    What is left out is counted in `counts`; `whole` says that the stream is read from its start on, so that
+    what it lacks can be told.
+    """
+
+    def __init__(self, container: Any, stream: Any, counts: Counter[str], *, whole: bool) -> None:
+        self._container, self._stream, self._counts, self._whole = container, stream, counts, whole
+        self._held: deque[tuple[Any, bool]] = deque()
+        self._waiting = True  # for a key frame
+        self._damaged = False  # since the last picture given
+        self._damage_pts: int | None = None
+        if stream.codec_context is not None and stream.codec_context.name in STOP_AT_DAMAGE:
+            stream.codec_context.options = {"err_detect": "explode"}
+
+    def __iter__(self) -> Iterator[tuple[Any, bool]]:
+        read = given = 0
+        for packet in self._packets():
+            read += packet.size > 0
+            if packet.is_corrupt:
+                self._damage(packet.pts)
+            try:
+                pictures = packet.decode()
+            except FFmpegError:
+                self._counts["damaged video packets"] += 1
+                self._damage(packet.pts)
+                continue
+            given += len(pictures)
+            for picture in pictures:
+                yield from self._judged(picture)
+        yield from self._held
+        if self._whole:  # after a seek, packets may rightly give no picture
+            self._count_lost(read, given)
+
+    def _judged(self, picture: Any) -> Iterator[tuple[Any, bool]]:
+        if picture.is_corrupt:
+            self._counts["damaged frames"] += 1
+            self._counts[BUILT_ON_DAMAGE] += len(self._held)
+            self._held.clear()
+            self._damage(picture.pts)
+        elif self._waiting and not self._begins_afresh(picture):
+            self._counts[BUILT_ON_DAMAGE if self._damaged else NO_KEY_FRAME_YET] += 1
+        else:
+            self._held.append((picture, self._damaged))
+            self._waiting = self._damaged = False
+        while len(self._held) > REORDERED:
+            yield self._held.popleft()
+
+    def _begins_afresh(self, picture: Any) -> bool:
+        # Several pictures are in the decoder at once: a key frame from before the damage may come after its news.
+        later = self._damage_pts is None or picture.pts is None or picture.pts > self._damage_pts
+        return bool(picture.key_frame) and later
+
+    def _damage(self, pts: int | None) -> None:
+        self._waiting = self._damaged = True
+        if pts is not None:
+            self._damage_pts = pts if self._damage_pts is None else max(self._damage_pts, pts)
+
+    def _count_lost(self, read: int, given: int) -> None:
+        lost = read - given - self._counts.get("damaged video packets", 0)
+        if lost > 0:
+            self._counts["video packets that gave no picture"] = lost
+        # FFmpeg ends a cut MP4 without a word, but the index at its front tells how much there should be.
+        if read < self._stream.frames:
+            self._counts["frames missing at the end of the file"] = self._stream.frames - read
+
+    def _packets(self) -> Iterator[Any]:
+        try:
+            yield from self._container.demux(self._stream)
+        except FFmpegError:
+            self._counts["read errors (the rest of the video is lost)"] += 1

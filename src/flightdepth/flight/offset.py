@@ -1,0 +1,266 @@
+"""The offset between a video and its log, from what both say: how the camera turns, and how fast it flies.
+
+The log's signal is moved along the video's; the normalised cross-correlation peaks where the two fit. A peak is
+believed only if it is high, alone and narrow: a straight flight at an even speed, or one that turns to and fro
+evenly, tells no offset, and is said to tell none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.flight.apparent_motion import ApparentMotion
+from flightdepth.flight.records import NS_PER_S, AttitudeSample, Telemetry, VelocitySample
+from flightdepth.motion import Vector, rotation_from_quaternion
+
+Stamps = NDArray[np.int64]
+Witness = Literal["turn rate", "speed"]
+
+STEP_S = 0.04
+GAP_S = 1.5  # longer ones in a signal are not bridged
+LEAST_OVERLAP_S = 6.0
+OVERLAP_SHARE = 0.5  # of the shorter signal
+LEAST_TURN_RAD_S = 0.02  # deviation over time; less is what tracking makes of a steady camera
+LEAST_SPEED_SHARE = 0.1  # deviation of a speed over its mean
+LEAST_CORRELATION = 0.6
+WORST_RUNNER_UP = 0.85  # of the peak
+FOOT = 0.7  # of the peak: where another one may begin
+WORST_SIGMA_S = 0.25
+DISAGREEMENT_S = 0.2
+
+
+@dataclass(frozen=True)
+class ClockOffset:
+    """offset_s is added to the log's times so that they count from the first picture; None where it is not known.
+
+    sigma_s      standard deviation of the offset, from the peak's width and height
+    correlation  at the peak, -1..1
+    runner_up    highest correlation of any other peak over this one's: near 1 is ambiguous
+    witness      what told it
+    reason       why it is not known, empty where it is
+    """
+
+    offset_s: float | None
+    sigma_s: float | None
+    correlation: float
+    runner_up: float | None
+    witness: Witness
+    reason: str = ""
+
+    def contradicts(self, told_s: float) -> bool:
+        """Whether an offset told by someone else, seconds, can't be true."""
+        if self.offset_s is None or self.sigma_s is None:
+            return False
+        return abs(self.offset_s - told_s) > max(DISAGREEMENT_S, 4 * self.sigma_s)
+
+    def __str__(self) -> str:
+        if self.offset_s is None or self.runner_up is None:
+            return f"unknown: {self.reason}"
+        return (
+            f"{self.offset_s:+.3f} s, give or take {self.sigma_s:.3f} s, by the {self.witness}"
+            f" (correlation {self.correlation:.2f}, next best peak {self.runner_up:.0%} of it)"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """Values [n, c] at rising times, seconds [n]; `axes` whether the columns are the camera's own axes."""
+
+    at_s: Vector
+    values: Vector
+    axes: bool = True
+
+    def on_grid(self, start: int, end: int) -> Vector:
+        """Values at STEP_S * (start .. end - 1), [end - start, c]; NaN outside and in gaps."""
+        at_s = np.arange(start, end) * STEP_S
+        known = np.isfinite(self.values).all(axis=1)
+        times, values = self.at_s[known], self.values[known]
+        if len(times) < 2:
+            return np.full((len(at_s), self.values.shape[1]), np.nan)
+        after = np.searchsorted(times, at_s).clip(1, len(times) - 1)
+        inside = (at_s >= times[0]) & (at_s <= times[-1]) & (times[after] - times[after - 1] <= GAP_S)
+        columns = [np.where(inside, np.interp(at_s, times, column), np.nan) for column in values.T]
+        return np.stack(columns, axis=1)
+
+
+def estimate_offset(motion: ApparentMotion, log: Telemetry) -> ClockOffset:
+    """What to add to the log's times; the witness with the narrower peak decides, if it is believed at all."""
+    tries = [
+        _compared("turn rate", Signal(_seconds(motion.stamps_ns), motion.turn_rad_s), turn_signal(log)),
+        _compared("speed", Signal(_seconds(motion.stamps_ns), motion.flow_1_s[:, None]), speed_signal(log)),
+    ]
+    known = [each for each in tries if each.offset_s is not None]
+    if not known:
+        reasons = "; ".join(f"{each.witness}: {each.reason}" for each in tries)
+        best = max(tries, key=lambda each: each.correlation)
+        return replace(best, reason=reasons)
+    best = min(known, key=lambda each: each.sigma_s or 0.0)
+    if any(other.contradicts(best.offset_s or 0.0) for other in known):
+        return replace(best, offset_s=None, reason="turn rate and speed disagree")
+    return best
+
+
+def turn_signal(log: Telemetry) -> Signal | None:
+    """Turn rates, rad/s: of the camera's attitude, else of its gyroscope, else of the drone; None without any."""
+    cameras = [sample for sample in log.samples if isinstance(sample, AttitudeSample)]
+    if len(cameras) > 2:
+        return _rates(
+            [each.stamp_ns for each in cameras], [each.world_from_camera for each in cameras], axes=True
+        )
+    if log.gyroscope is not None and len(log.gyroscope.stamps_ns) > 2:
+        track = log.gyroscope
+        return Signal(_seconds(track.stamps_ns), _smooth(track.rates_rad_s, track.stamps_ns), axes=False)
+    bodies = log.body_attitudes
+    if len(bodies) > 2:
+        return _rates(
+            [each.stamp_ns for each in bodies], [each.world_from_body for each in bodies], axes=False
+        )
+    return None
+
+
+def speed_signal(log: Telemetry) -> Signal:
+    """Speeds, m/s."""
+    velocities = [sample for sample in log.samples if isinstance(sample, VelocitySample)]
+    speeds = np.array([np.linalg.norm(each.velocity) for each in velocities])
+    return Signal(_seconds(np.array([each.stamp_ns for each in velocities])), speeds[:, None])
+
+
+def _rates(stamps: list[int], quaternions: list[Vector], *, axes: bool) -> Signal:
+    """Turn rates midway between successive attitudes, in the axes of what turns."""
+    at_s = _seconds(np.array(stamps))
+    turns = np.array([rotation_from_quaternion(each) for each in quaternions])
+    steps = np.einsum("kji,kjl->kil", turns[:-1], turns[1:])
+    odd = steps - steps.transpose(0, 2, 1)
+    vectors = np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=1) / 2  # sines: the steps are small
+    span_s = np.diff(at_s)
+    sound = (span_s > 0) & (span_s <= GAP_S)
+    middle_s = (at_s[1:] + at_s[:-1]) / 2
+    return Signal(middle_s[sound], vectors[sound] / span_s[sound, None], axes)
+
+
+def _smooth(values: Vector, stamps_ns: Stamps) -> Vector:
+    """Means over STEP_S of values [n, c] that come much faster."""
+    count = max(1, round(STEP_S * NS_PER_S / max(float(np.median(np.diff(stamps_ns))), 1.0)))
+    window = np.ones(count) / count
+    return np.stack([np.convolve(column, window, mode="same") for column in values.T], axis=1)
+
+
+def _compared(witness: Witness, seen: Signal, told: Signal | None) -> ClockOffset:
+    """The offset by one witness."""
+    if told is None:
+        return _unknown(witness, "the log has none")
+    video = _trimmed(seen)
+    reason = _too_even(witness, video[1]) or _too_even(witness, told.values)
+    if reason is not None:
+        return _unknown(witness, reason)
+    curve = _correlations(video, told)
+    if not np.isfinite(curve.values).any():
+        return _unknown(witness, f"less than {LEAST_OVERLAP_S:g} s in common")
+    return _judged(witness, curve, video[1])
+
+
+def _too_even(witness: Witness, values: Vector) -> str | None:
+    """Why a signal [n, c] tells nothing; None where it does."""
+    known = values[np.isfinite(values).all(axis=1)]
+    if len(known) * 1.0 < 3:
+        return "too few points in the pictures"
+    deviation = float(np.sqrt(known.var(axis=0).sum()))
+    if witness == "turn rate":
+        return None if deviation >= LEAST_TURN_RAD_S else f"even within {np.degrees(deviation):.1f} degrees/s"
+    share = deviation / max(float(known.mean()), 1e-9)
+    return None if share >= LEAST_SPEED_SHARE else f"even within {share:.0%}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Curve:
+    """Correlation at each offset STEP_S * lags; NaN where the two overlap too little. samples: of the overlap."""
+
+    lags: NDArray[np.int64]
+    values: Vector
+    samples: NDArray[np.int64]
+
+
+def _trimmed(seen: Signal) -> tuple[int, Vector]:
+    """The video's signal on the grid: number of its first sample, and values."""
+    first, last = int(np.ceil(seen.at_s[0] / STEP_S)), int(seen.at_s[-1] / STEP_S)
+    return first, seen.on_grid(first, last + 1)
+
+
+def _correlations(video: tuple[int, Vector], told: Signal) -> _Curve:
+    """The log moved over the video, by whole steps."""
+    first, seen = video
+    start, end = int(np.ceil(told.at_s[0] / STEP_S)), int(told.at_s[-1] / STEP_S) + 1
+    log = told.on_grid(start, end)
+    least = round(max(LEAST_OVERLAP_S / STEP_S, OVERLAP_SHARE * min(len(seen), len(log))))
+    lags = np.arange(first - end + least, first + len(seen) - start - least + 1)
+    values, samples = np.full(len(lags), np.nan), np.zeros(len(lags), dtype=np.int64)
+    for k, lag in enumerate(lags):
+        low, high = max(first, start + lag), min(first + len(seen), end + lag)
+        a, b = seen[low - first : high - first], log[low - lag - start : high - lag - start]
+        both = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+        if np.count_nonzero(both) >= least:
+            values[k], samples[k] = _correlation(a[both], b[both], axes=told.axes), np.count_nonzero(both)
+    return _Curve(lags, values, samples)
+
+
+def _correlation(a: Vector, b: Vector, *, axes: bool) -> float:
+    """Of [n, c] values, means taken off. Between unknown axes the best rotation is meant: the nuclear norm."""
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    size = np.linalg.norm(a) * np.linalg.norm(b)
+    if size < 1e-12:
+        return 0.0
+    product = a.T @ b
+    return float((np.trace(product) if axes else np.linalg.norm(product, "nuc")) / size)
+
+
+def _judged(witness: Witness, curve: _Curve, video: Vector) -> ClockOffset:
+    """The peak between its steps, and whether it can be believed."""
+    values = np.where(np.isfinite(curve.values), curve.values, -1.0)
+    top = int(values.argmax())
+    peak = float(values[top])
+    if top in (0, len(values) - 1) or peak < LEAST_CORRELATION:
+        return ClockOffset(None, None, peak, None, witness, f"no fit (correlation {peak:.2f} at best)")
+    before, after = values[top - 1], values[top + 1]
+    bend = max(2 * peak - before - after, 1e-12)
+    offset_s = (curve.lags[top] + (after - before) / 2 / bend) * STEP_S
+    runner_up = _runner_up(values, top) / peak
+    # A correlation c that bends by c'' is off by sqrt((1 - c^2) / (n c'')), n the independent samples.
+    independent = max(curve.samples[top] * STEP_S / _memory_s(video), 1.0)
+    sigma_s = float(np.sqrt(max(1 - peak**2, 1e-6) / (independent * bend / STEP_S**2)))
+    reason = ""
+    if runner_up > WORST_RUNNER_UP:
+        reason = f"another offset fits {runner_up:.0%} as well"
+    elif sigma_s > WORST_SIGMA_S:
+        reason = f"the peak is too wide ({sigma_s:.2f} s)"
+    return ClockOffset(None if reason else float(offset_s), sigma_s, peak, runner_up, witness, reason)
+
+
+def _runner_up(values: Vector, top: int) -> float:
+    """The highest value beyond the peak's feet, where the curve has fallen to FOOT of it."""
+    low = values < FOOT * values[top]
+    left, right = np.flatnonzero(low[:top]), np.flatnonzero(low[top:])
+    beyond_left = values[: left[-1]] if len(left) else values[:0]
+    beyond_right = values[top + right[0] :] if len(right) else values[:0]
+    return float(max(beyond_left.max(initial=0.0), beyond_right.max(initial=0.0)))
+
+
+def _memory_s(values: Vector) -> float:
+    """How long a signal [n, c] on the grid stays like itself: until its autocorrelation is half."""
+    known = np.nan_to_num(values - np.nanmean(values, axis=0))
+    size = float((known**2).sum())
+    for lag in range(1, len(known)):
+        if float((known[lag:] * known[:-lag]).sum()) < size / 2:
+            return lag * STEP_S
+    return len(known) * STEP_S
+
+
+def _unknown(witness: Witness, reason: str) -> ClockOffset:
+    return ClockOffset(None, None, 0.0, None, witness, reason)
+
+
+def _seconds(stamps_ns: Stamps) -> Vector:
+    return np.asarray(stamps_ns / NS_PER_S, dtype=np.float64)

@@ -1,0 +1,147 @@
+"""MAVLink messages of one vehicle, as they come, into velocities and attitudes on the live clock.
+
+What a message means is `flight.tlog`'s business, what is sound is `flight.autopilot.Gate`'s: a flight gives the
+same samples live and from its log. Messages: https://mavlink.io/en/messages/common.html
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from flightdepth.flight.autopilot import REBOOT_GAP_NS, STEP_NS, Gate, Velocity
+from flightdepth.flight.records import NS_PER_S, AttitudeSample, BodyAttitudeSample, Sample
+from flightdepth.flight.tlog import ATTITUDES, GIMBAL, HEARTBEAT, KINDS, NO_AUTOPILOT, VELOCITIES, Source
+from flightdepth.live.clock import RemoteClock
+from flightdepth.live.motion_store import MotionStore
+
+# Of two messages that tell the same the better one counts, as long as it keeps coming.
+PREFERRED_FOR_NS = NS_PER_S
+DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270: a range finder that looks down
+LATEST_NS = NS_PER_S  # a stamp so far ahead of its arrival is damage
+
+Message = Any
+
+
+@dataclass(frozen=True)
+class AutopilotListener:
+    """Who hears of the autopilot, on the link's thread; times on the live clock."""
+
+    on_velocity: Callable[[int], None]
+    on_reboot: Callable[[int], None]
+
+
+class AutopilotFeed:
+    """Takes every message of a link in the order of arrival; keeps what the first vehicle's autopilot says.
+
+    `clock` is the autopilot's; `counts` says what was left out. A vehicle is known by a heartbeat of its
+    autopilot; before that nothing counts.
+    """
+
+    def __init__(self, store: MotionStore, listener: AutopilotListener) -> None:
+        self.vehicle: Source | None = None
+        self.clock = RemoteClock()
+        self.counts: Counter[str] = Counter()
+        self.reboots = 0
+        self._store, self._listener = store, listener
+        self._gate = Gate(self.counts)
+        self._gimbal_clocks: dict[Source, RemoteClock] = defaultdict(RemoteClock)
+        self._seen: dict[str, int] = {}
+        self._offset_ns: int | None = None  # a copy of the clock's, for other threads
+        self._newest_boot_ns = 0
+        self._newest_live_ns = 0
+        self._held_until_ns = 0
+
+    def take(self, message: Message, now_ns: int) -> None:
+        """One message, received at `now_ns`."""
+        name = message.get_type()
+        source = Source(message.get_srcSystem(), message.get_srcComponent())
+        if name == HEARTBEAT:
+            if message.autopilot != NO_AUTOPILOT and self.vehicle is None:
+                self.vehicle = source
+        elif self.vehicle is None or source.system != self.vehicle.system:
+            self.counts["messages of other vehicles"] += name in KINDS and self.vehicle is not None
+        elif name == GIMBAL:
+            self._take_gimbal(message, source, now_ns)
+        elif source == self.vehicle:
+            self._take_autopilot(name, message, now_ns)
+
+    def boot_ns(self, live_ns: int) -> int | None:
+        """A time of the live clock on the autopilot's, None before anything was heard of that."""
+        return None if self._offset_ns is None else live_ns - self._offset_ns
+
+    def _take_autopilot(self, name: str, message: Message, now_ns: int) -> None:
+        if name == "TIMESYNC":
+            if message.tc1 != 0:
+                self.clock.answered(message.ts1, message.tc1, now_ns)
+        elif name == "DISTANCE_SENSOR":
+            self._take_range(message, now_ns)
+        elif name == "ALTITUDE":
+            if math.isfinite(message.bottom_clearance) and message.bottom_clearance > 0:
+                self._store.add_height(now_ns, message.bottom_clearance)
+        elif name in KINDS:
+            self._seen[name] = now_ns
+            for boot_ns, value in KINDS[name](message, self.counts):
+                if not self._is_best(name, VELOCITIES if isinstance(value, Velocity) else ATTITUDES, now_ns):
+                    continue
+                self._watch_for_reboot(boot_ns, now_ns)
+                self.clock.arrived(boot_ns, now_ns)
+                self._offset_ns = self.clock.offset_ns
+                self._keep(self.clock.live_ns(boot_ns), value, now_ns)
+
+    def _take_gimbal(self, message: Message, source: Source, now_ns: int) -> None:
+        """A gimbal has a clock of its own; the first one that reports carries the camera."""
+        if source not in self._gimbal_clocks and self._gimbal_clocks:
+            self.counts["attitudes of other gimbals"] += 1
+            return
+        clock = self._gimbal_clocks[source]
+        for boot_ns, value in KINDS[GIMBAL](message, self.counts):
+            clock.arrived(boot_ns, now_ns)
+            self._keep(clock.live_ns(boot_ns), value, now_ns)
+
+    def _take_range(self, message: Message, now_ns: int) -> None:
+        within = message.min_distance <= message.current_distance <= message.max_distance
+        if message.orientation == DOWNWARD and within and message.current_distance > 0:
+            self._store.add_height(now_ns, message.current_distance / 100)
+
+    def _is_best(self, name: str, family: tuple[str, ...], now_ns: int) -> bool:
+        """Whether no better message of its family came lately. ODOMETRY stands in both families."""
+        better = [self._seen[kind] for kind in family[: family.index(name)] if kind in self._seen]
+        return all(now_ns - seen_ns >= PREFERRED_FOR_NS for seen_ns in better)
+
+    def _watch_for_reboot(self, boot_ns: int, now_ns: int) -> None:
+        if boot_ns < self._newest_boot_ns - STEP_NS:
+            self.reboots += 1
+            self.clock, self._gate = RemoteClock(), Gate(self.counts)
+            # Nobody may integrate across a reboot, however short it was.
+            self._held_until_ns = self._newest_live_ns + REBOOT_GAP_NS
+            self._newest_boot_ns = boot_ns
+            self._listener.on_reboot(now_ns)
+        self._newest_boot_ns = max(self._newest_boot_ns, boot_ns)
+
+    def _keep(self, stamp_ns: int, value: Any, now_ns: int) -> None:
+        if stamp_ns < self._held_until_ns:
+            self.counts["records just after a reboot"] += 1
+            return
+        if stamp_ns > now_ns + LATEST_NS:
+            self.counts["records with a damaged time"] += 1
+            return
+        self._newest_live_ns = max(self._newest_live_ns, stamp_ns)
+        for sample in newly_kept(self._gate, stamp_ns, value):
+            self._store.add(sample, now_ns)
+            if not isinstance(sample, AttitudeSample | BodyAttitudeSample):
+                self._listener.on_velocity(now_ns)
+
+
+def newly_kept(gate: Gate, stamp_ns: int, value: Any) -> list[Sample | BodyAttitudeSample]:
+    """What `gate` keeps of one record; it then remembers only the newest of each kind, all that it needs."""
+    kinds: tuple[list[Any], ...] = (gate.velocities, gate.bodies, gate.cameras)
+    before = [len(kind) for kind in kinds]
+    gate.take(stamp_ns, value)
+    found = [sample for kind, n in zip(kinds, before, strict=True) for sample in kind[n:]]
+    for kind in kinds:
+        del kind[:-1]
+    return found

@@ -1,0 +1,82 @@
+"""Times of other clocks on the live clock, `time.monotonic_ns()`: of a stream, an autopilot, a gimbal.
+
+Nobody's wall clock is needed, so stepping one changes nothing. What arrives was sent before; of many arrivals
+the fastest says best how two clocks stand to each other (its delay is left in), and a question that comes back
+(MAVLink's TIMESYNC) bounds that delay from both sides.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from flightdepth.flight.autopilot import STEP_NS
+from flightdepth.flight.records import NS_PER_S
+
+WINDOW_NS = 10 * NS_PER_S  # two crystals 50 ppm apart drift by 0.5 ms meanwhile
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A question's round trip: the other clock minus ours lies within `trip_ns` / 2 of `offset_ns`."""
+
+    answered_ns: int
+    offset_ns: int
+    trip_ns: int
+
+
+class RemoteClock:
+    """How one other clock stands to ours; all times in ns, `now_ns` is ours and rises."""
+
+    def __init__(self, window_ns: int = WINDOW_NS) -> None:
+        self.steps = 0
+        self._window_ns = window_ns
+        # (arrival, arrival - own time), offsets rising: the first is the smallest of the window.
+        self._arrivals: deque[tuple[int, int]] = deque()
+        self._answers: deque[Answer] = deque(maxlen=32)
+
+    def arrived(self, own_ns: int, now_ns: int) -> bool:
+        """Something stamped `own_ns` by the other clock came at `now_ns`; False where that clock stepped back.
+
+        Something very late looks the same: what is known is forgotten, and the next faster one puts it right.
+        """
+        offset_ns = now_ns - own_ns
+        stepped = bool(self._arrivals) and offset_ns - self._arrivals[0][1] > STEP_NS
+        if stepped:
+            self.steps += 1
+            self._arrivals.clear()
+            self._answers.clear()
+        while self._arrivals and self._arrivals[-1][1] >= offset_ns:
+            self._arrivals.pop()
+        self._arrivals.append((now_ns, offset_ns))
+        while now_ns - self._arrivals[0][0] > self._window_ns:
+            self._arrivals.popleft()
+        return not stepped
+
+    def answered(self, sent_ns: int, own_ns: int, now_ns: int) -> None:
+        """A question sent at `sent_ns` was answered with the other clock's time, at `now_ns`."""
+        trip_ns = now_ns - sent_ns
+        if 0 <= trip_ns <= NS_PER_S:
+            self._answers.append(Answer(now_ns, sent_ns + trip_ns // 2 - own_ns, trip_ns))
+
+    @property
+    def known(self) -> bool:
+        """Whether anything was ever heard."""
+        return bool(self._arrivals or self._answers)
+
+    @property
+    def offset_ns(self) -> int:
+        """Ours minus the other clock; something must have been heard."""
+        newest_ns = max([a.answered_ns for a in self._answers] + [now_ns for now_ns, _ in self._arrivals])
+        recent = [a for a in self._answers if newest_ns - a.answered_ns <= self._window_ns]
+        if recent:
+            return min(recent, key=lambda answer: answer.trip_ns).offset_ns
+        return self._arrivals[0][1]
+
+    def live_ns(self, own_ns: int) -> int:
+        """The other clock's `own_ns` on ours."""
+        return own_ns + self.offset_ns
+
+    def own_ns(self, live_ns: int) -> int:
+        """Our `live_ns` on the other clock."""
+        return live_ns - self.offset_ns

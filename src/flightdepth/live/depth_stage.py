@@ -1,0 +1,149 @@
+"""From a decoded picture to depth: motion into the estimator, pictures that cannot be used kept out of it."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.flight.camera_file import read_camera
+from flightdepth.flight.cameras import NO_CAMERA, camera_of_size
+from flightdepth.flight.records import NS_PER_S, AttitudeSample, VelocitySample
+from flightdepth.flight.steadiness import MAX_TURN_RAD, PAIR_NS, Steadiness
+from flightdepth.live.health import FROZEN
+from flightdepth.live.motion_store import MotionStore
+from flightdepth.ranges.estimator import MultiRangeEstimator
+from flightdepth.ranges.result import RangedDepth
+from flightdepth.runtimes.network import Network
+
+Image = NDArray[np.uint8]
+
+# Attitude and picture belong together to about this; a camera that turns may turn away by MAX_TURN_RAD in it.
+SYNC_S = 0.02
+MAX_TURN_RATE = MAX_TURN_RAD / SYNC_S
+# A repeated picture is left out; so many ns of repeats are a frozen picture, and everybody shall know.
+FROZEN_NS = 3 * NS_PER_S // 10
+LOOKED_AT = 4  # every so-many-th pixel tells whether a picture changed
+
+
+@dataclass(frozen=True)
+class Lens:
+    """What the user said of the camera: a calibration, or the horizontal field of view."""
+
+    camera: Camera | None = None
+    hfov_deg: float | None = None
+
+    @classmethod
+    def given(cls, camera: Path | None, hfov_deg: float | None) -> Lens:
+        """From the command line: one of the two."""
+        if (camera is None) == (hfov_deg is None):
+            got = "neither" if camera is None else "both"
+            raise BadInput("--camera and --hfov", expected="one of them", got=got, mend=NO_CAMERA)
+        return cls(None if camera is None else read_camera(camera), hfov_deg)
+
+    def at(self, width: int, height: int) -> Camera:
+        """The camera of pictures of this size."""
+        if self.camera is not None:
+            return camera_of_size(self.camera, width, height)
+        assert self.hfov_deg is not None
+        return Camera.from_fov(width, height, self.hfov_deg)
+
+
+@dataclass(frozen=True, eq=False)
+class Staged:
+    """Depth of one picture, its camera, and whether it differs from the picture before."""
+
+    depth: RangedDepth
+    image: Image
+    camera: Camera
+    changed: bool
+
+
+class DepthStage:
+    """One estimator, made anew when the pictures' size changes. `counts` says what was left out.
+
+    `fixed`: the camera is screwed to the drone, so its attitude is known well and pictures turn all the time;
+    else pictures that turn are told from themselves.
+    """
+
+    def __init__(self, network: Network, lens: Lens, store: MotionStore, *, ranges: int, fixed: bool) -> None:
+        self.counts: Counter[str] = Counter()
+        self._network, self._lens, self._store, self._fixed = network, lens, store, fixed
+        self._ranges = self._most = ranges
+        self._camera: Camera | None = None
+        self._last: Image | None = None
+        self._changed_ns = 0
+        self._newest_ns = 0
+
+    @property
+    def ranges(self) -> int:
+        """n in use; set it between two pictures."""
+        return self._ranges
+
+    @ranges.setter
+    def ranges(self, ranges: int) -> None:
+        self._ranges = ranges
+        if self._camera is not None:
+            self._estimator.ranges = ranges
+
+    def take(self, stamp_ns: int, image: Image) -> Staged | None:
+        """Depth of a picture uint8 RGB [H, W, 3]; None where it is left out, which is counted."""
+        if stamp_ns <= self._newest_ns:
+            self.counts["not later than the one before"] += 1
+            return None
+        height, width = image.shape[:2]
+        if self._camera is None or (self._camera.width, self._camera.height) != (width, height):
+            self.prepare(width, height)
+        assert self._camera is not None
+        self._newest_ns = stamp_ns
+        changed = self._is_new(stamp_ns, image)
+        if not changed and stamp_ns - self._changed_ns < FROZEN_NS:
+            self.counts["the same picture again"] += 1
+            return None
+        self._feed_motion()
+        unusable = self._turning(stamp_ns, image) if changed else FROZEN
+        depth = self._estimator.add_frame(stamp_ns, image, unusable=unusable)
+        return Staged(depth, image, self._camera, changed)
+
+    def prepare(self, width: int, height: int) -> None:
+        """Make ready for pictures of this size; takes the network's time to compile, seconds on a small machine."""
+        camera = self._lens.at(width, height)
+        grid = self._network.grid(camera)
+        self._network.warm_up(grid.camera, self._most + 1)  # one more for a scout
+        self._estimator = MultiRangeEstimator(self._network, camera, ranges=self._ranges)
+        self._steadiness = Steadiness(camera)
+        self._camera, self._last = camera, None
+
+    def _is_new(self, stamp_ns: int, image: Image) -> bool:
+        seen = image[::LOOKED_AT, ::LOOKED_AT].copy()
+        new = self._last is None or not np.array_equal(seen, self._last)
+        self._last = seen
+        if new:
+            self._changed_ns = stamp_ns
+        return new
+
+    def _feed_motion(self) -> None:
+        for sample in self._store.take_new():
+            match sample:
+                case VelocitySample():
+                    self._estimator.add_velocity(
+                        sample.stamp_ns, sample.velocity, frame=sample.frame, sigma=sample.sigma
+                    )
+                case AttitudeSample():
+                    self._estimator.add_attitude(sample.stamp_ns, sample.world_from_camera)
+
+    def _turning(self, stamp_ns: int, image: Image) -> str | None:
+        """Why this picture turns too fast for depth, None where it does not."""
+        if not self._fixed:
+            turn = self._steadiness.add(stamp_ns, image)
+            return None if turn.usable else turn.reason
+        rate = self._store.turn_rate_rad_s(stamp_ns, PAIR_NS)
+        if rate is None or rate <= MAX_TURN_RATE:
+            return None
+        return f"turns: {math.degrees(rate):.0f} degrees/s, says the autopilot"

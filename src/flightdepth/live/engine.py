@@ -1,0 +1,212 @@
+"""The live engine: a stream and telemetry in, results to the sinks, the newest picture first.
+
+Threads: one reads and decodes the stream, one reads MAVLink, one runs each sink; the caller's runs the
+estimator (`run`). Between them stand slots of one item, so nothing queues and the age of a result cannot grow.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol
+
+from flightdepth.errors import BadInput
+from flightdepth.live.depth_stage import DepthStage, Staged
+from flightdepth.live.health import HealthMonitor
+from flightdepth.live.meters import Ages, Rate
+from flightdepth.live.motion_store import MotionStore
+from flightdepth.live.range_control import RangeControl
+from flightdepth.live.slots import SinkThread
+from flightdepth.live.status import FrameCounts, LiveResult, LiveStatus, Sink
+from flightdepth.live.video_input import VideoInput, VideoListener
+from flightdepth.live.video_stream import Picture
+
+TAKE_S = 0.1  # between two looks at whether to stop
+NOMINAL_HZ = 30.0  # until the stream's own rate is known
+
+
+class MotionSource(Protocol):
+    """A MAVLink link, or a log that is played."""
+
+    def start(self) -> None:
+        """Begin to feed the store."""
+        ...
+
+    def close(self) -> None:
+        """Stop."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What an engine is made of; `video` and `motion` are made with the engine's listeners.
+
+    boot_ns            a time of the live clock on the autopilot's
+    telemetry_dropped  what telemetry left out, by reason
+    """
+
+    stage: DepthStage
+    store: MotionStore
+    video: Callable[[VideoListener], VideoInput]
+    motion: Callable[[LiveEngine], MotionSource]
+    boot_ns: Callable[[int], int | None] = lambda live_ns: None
+    telemetry_dropped: Callable[[], dict[str, int]] = dict
+
+
+class LiveEngine:
+    """Runs from `__enter__` to `__exit__`; `run` is the estimator's loop. `status` may be asked by any thread."""
+
+    def __init__(self, parts: Parts, *, say: Callable[[str], None] = lambda text: None) -> None:
+        self._stage, self._store, self._parts, self._say = parts.stage, parts.store, parts, say
+        self._lock = threading.Lock()
+        self._start_ns = time.monotonic_ns()
+        self._monitor = HealthMonitor(self._start_ns)
+        self._control = RangeControl(parts.stage.ranges)
+        self._pictures, self._results, self._ages = Rate(), Rate(), Ages()
+        self._used = 0
+        self._uncalibrated: Counter[str] = Counter()
+        self._last: tuple[Staged, Picture] | None = None
+        self._sinks: list[SinkThread] = []
+        self._video = parts.video(VideoListener(self._on_picture, self._on_stream_error))
+        self._motion = parts.motion(self)
+
+    def __enter__(self) -> LiveEngine:
+        self._motion.start()
+        self._video.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._video.close()
+        for sink in self._sinks:
+            sink.close()
+        self._motion.close()
+
+    def add_sink(self, name: str, sink: Sink) -> None:
+        """Give every result, or the newest where it is slow, to `sink`, on a thread of its own."""
+        self._sinks.append(SinkThread(name, sink, self._on_sink_failure))
+
+    def run(self, stop: threading.Event, duration_s: float | None = None) -> None:
+        """Turn pictures into results until `stop`, the end of a file, or `duration_s`."""
+        end_ns = None if duration_s is None else time.monotonic_ns() + round(duration_s * 1e9)
+        while not stop.is_set() and (end_ns is None or time.monotonic_ns() < end_ns):
+            picture = self._video.slot.take(TAKE_S)
+            if picture is not None:
+                self._work(picture)
+            elif self._video.ended.is_set():
+                break
+        if self._video.error is not None:
+            raise self._video.error
+
+    def status(self) -> LiveStatus:
+        """How things stand now."""
+        now_ns = time.monotonic_ns()
+        with self._lock:
+            last = self._last
+            pictures_hz, results_hz = self._pictures.hz(now_ns), self._results.hz(now_ns)
+            self._monitor.rates(pictures_hz, results_hz)
+            return LiveStatus(
+                stamp_ns=now_ns,
+                health=self._monitor.judge(now_ns),
+                age_ms=self._ages.last_ms,
+                age_from="reception" if last is None else last[1].age_from,
+                age_p95_ms=self._ages.p95_ms,
+                frames=FrameCounts(self._video.received, self._used, self._dropped()),
+                ranges=self._stage.ranges,
+                shifts=() if last is None else tuple(last[0].depth.shifts.tolist()),
+                displacements_m=() if last is None else tuple(last[0].depth.displacements_m.tolist()),
+                fps_in=pictures_hz,
+                fps=results_hz,
+                telemetry_hz=self._store.rate_hz(now_ns),
+                telemetry_age_ms=self._store.age_ms(now_ns),
+                uptime_s=(now_ns - self._start_ns) / 1e9,
+                reconnects=self._video.reconnects,
+                sinks={sink.name: sink.counts for sink in self._sinks},
+                telemetry_dropped=self._parts.telemetry_dropped(),
+            )
+
+    def on_velocity(self, now_ns: int) -> None:
+        """A velocity came; called on the telemetry's thread."""
+        with self._lock:
+            self._monitor.velocity(now_ns)
+
+    def on_reboot(self, now_ns: int) -> None:
+        """The autopilot rebooted; called on the telemetry's thread."""
+        with self._lock:
+            self._monitor.rebooted(now_ns)
+        self._say("the autopilot rebooted: its clock began again")
+
+    def _on_picture(self, now_ns: int) -> None:
+        with self._lock:
+            self._pictures.add(now_ns)
+            self._monitor.picture(now_ns)
+
+    def _on_stream_error(self, why: str) -> None:
+        with self._lock:
+            self._monitor.stream_failed(why)
+        self._say(f"video: {why}; opening it again")
+
+    def _on_sink_failure(self, name: str, error: Exception) -> None:
+        self._say(f"{name} failed, the estimator goes on: {type(error).__name__}: {error}")
+
+    def _work(self, picture: Picture) -> None:
+        """One picture from the slot to the sinks."""
+        began_ns = time.monotonic_ns()
+        try:
+            staged = self._stage.take(picture.stamp_ns, picture.rgb())
+        except BadInput as error:  # the stream's size changed to one without a calibration
+            self._refuse(str(error))
+            return
+        if staged is None:
+            return
+        ready_ns = time.monotonic_ns()
+        self._note(staged, picture, ready_ns)
+        self._publish(staged, picture, ready_ns)
+        busy_ms = (time.monotonic_ns() - began_ns) / 1e6
+        pictures_hz = self._pictures.hz(ready_ns) or NOMINAL_HZ
+        self._stage.ranges = self._control.add(ready_ns, busy_ms, 1000 / pictures_hz)
+
+    def _note(self, staged: Staged, picture: Picture, ready_ns: int) -> None:
+        age_ms = (ready_ns - picture.stamp_ns) / 1e6
+        with self._lock:
+            self._used += 1
+            self._last = staged, picture
+            self._results.add(ready_ns)
+            self._ages.add(ready_ns, age_ms)
+            if staged.changed:
+                self._monitor.changed(ready_ns)
+            self._monitor.result(ready_ns, no_depth=staged.depth.reason, age_ms=age_ms)
+
+    def _publish(self, staged: Staged, picture: Picture, ready_ns: int) -> None:
+        motion = self._store.at(picture.stamp_ns)
+        result = LiveResult(
+            depth=staged.depth,
+            image=staged.image,
+            camera=staged.camera,
+            stamp_ns=picture.stamp_ns,
+            ready_ns=ready_ns,
+            boot_ns=self._parts.boot_ns(picture.stamp_ns),
+            world_from_camera=motion.world_from_camera,
+            world_from_body=motion.world_from_body,
+            velocity_ned=motion.velocity_ned,
+            height_above_ground_m=motion.height_above_ground_m,
+            status=self.status(),
+        )
+        for sink in self._sinks:
+            sink.put(result)
+
+    def _refuse(self, why: str) -> None:
+        with self._lock:
+            first = not self._uncalibrated
+            self._uncalibrated["size without a calibration"] += 1
+            self._monitor.refused(why)
+        if first:
+            self._say(why)
+
+    def _dropped(self) -> dict[str, int]:
+        return dict(Counter(self._video.dropped) + self._stage.counts + self._uncalibrated)

@@ -1,0 +1,147 @@
+"""The engine's health as a pure state machine: events and times in, OK, DEGRADED or LOST with a reason out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flightdepth.flight.records import NS_PER_S
+from flightdepth.live.status import Health, State
+
+STARTING = "no picture has come yet"
+SILENT = "no picture comes"
+PREPARING = "the network is prepared for these pictures"
+STUCK = "pictures come, but no results"
+FROZEN = "the picture is frozen"
+REBOOTED = "the autopilot rebooted"
+NO_TELEMETRY = "no telemetry yet"
+LATE = "telemetry is late"
+SLOW = "the machine is too slow"
+OLD = "results are old"
+RECOVERING = "recovering from "
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How long each thing may last before it counts, ns; age of a result, ms; results a second."""
+
+    silent_ns: int = 3 * NS_PER_S // 2
+    stuck_ns: int = 2 * NS_PER_S
+    frozen_ns: int = NS_PER_S
+    reboot_ns: int = 5 * NS_PER_S
+    late_ns: int = NS_PER_S // 2
+    no_depth_ns: int = 3 * NS_PER_S // 10
+    recovered_ns: int = NS_PER_S // 2
+    old_ms: float = 250.0
+    slow_hz: float = 8.0
+
+
+class HealthMonitor:
+    """Hears what happened and when; `judge(now_ns)` says how things stand. Not for several threads at once."""
+
+    def __init__(self, start_ns: int, limits: Limits | None = None) -> None:
+        self._limits = limits or Limits()
+        self._health = Health(State.LOST, STARTING, start_ns)
+        self._trouble_ns = start_ns
+        self._picture_ns: int | None = None
+        self._stream_error: str | None = None
+        self._refused: str | None = None
+        self._changed_ns = self._resumed_ns = start_ns
+        self._velocity_ns: int | None = None
+        self._reboot_ns: int | None = None
+        self._result_ns: int | None = None
+        self._depth_ns = start_ns
+        self._no_depth: str | None = None
+        self._age_ms = self._pictures_hz = self._results_hz = 0.0
+
+    def picture(self, now_ns: int) -> None:
+        """A picture came."""
+        if self._picture_ns is None or now_ns - self._picture_ns > self._limits.silent_ns:
+            self._resumed_ns = self._changed_ns = now_ns
+        self._picture_ns, self._stream_error = now_ns, None
+
+    def changed(self, now_ns: int) -> None:
+        """A picture differed from the one before."""
+        self._changed_ns = now_ns
+
+    def stream_failed(self, why: str) -> None:
+        """The stream could not be opened, or broke."""
+        self._stream_error = why
+
+    def refused(self, why: str) -> None:
+        """A picture could not be used at all."""
+        self._refused = why
+
+    def velocity(self, now_ns: int) -> None:
+        """A velocity came."""
+        self._velocity_ns = now_ns
+
+    def rebooted(self, now_ns: int) -> None:
+        """The autopilot's clock began again."""
+        self._reboot_ns = now_ns
+
+    def result(self, now_ns: int, *, no_depth: str | None, age_ms: float) -> None:
+        """A result stood; `no_depth` says why it holds none."""
+        self._result_ns, self._no_depth, self._age_ms, self._refused = now_ns, no_depth, age_ms, None
+        if no_depth is None:
+            self._depth_ns = now_ns
+
+    def rates(self, pictures_hz: float, results_hz: float) -> None:
+        """How many pictures came, and results went, a second."""
+        self._pictures_hz, self._results_hz = pictures_hz, results_hz
+
+    def judge(self, now_ns: int) -> Health:
+        """The state now. Trouble counts at once; it must be over for `recovered_ns` before all is well."""
+        state, reason = self._worst(now_ns)
+        before = self._health
+        if state is not State.OK:
+            self._trouble_ns = now_ns
+        elif before.reason is not None and now_ns - self._trouble_ns < self._limits.recovered_ns:
+            past = _kind(before.reason).removeprefix(RECOVERING)
+            state, reason = State.DEGRADED, RECOVERING + past
+        same = state is before.state and _kind(reason or "") == _kind(before.reason or "")
+        self._health = Health(state, reason, before.since_ns if same else now_ns)
+        return self._health
+
+    def _worst(self, now_ns: int) -> tuple[State, str | None]:
+        lost = self._lost(now_ns)
+        if lost is not None:
+            return State.LOST, lost
+        degraded = self._degraded(now_ns)
+        return (State.OK if degraded is None else State.DEGRADED), degraded
+
+    def _lost(self, now_ns: int) -> str | None:
+        because = f": {self._stream_error}" if self._stream_error else ""
+        if self._picture_ns is None:
+            return STARTING + because
+        if now_ns - self._picture_ns > self._limits.silent_ns:
+            return SILENT + because
+        refused = f": {self._refused}" if self._refused else ""
+        if self._result_ns is None:
+            return PREPARING + refused
+        if now_ns - max(self._result_ns, self._resumed_ns) > self._limits.stuck_ns:
+            return STUCK + refused
+        return None
+
+    def _degraded(self, now_ns: int) -> str | None:
+        """The first trouble that counts, the worst first."""
+        limits, velocity_ns, reboot_ns = self._limits, self._velocity_ns, self._reboot_ns
+        late_ns = 0 if velocity_ns is None else now_ns - velocity_ns
+        results_hz, pictures_hz = self._results_hz, self._pictures_hz
+        troubles = (
+            (now_ns - self._changed_ns > limits.frozen_ns, FROZEN),
+            (reboot_ns is not None and now_ns - reboot_ns < limits.reboot_ns, REBOOTED),
+            (velocity_ns is None, NO_TELEMETRY),
+            (late_ns > limits.late_ns, f"{LATE}: no velocity for {late_ns / NS_PER_S:.1f} s"),
+            (now_ns - self._depth_ns > limits.no_depth_ns, self._no_depth),
+            (self._age_ms > limits.old_ms, f"{OLD}: {self._age_ms:.0f} ms"),
+            (
+                0 < results_hz < min(limits.slow_hz, pictures_hz / 2),
+                f"{SLOW}: {results_hz:.1f} results a second of {pictures_hz:.0f} pictures",
+            ),
+        )
+        return next((reason for counts, reason in troubles if counts and reason is not None), None)
+
+
+def _kind(reason: str) -> str:
+    """What a reason is about, without the figures behind its colon."""
+    return reason.split(":", maxsplit=1)[0]

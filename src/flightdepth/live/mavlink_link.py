@@ -1,0 +1,202 @@
+"""The MAVLink connection: UDP, TCP or serial through pymavlink, on a thread of its own, opened again when lost."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from flightdepth.errors import BadInput, MissingExtra
+from flightdepth.flight.records import NS_PER_S
+from flightdepth.live.autopilot_feed import AutopilotFeed
+from flightdepth.live.video_input import pause_s
+
+EXPECTED = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:/dev/DEVICE[:BAUD]"
+NETWORK = re.compile(r"(udpin|udpout|tcp):([^:]+):(\d+)")
+SERIAL = re.compile(r"(?:serial:)?(/dev/[^:]+)(?::(\d+))?")
+DEFAULT_BAUD = 921600
+# Who we are: MAV_COMP_ID_ONBOARD_COMPUTER, in the vehicle's own system.
+COMPONENT = 191
+SELECT_S, LOCK_S = 0.05, 0.05
+HEARTBEAT_NS = TIMESYNC_NS = NS_PER_S
+ASK_AGAIN_NS = 5 * NS_PER_S
+# Rates asked for, Hz; a link that gives half of the velocities is left in peace.
+RATES_HZ = {
+    "LOCAL_POSITION_NED": 30,
+    "ATTITUDE_QUATERNION": 50,
+    "GIMBAL_DEVICE_ATTITUDE_STATUS": 30,
+    "DISTANCE_SENSOR": 10,
+}
+# Asked for too where the first request did not help.
+INSTEAD = {"ODOMETRY": 30}
+
+Message = Any
+
+
+def open_transport(address: str) -> Any:
+    """A pymavlink connection, used for its bytes only."""
+    try:
+        from pymavlink import mavutil
+    except ModuleNotFoundError as error:
+        raise MissingExtra("a MAVLink connection", "live") from error
+    if NETWORK.fullmatch(address):
+        return mavutil.mavlink_connection(address, retries=1)
+    device, baud = check_address(address)
+    try:
+        return mavutil.mavlink_connection(device, baud=baud or DEFAULT_BAUD)
+    except ModuleNotFoundError as error:
+        raise MissingExtra("a serial MAVLink connection (pyserial)", "live") from error
+
+
+def check_address(address: str) -> tuple[str, int | None]:
+    """Device and baud of a serial address, or the address itself; what is neither is refused."""
+    if NETWORK.fullmatch(address):
+        return address, None
+    serial = SERIAL.fullmatch(address)
+    if serial is None:
+        raise BadInput("--mavlink", expected=EXPECTED, got=repr(address))
+    return serial[1], int(serial[2]) if serial[2] else None
+
+
+class MavlinkLink:
+    """Feeds `feed` from `start` to `close`, and sends: heartbeats, rate requests, TIMESYNC, what `send` is given.
+
+    `on_error` hears why the connection was lost. `rate_hz` tells how many velocities come a second.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        feed: AutopilotFeed,
+        *,
+        rate_hz: Callable[[int], float],
+        on_error: Callable[[str], None],
+    ) -> None:
+        check_address(address)
+        try:
+            from pymavlink.dialects.v20 import common as mavlink
+        except ModuleNotFoundError as error:
+            raise MissingExtra("a MAVLink connection", "live") from error
+        self.counts: Counter[str] = Counter()
+        self._address, self._feed, self._rate_hz, self._on_error = address, feed, rate_hz, on_error
+        self._dialect = mavlink
+        self._mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=COMPONENT)
+        self._mav.robust_parsing = True
+        self._writing = threading.Lock()
+        self._transport: Any = None
+        self._due = dict.fromkeys(("heartbeat", "timesync", "rates"), 0)
+        self._asked = 0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="mavlink", daemon=True)
+
+    def start(self) -> None:
+        """Connect and listen."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop, and free the port."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(2.0)
+
+    def send(self, message: Message) -> None:
+        """Send one message of the common dialect as ours."""
+        self.write(message.pack(self._mav))
+
+    def write(self, data: bytes) -> None:
+        """Send a packed message, of any component; never waits long, and counts what did not go out."""
+        if not self._writing.acquire(timeout=LOCK_S):
+            self.counts["messages not sent: the link is busy"] += 1
+            return
+        try:
+            if self._transport is None:
+                self.counts["messages not sent: no connection"] += 1
+            else:
+                self._transport.write(data)
+        except OSError:
+            self.counts["messages not sent: the connection broke"] += 1
+        finally:
+            self._writing.release()
+
+    def _work(self) -> None:
+        failures = 0
+        while not self._stop.is_set():
+            try:
+                self._transport = open_transport(self._address)
+                failures = 0
+                self._listen()
+            except (OSError, MissingExtra) as error:  # pyserial's errors are OSErrors
+                self._on_error(f"MAVLink {self._address}: {getattr(error, 'strerror', None) or error}")
+                failures += 1
+            finally:
+                self._hang_up()
+            self._stop.wait(pause_s(failures))
+
+    def _listen(self) -> None:
+        while not self._stop.is_set():
+            ready = self._transport.select(SELECT_S)
+            data = self._transport.recv(4096) if ready else b""
+            if ready and not data and self._address.startswith("tcp:"):
+                raise ConnectionError("the peer closed the connection")
+            now_ns = time.monotonic_ns()
+            for message in self._mav.parse_buffer(bytes(data)) or [] if data else []:
+                self._take(message, now_ns)
+            self._keep_up(now_ns)
+
+    def _hang_up(self) -> None:
+        with self._writing:
+            if self._transport is not None:
+                self._transport.close()
+            self._transport = None
+
+    def _take(self, message: Message, now_ns: int) -> None:
+        name = message.get_type()
+        if name == "BAD_DATA":
+            self.counts["damaged messages"] += 1
+        elif name == "TIMESYNC" and message.tc1 == 0:
+            self.send(self._dialect.MAVLink_timesync_message(tc1=now_ns, ts1=message.ts1))
+        else:
+            self._feed.take(message, now_ns)
+
+    def _keep_up(self, now_ns: int) -> None:
+        """What is due: a heartbeat, a TIMESYNC question, requests for rates that are too low."""
+        if self._is_due("heartbeat", now_ns, HEARTBEAT_NS):
+            kind, nobody = self._dialect.MAV_TYPE_ONBOARD_CONTROLLER, self._dialect.MAV_AUTOPILOT_INVALID
+            active = self._dialect.MAV_STATE_ACTIVE
+            self.send(self._dialect.MAVLink_heartbeat_message(kind, nobody, 0, 0, active, 3))
+        if self._feed.vehicle is None:
+            return
+        self._mav.srcSystem = self._feed.vehicle.system
+        if self._is_due("timesync", now_ns, TIMESYNC_NS):
+            self.send(self._dialect.MAVLink_timesync_message(tc1=0, ts1=time.monotonic_ns()))
+        slow = self._rate_hz(now_ns) < RATES_HZ["LOCAL_POSITION_NED"] / 2
+        if slow and self._is_due("rates", now_ns, ASK_AGAIN_NS):
+            self._ask_for_rates()
+
+    def _is_due(self, what: str, now_ns: int, every_ns: int) -> bool:
+        due = now_ns >= self._due[what]
+        if due:
+            self._due[what] = now_ns + every_ns
+        return due
+
+    def _ask_for_rates(self) -> None:
+        vehicle = self._feed.vehicle
+        assert vehicle is not None
+        wanted = RATES_HZ if self._asked == 0 else RATES_HZ | INSTEAD
+        self._asked += 1
+        for name, rate_hz in wanted.items():
+            number = getattr(self._dialect, f"MAVLINK_MSG_ID_{name}")
+            self.send(
+                self._dialect.MAVLink_command_long_message(
+                    vehicle.system,
+                    vehicle.component,
+                    self._dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
+                    0,
+                    number,
+                    1e6 / rate_hz,
+                    *(0,) * 5,
+                )
+            )

@@ -1,0 +1,53 @@
+"""Figures over the last seconds: rates and ages, with the time passed in and memory that does not grow."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from flightdepth.flight.records import NS_PER_S
+
+
+class Rate:
+    """Events a second over the last `span_s`."""
+
+    def __init__(self, span_s: float = 3.0) -> None:
+        self._span_ns = round(span_s * NS_PER_S)
+        self._stamps: deque[int] = deque(maxlen=4096)
+
+    def add(self, now_ns: int) -> None:
+        """One event."""
+        self._stamps.append(now_ns)
+
+    def hz(self, now_ns: int) -> float:
+        """Intervals over their time; 0 where fewer than two events are recent."""
+        while self._stamps and now_ns - self._stamps[0] > self._span_ns:
+            self._stamps.popleft()
+        if len(self._stamps) < 2:
+            return 0.0
+        return (len(self._stamps) - 1) * NS_PER_S / max(self._stamps[-1] - self._stamps[0], 1)
+
+
+class Ages:
+    """Milliseconds of the last `span_s`, and the value that 95 % of them do not exceed."""
+
+    def __init__(self, span_s: float = 60.0) -> None:
+        self._span_ns = round(span_s * NS_PER_S)
+        self._entries: deque[tuple[int, float]] = deque(maxlen=8192)
+
+    def add(self, now_ns: int, age_ms: float) -> None:
+        """One age."""
+        self._entries.append((now_ns, age_ms))
+        while now_ns - self._entries[0][0] > self._span_ns:
+            self._entries.popleft()
+
+    @property
+    def last_ms(self) -> float | None:
+        """The newest age, None before the first."""
+        return self._entries[-1][1] if self._entries else None
+
+    @property
+    def p95_ms(self) -> float | None:
+        """The 95th percentile, None before the first."""
+        return float(np.percentile([age for _, age in self._entries], 95)) if self._entries else None

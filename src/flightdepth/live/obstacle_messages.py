@@ -1,0 +1,156 @@
+"""Sectors as MAVLink: OBSTACLE_DISTANCE (330), OBSTACLE_DISTANCE_3D (11037) and the heartbeat of their sender.
+
+OBSTACLE_DISTANCE in the way that PX4 and ArduPilot both read: MAV_FRAME_BODY_FRD, 72 distances, `increment` 5 and
+`increment_f` 0, so that index i is the direction 5 i degrees clockwise from the nose in either. Both drop 0 or
+what is below `min_distance`, so the nearest is `min_distance`. `max_distance` + 1 says free. 65535 says unknown: PX4
+then does not fly there unless CP_GO_NO_DATA says so; ArduPilot makes no difference between unknown and free.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.errors import MissingExtra
+from flightdepth.live.obstacles import SECTOR_DEG, ObstacleSettings, Sectors
+from flightdepth.motion import Vector
+
+UNKNOWN = 65535  # UINT16_MAX
+COMPONENT = 196  # MAV_COMP_ID_OBSTACLE_AVOIDANCE
+MOST_POINTS = 24  # a message each: the nearest are sent
+
+Message = Any
+
+
+class Mav(IntEnum):
+    """The numbers of MAVLink's common set that are sent; a test compares them with pymavlink's."""
+
+    TYPE_ONBOARD_CONTROLLER = 18
+    AUTOPILOT_INVALID = 8
+    STATE_ACTIVE = 4
+    STATE_CRITICAL = 5
+    FRAME_BODY_FRD = 12
+    DISTANCE_SENSOR_UNKNOWN = 4
+
+
+def distances_cm(sectors: Sectors, age_s: float, settings: ObstacleSettings) -> NDArray[np.uint16]:
+    """The 72 values of OBSTACLE_DISTANCE for sectors that are `age_s` old, less the way flown meanwhile.
+
+    Where no obstacle was seen and it is clear up to some bound below `max_m`, that bound is reported as a distance:
+    free up to it, not beyond.
+    """
+    flown_m = sectors.speed_m_s * max(age_s, 0.0)
+    obstacle_m, clear_m = sectors.obstacle_m - flown_m, sectors.clear_m - flown_m
+    free = settings.max_m + 0.01
+    # NaN compares as false: no obstacle.
+    told_m = np.where(
+        obstacle_m <= settings.max_m,
+        np.maximum(obstacle_m, settings.min_m),
+        np.where(clear_m >= settings.max_m, free, np.where(clear_m >= settings.min_m, clear_m, np.nan)),
+    )
+    # Rounded down: never farther than known.
+    centimetres = np.floor(told_m * 100 + 1e-6)
+    return np.asarray(np.where(np.isnan(told_m), UNKNOWN, centimetres), np.uint16)
+
+
+class ObstaclePacker:
+    """MAVLink 2 messages as bytes; `system` is the vehicle's number, which its companion computer shares."""
+
+    def __init__(self, settings: ObstacleSettings, *, system: int = 1, component: int = COMPONENT) -> None:
+        try:
+            from pymavlink.dialects.v20 import ardupilotmega as mavlink
+        except ModuleNotFoundError as error:
+            raise MissingExtra("sending obstacle distances", "live") from error
+        self.settings = settings
+        self._mavlink = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._dialect = mavlink
+
+    def heartbeat(self, *, usable: bool) -> bytes:
+        """Once a second; `usable`: whether obstacle distances are being sent."""
+        state = Mav.STATE_ACTIVE if usable else Mav.STATE_CRITICAL
+        return self._packed(
+            self._dialect.MAVLink_heartbeat_message(
+                Mav.TYPE_ONBOARD_CONTROLLER, Mav.AUTOPILOT_INVALID, 0, 0, state, 3
+            )
+        )
+
+    def distances(self, sectors: Sectors, time_us: int, age_s: float) -> bytes:
+        """OBSTACLE_DISTANCE; `time_us` is when the picture was taken, since power-up or since 1970."""
+        return self._packed(
+            self._dialect.MAVLink_obstacle_distance_message(
+                time_us,
+                Mav.DISTANCE_SENSOR_UNKNOWN,
+                distances_cm(sectors, age_s, self.settings).tolist(),
+                SECTOR_DEG,
+                math.ceil(self.settings.min_m * 100),
+                math.floor(self.settings.max_m * 100),
+                0.0,
+                0.0,
+                Mav.FRAME_BODY_FRD,
+            )
+        )
+
+    def points(
+        self, sectors: Sectors, time_ms: int, age_s: float, body_from_level: Vector | None = None
+    ) -> list[bytes]:
+        """OBSTACLE_DISTANCE_3D of the nearest obstacle of each sector, ArduPilot only; nearest first.
+
+        All of one picture share `time_ms`: ArduPilot starts its boundary anew when it changes. `body_from_level`
+        (3, 3) puts back the drone's roll and pitch.
+        """
+        settings, flown_m = self.settings, sectors.speed_m_s * max(age_s, 0.0)
+        seen = np.flatnonzero(sectors.obstacle_m - flown_m <= settings.max_m)
+        nearest = seen[np.argsort(sectors.obstacle_m[seen])][:MOST_POINTS]
+        turn = np.eye(3) if body_from_level is None else body_from_level
+        return [self._point(turn @ sectors.points_m[sector], time_ms, flown_m) for sector in nearest]
+
+    def _point(self, point_m: Vector, time_ms: int, flown_m: float) -> bytes:
+        length = float(np.linalg.norm(point_m))
+        x, y, z = point_m / length * max(length - flown_m, self.settings.min_m)
+        return self._packed(
+            self._dialect.MAVLink_obstacle_distance_3d_message(
+                time_ms % 2**32,
+                Mav.DISTANCE_SENSOR_UNKNOWN,
+                Mav.FRAME_BODY_FRD,
+                UNKNOWN,
+                x,
+                y,
+                z,
+                self.settings.min_m,
+                self.settings.max_m,
+            )
+        )
+
+    def _packed(self, message: Message) -> bytes:
+        data = bytes(message.pack(self._mavlink))
+        self._mavlink.seq = (self._mavlink.seq + 1) % 256
+        return data
+
+
+class TlogWriter:
+    """A ground station's log: each message behind its time, microseconds since 1970 or of any other clock."""
+
+    def __init__(self, path: Path) -> None:
+        self._file: BinaryIO = path.open("wb")
+
+    def __enter__(self) -> TlogWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def write(self, time_us: int, message: bytes) -> None:
+        """Append one message."""
+        self._file.write(time_us.to_bytes(8, "big") + message)
+
+    def close(self) -> None:
+        """Flush and close."""
+        self._file.close()

@@ -1,0 +1,146 @@
+"""Sends the newest sectors to the autopilot at a steady rate, whatever the estimator and the link do."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+
+import numpy as np
+
+from flightdepth.live.obstacle_memory import NS_PER_S, ObstacleMap
+from flightdepth.live.obstacle_messages import ObstaclePacker
+from flightdepth.live.obstacles import ObstacleSettings, Sectors, heading_rad, level_from_world
+from flightdepth.live.status import LiveResult
+from flightdepth.motion import NED_FROM_CAMERA, Vector, rotation_from_quaternion
+
+RATE_HZ = 15.0  # PX4 was tested with 10 Hz at 4 m/s; both autopilots give up after half a second
+HEARTBEAT_NS = NS_PER_S
+
+Write = Callable[[bytes], object]
+
+
+@dataclass(frozen=True, eq=False)
+class Newest:
+    """The sectors to send, when their picture was taken (live clock, autopilot's clock) and the drone's tilt."""
+
+    sectors: Sectors
+    stamp_ns: int
+    boot_ns: int | None
+    body_from_level: Vector
+
+
+class ObstacleFeed:
+    """Results in, the messages that are due out; the clock is the caller's, the live one or a recording's.
+
+    `camera_ahead`: the camera is screwed to the drone and looks where its nose points, so that its own heading
+    serves where nobody tells the drone's.
+    """
+
+    def __init__(
+        self,
+        obstacles: ObstacleMap,
+        packer: ObstaclePacker,
+        *,
+        rate_hz: float = RATE_HZ,
+        points: bool = False,
+        camera_ahead: bool = False,
+    ) -> None:
+        self._obstacles, self._packer = obstacles, packer
+        self._every_ns = round(NS_PER_S / rate_hz)
+        self._points, self._camera_ahead = points, camera_ahead
+        self._newest: Newest | None = None
+        self._distances_ns: int | None = None
+        self._heartbeat_ns: int | None = None
+
+    @property
+    def settings(self) -> ObstacleSettings:
+        """Of the sectors and of the messages."""
+        return self._obstacles.settings
+
+    @property
+    def newest(self) -> Newest | None:
+        """What the last result said; None before the first."""
+        return self._newest
+
+    def take(self, result: LiveResult) -> None:
+        """A sink: work out the sectors of a result."""
+        heading = self._heading(result)
+        sectors = self._obstacles.add(
+            result.stamp_ns,
+            result.depth,
+            result.camera,
+            world_from_camera=result.world_from_camera,
+            heading_rad=heading,
+            velocity_ned=result.velocity_ned,
+            height_m=result.height_above_ground_m,
+        )
+        tilt = np.eye(3)
+        if result.world_from_body is not None and heading is not None:
+            tilt = rotation_from_quaternion(result.world_from_body).T @ level_from_world(heading).T
+        self._newest = Newest(sectors, result.stamp_ns, result.boot_ns, tilt)
+
+    def due(self, now_ns: int) -> list[bytes]:
+        """The messages to send at `now_ns`: none twice within its interval, none about an old picture."""
+        newest = self._newest
+        age_s = np.inf if newest is None else (now_ns - newest.stamp_ns) / NS_PER_S
+        usable = newest is not None and age_s <= self._obstacles.settings.stale_s
+        messages = []
+        if _elapsed(self._heartbeat_ns, now_ns, HEARTBEAT_NS):
+            self._heartbeat_ns = now_ns
+            messages.append(self._packer.heartbeat(usable=usable))
+        if newest is not None and usable and _elapsed(self._distances_ns, now_ns, self._every_ns):
+            self._distances_ns = now_ns
+            time_us = (newest.stamp_ns if newest.boot_ns is None else newest.boot_ns) // 1000
+            messages.append(self._packer.distances(newest.sectors, time_us, age_s))
+            if self._points:
+                messages += self._packer.points(
+                    newest.sectors, time_us // 1000, age_s, newest.body_from_level
+                )
+        return messages
+
+    def _heading(self, result: LiveResult) -> float | None:
+        if result.world_from_body is not None:
+            return heading_rad(result.world_from_body)
+        if self._camera_ahead and result.world_from_camera is not None:
+            axis = rotation_from_quaternion(result.world_from_camera) @ NED_FROM_CAMERA.T @ (1.0, 0.0, 0.0)
+            return float(np.arctan2(axis[1], axis[0]))
+        return None
+
+
+class ObstacleSender:
+    """A thread that gives what is due to `write`, which may block or fail: both are counted, neither spreads."""
+
+    def __init__(
+        self, feed: ObstacleFeed, write: Write, *, clock: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self.sent, self.failed = 0, 0
+        self._feed, self._write, self._clock = feed, write, clock
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="obstacles", daemon=True)
+
+    def __enter__(self) -> ObstacleSender:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        self._thread.join(timeout=2.0)
+
+    def _run(self) -> None:
+        while not self._stop.wait(0.01):
+            for message in self._feed.due(self._clock()):
+                try:
+                    self._write(message)
+                    self.sent += 1
+                except Exception:  # a link of any kind: the next message is tried all the same
+                    self.failed += 1
+
+
+def _elapsed(last_ns: int | None, now_ns: int, every_ns: int) -> bool:
+    """Whether it is time again; a millisecond early is in time, or a rate that fits the frames' would halve."""
+    return last_ns is None or not 0 <= now_ns - last_ns < every_ns - 1_000_000

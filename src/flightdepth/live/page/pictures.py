@@ -1,0 +1,86 @@
+"""Pictures of the newest result, made when somebody looks and once for all who do."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+from flightdepth.errors import FlightDepthError
+from flightdepth.live.status import LiveResult
+from flightdepth.outputs.encoding import centimetres_from_depth
+from flightdepth.outputs.palette import Bounds, DepthScale, Palette, Picture
+
+WIDEST_PX = 800
+QUALITY = {"input": 80, "depth": 88}
+
+
+class Pictures:
+    """Holds the newest result; `jpeg` waits for one newer than the caller has."""
+
+    def __init__(self, scale: DepthScale) -> None:
+        self._palette = Palette(scale)
+        self._makers: dict[str, Callable[[LiveResult], Picture]] = {"input": shown, "depth": self._painted}
+        self._changed = threading.Condition()
+        self._making = threading.Lock()
+        self._result: LiveResult | None = None
+        self._number = 0
+        self._made: dict[str, tuple[int, bytes]] = {}
+
+    @property
+    def result(self) -> LiveResult | None:
+        """The newest; None before the first."""
+        return self._result
+
+    def put(self, result: LiveResult) -> None:
+        """A newer result; nothing is drawn yet."""
+        with self._changed:
+            self._result = result
+            self._number += 1
+            self._changed.notify_all()
+
+    def jpeg(self, name: str, after: int, timeout_s: float) -> tuple[int, bytes] | None:
+        """Number and JPEG of "input" or "depth", newer than number `after`; None where none came in time."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._number > after, timeout_s)
+            number, result = self._number, self._result
+        if result is None or number <= after:
+            return None
+        with self._making:
+            made = self._made.get(name)
+            if made is None or made[0] < number:
+                made = number, encoded(self._makers[name](result), QUALITY[name])
+                self._made[name] = made
+        return made
+
+    def _painted(self, result: LiveResult) -> Picture:
+        depth = result.depth
+        small = [
+            fitted(map_hw, cv2.INTER_NEAREST)
+            for map_hw in (depth.depth_m, depth.farther_than_m, depth.nearer_than_m)
+        ]
+        bounds = Bounds(np.isfinite(small[1]), np.isfinite(small[2]))
+        return self._palette.paint(centimetres_from_depth(small[0]), bounds)
+
+
+def shown(result: LiveResult) -> Picture:
+    """The input at the page's size."""
+    return fitted(result.image, cv2.INTER_AREA)
+
+
+def fitted(picture: np.ndarray, how: int) -> np.ndarray:
+    """At most WIDEST_PX wide."""
+    height, width = picture.shape[:2]
+    if width <= WIDEST_PX:
+        return picture
+    return np.asarray(cv2.resize(picture, (WIDEST_PX, round(height * WIDEST_PX / width)), interpolation=how))
+
+
+def encoded(picture: Picture, quality: int) -> bytes:
+    """JPEG of RGB [H, W, 3]."""
+    done, data = cv2.imencode(".jpg", picture[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, quality))
+    if not done:
+        raise FlightDepthError(f"could not encode a {picture.shape[1]}x{picture.shape[0]} picture")
+    return data.tobytes()

@@ -1,0 +1,61 @@
+"""When a picture was taken, on the live clock: by the sender's word where it can be believed, else by arrival.
+
+Senders' words: a V4L2 driver stamps with this machine's monotonic clock; an RTP sender's RTCP reports tie its
+stream to its wall clock (FFmpeg hands them on as "producer reference time"), which means something here only
+where both machines' clocks are set by NTP or PTP, so it has to be asked for.
+"""
+
+from __future__ import annotations
+
+from flightdepth.flight.records import NS_PER_S
+from flightdepth.live.clock import RemoteClock
+from flightdepth.live.status import AgeFrom
+
+# A sender's word for when a picture was taken is believed if it makes it at most so old, or so far ahead.
+OLDEST_NS, AHEAD_NS = 2 * NS_PER_S, NS_PER_S // 100
+# The stream's and the sender's clock drift apart by less, within one connection; more is a clock that was set.
+SET_NS = NS_PER_S // 10
+
+
+class PictureClock:
+    """Stamps of one connection's pictures; `delay_ns`, exposure to sending, is taken off those by arrival.
+
+    `wall_from_sender`: believe the wall clock of RTCP reports. `same_clock`: the stream's times are already
+    those of our monotonic clock, if they look like it.
+    """
+
+    def __init__(self, delay_ns: int, *, wall_from_sender: bool = False, same_clock: bool = False) -> None:
+        self.distrusted: str | None = None
+        self._delay_ns = delay_ns
+        self._wall_from_sender, self._same_clock = wall_from_sender, same_clock
+        self._arrivals = RemoteClock()
+        self._sender_offset_ns: int | None = None
+
+    def packet(
+        self, own_ns: int, now_ns: int, *, sender_wall_ns: int | None = None, wall_now_ns: int = 0
+    ) -> None:
+        """A packet of the stream's time `own_ns` came; the sender's wall clock for it, and ours now."""
+        self._arrivals.arrived(own_ns, now_ns)
+        if self._same_clock and _credible(own_ns, now_ns):
+            self._sender_offset_ns = 0
+        elif self._wall_from_sender and sender_wall_ns is not None and self.distrusted is None:
+            self._compare(own_ns, now_ns, now_ns + sender_wall_ns - wall_now_ns)
+
+    def stamp(self, own_ns: int) -> tuple[int, AgeFrom]:
+        """When the picture of the stream's time `own_ns` was taken; a packet must have come before."""
+        if self._sender_offset_ns is not None:
+            return own_ns + self._sender_offset_ns, "sender"
+        return self._arrivals.live_ns(own_ns) - self._delay_ns, "reception"
+
+    def _compare(self, own_ns: int, now_ns: int, claimed_ns: int) -> None:
+        offset_ns = claimed_ns - own_ns
+        before_ns = self._sender_offset_ns
+        if before_ns is not None and abs(offset_ns - before_ns) > SET_NS:
+            self.distrusted = f"a wall clock was set by {(offset_ns - before_ns) / NS_PER_S:.1f} s"
+            self._sender_offset_ns = None
+        elif _credible(claimed_ns, now_ns):
+            self._sender_offset_ns = offset_ns
+
+
+def _credible(claimed_ns: int, now_ns: int) -> bool:
+    return -AHEAD_NS <= now_ns - claimed_ns <= OLDEST_NS

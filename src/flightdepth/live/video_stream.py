@@ -1,0 +1,145 @@
+"""One connection to a stream, or one pass over a file in real time: packets in, stamped pictures out."""
+
+from __future__ import annotations
+
+import struct
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import av
+import numpy as np
+from av.error import FFmpegError
+from numpy.typing import NDArray
+
+from flightdepth.errors import FlightDepthError
+from flightdepth.flight.decoding import BUILT_ON_DAMAGE, NO_KEY_FRAME_YET, STOP_AT_DAMAGE
+from flightdepth.flight.records import NS_PER_S
+from flightdepth.flight.video import upright
+from flightdepth.live.picture_clock import PictureClock
+from flightdepth.live.status import AgeFrom
+from flightdepth.live.video_address import VideoAddress
+
+# A read that waits longer than READ_S is given up, so that a silent stream is noticed within two seconds.
+OPEN_S, READ_S = 5.0, 1.5
+LATE_NS = 2 * NS_PER_S  # a file's picture that is due so long ago is passed over: the machine slept
+
+
+class StreamEnded(FlightDepthError):
+    """The sender closed the stream."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A decoded picture, not yet RGB: most are dropped where the machine cannot keep up."""
+
+    decoded: Any
+    stamp_ns: int
+    age_from: AgeFrom
+
+    def rgb(self) -> NDArray[np.uint8]:
+        """uint8 RGB [H, W, 3], upright."""
+        return upright(self.decoded)
+
+
+class VideoStream:
+    """An open stream or file; iterate `pictures()` once, then `close()`.
+
+    Damaged packets and pictures are left out and counted in `counts`.
+    """
+
+    def __init__(self, address: VideoAddress, counts: Counter[str]) -> None:
+        self._address, self._counts = address, counts
+        self._container = av.open(
+            address.source(),
+            format=address.format,
+            options=dict(address.options),
+            timeout=(OPEN_S, READ_S),
+        )
+        if not self._container.streams.video:
+            self._container.close()
+            raise StreamEnded("it has no video")
+        self._stream = self._container.streams.video[0]
+        # Threads by frame would hold back as many pictures as there are cores.
+        self._stream.thread_type = "SLICE"
+        if self._stream.codec_context.name in STOP_AT_DAMAGE:
+            self._stream.codec_context.options = {"err_detect": "explode"}
+        self._waiting, self._damaged = True, False
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._container.close()
+
+    def pictures(self, clock: PictureClock, stop: threading.Event) -> Iterator[Picture]:
+        """Pictures as they come, stamped by `clock`; raises StreamEnded or FFmpegError when it breaks."""
+        for packet in self._container.demux(self._stream):
+            if stop.is_set():
+                return
+            if packet.pts is not None:
+                self._tell(clock, packet)
+            for decoded in self._decoded(packet):
+                yield Picture(decoded, *clock.stamp(self._nanoseconds(decoded.pts)))
+        raise StreamEnded("it ended")
+
+    def paced(self, epoch_ns: int, delay_ns: int, stop: threading.Event) -> Iterator[Picture]:
+        """A file's pictures, each when it is due: the first at `epoch_ns`."""
+        first_ns: int | None = None
+        for packet in self._container.demux(self._stream):
+            for decoded in self._decoded(packet):
+                own_ns = self._nanoseconds(decoded.pts)
+                first_ns = own_ns if first_ns is None else first_ns
+                due_ns = epoch_ns + own_ns - first_ns
+                ahead_ns = due_ns - time.monotonic_ns()
+                if stop.wait(max(0, ahead_ns) / NS_PER_S):
+                    return
+                if ahead_ns < -LATE_NS:
+                    self._counts["pictures of a file that could not be read in time"] += 1
+                    continue
+                yield Picture(decoded, due_ns - delay_ns, "reception")
+
+    def _tell(self, clock: PictureClock, packet: Any) -> None:
+        sender_wall_ns = None
+        if packet.has_sidedata("prft"):
+            # AVProducerReferenceTime: microseconds since 1970, then flags.
+            (wall_us,) = struct.unpack_from("<q", bytes(packet.get_sidedata("prft")))
+            sender_wall_ns = wall_us * 1000
+        clock.packet(
+            self._nanoseconds(packet.pts),
+            time.monotonic_ns(),
+            sender_wall_ns=sender_wall_ns,
+            wall_now_ns=time.time_ns(),
+        )
+
+    def _decoded(self, packet: Any) -> Iterator[Any]:
+        """Sound pictures of one packet, at once: none is held back to see whether the next is damaged."""
+        if packet.is_corrupt:
+            self._waiting = self._damaged = True
+        try:
+            found = packet.decode()
+        except FFmpegError:
+            self._counts["damaged video packets"] += 1
+            self._waiting = self._damaged = True
+            return
+        for decoded in found:
+            if self._is_sound(decoded):
+                yield decoded
+
+    def _is_sound(self, decoded: Any) -> bool:
+        """After damage no picture counts until a key frame, as in `flight.decoding`."""
+        if decoded.is_corrupt:
+            self._counts["damaged frames"] += 1
+            self._waiting = self._damaged = True
+        elif self._waiting and not decoded.key_frame:
+            self._counts[BUILT_ON_DAMAGE if self._damaged else NO_KEY_FRAME_YET] += 1
+        elif decoded.pts is None:
+            self._counts["frames without a time"] += 1
+        else:
+            self._waiting = self._damaged = False
+            return True
+        return False
+
+    def _nanoseconds(self, ticks: int) -> int:
+        return int(ticks * self._stream.time_base * NS_PER_S)

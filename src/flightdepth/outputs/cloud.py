@@ -1,0 +1,183 @@
+"""The point cloud of a flight: depth maps and poses, joined in one local frame.
+
+A depth map holds points that are wrong: sky that was given a depth, mixtures across an edge, plain errors. A point
+counts where it is confident and near enough, where no edge runs, and where the frames before and after it agree.
+Then each voxel keeps one point, the mean of what fell into it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.motion import Vector
+from flightdepth.outputs.encoding import Map
+from flightdepth.outputs.pictures import Picture, pictures
+from flightdepth.outputs.poses import FramePose
+from flightdepth.outputs.read import FlightFolder
+from flightdepth.outputs.voxels import Cloud, VoxelGrid
+from flightdepth.runtimes.lens import distort, inside, undistort
+
+ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+NEIGHBOURS = 8  # frames on either side whose depth must agree
+AGREE_WITHIN = 0.1  # of the depth
+LEAST_AGREEING = 3
+EDGE_PX, EDGE_RATIO = 5, 1.2  # farthest over nearest within so many pixels: beyond, depth mixes two things
+COLUMNS = 320  # pixels used across a picture; a network's own map has about 80 to 160
+WIDEST = np.tan(np.radians(60))
+
+
+@dataclass(frozen=True)
+class CloudSettings:
+    """Which points count: `every` n-th frame, `min_confidence` 0..1, `max_range_m` along the axis, `voxel_m`."""
+
+    min_confidence: float = 0.6
+    max_range_m: float = 60.0
+    voxel_m: float = 0.25
+    every: int = 10
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.min_confidence <= 1:
+            raise BadInput("--min-confidence", expected="0 to 1", got=str(self.min_confidence))
+        if not (np.isfinite(self.max_range_m) and self.max_range_m > 0):
+            raise BadInput("--max-range", expected="more than 0 m", got=str(self.max_range_m))
+        if not (np.isfinite(self.voxel_m) and self.voxel_m >= 0.01):
+            raise BadInput("--voxel", expected="0.01 m or more", got=str(self.voxel_m))
+        if self.every < 1:
+            raise BadInput("--every", expected="1 or more", got=str(self.every))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One frame: picture [H, W, 3], depth and confidence [H, W], and the camera's place."""
+
+    image: Picture
+    depth_m: Map
+    confidence: Map
+    pose: FramePose
+
+
+def cloud_of(
+    folder: FlightFolder, settings: CloudSettings, on_view: Callable[[], None] = lambda: None
+) -> Cloud:
+    """The cloud of a whole flight, east-north-up, origin at the first camera of its longest segment."""
+    camera, grid = folder.record.source.camera, VoxelGrid(settings.voxel_m)
+    step = max(1, camera.width // COLUMNS)
+    for view, others in with_neighbours(views(folder, settings.every), NEIGHBOURS):
+        points_ned, rows, columns = seen_points(view, camera, step, settings)
+        on_view()
+        if not len(points_ned):
+            continue
+        kept, farther = agreed(points_ned, others, camera)
+        here_ned, rows, columns = view.pose.position_ned, rows[kept], columns[kept]
+        points_ned = here_ned + (points_ned[kept] - here_ned) * farther[kept, None]
+        grid.add(points_ned @ ENU_FROM_NED.T, view.image[rows, columns], view.confidence[rows, columns])
+    return grid.cloud()
+
+
+def views(folder: FlightFolder, every: int) -> Iterator[View]:
+    """Each `every`-th frame, where it has depth and a known pose in the longest segment."""
+    poses = placed(folder)
+    depths = {row.index for row in folder.rows if not row.reason}
+    for index, image in pictures(folder, every):
+        if index in poses and index in depths:
+            yield View(image, folder.depth_m(index), folder.confidence(index), poses[index])
+
+
+def placed(folder: FlightFolder) -> dict[int, FramePose]:
+    """Poses with an attitude, of the segment that holds most of them."""
+    known = [pose for pose in folder.poses.values() if pose.attitude != "unknown"]
+    if not known:
+        why = "no frame with known position and attitude" if folder.poses else "no poses.csv"
+        raise BadInput(
+            f"poses of {folder.folder}",
+            expected="places where the camera was",
+            got=why,
+            mend="Give `flightdepth run` a log with the camera's attitude, or a network that knows directions.",
+        )
+    segments = [pose.segment for pose in known]
+    longest = max(set(segments), key=segments.count)
+    return {pose.index: pose for pose in known if pose.segment == longest}
+
+
+def with_neighbours(every: Iterable[View], reach: int) -> Iterator[tuple[View, list[View]]]:
+    """Each view with up to `reach` before it and after it."""
+    window: deque[View | None] = deque([None] * reach, maxlen=2 * reach + 1)
+    for view in _padded(every, reach):
+        window.append(view)
+        if len(window) == 2 * reach + 1 and (middle := window[reach]) is not None:
+            yield middle, [other for other in window if other is not None and other is not middle]
+
+
+def _padded(every: Iterable[View], reach: int) -> Iterator[View | None]:
+    yield from every
+    yield from [None] * reach
+
+
+def seen_points(
+    view: View, camera: Camera, step: int, settings: CloudSettings
+) -> tuple[Vector, NDArray[np.intp], NDArray[np.intp]]:
+    """Points (NED) [N, 3] of the pixels that count, every `step`-th, and their rows and columns [N]."""
+    usable = (view.confidence >= max(settings.min_confidence, 1 / 512)) & off_edges(view.depth_m)
+    usable &= np.nan_to_num(view.depth_m, nan=np.inf) <= settings.max_range_m
+    rows, columns = np.nonzero(usable[::step, ::step])
+    rays = pixel_rays(camera, step)[rows, columns]
+    rows, columns = rows * step, columns * step
+    points = rays * view.depth_m[rows, columns].astype(np.float64)[:, None]
+    return points @ view.pose.ned_from_camera.T + view.pose.position_ned, rows, columns
+
+
+@lru_cache(maxsize=1)
+def pixel_rays(camera: Camera, step: int) -> Vector:
+    """Directions with z = 1 of every `step`-th pixel of every `step`-th row, [h, w, 3], through the lens."""
+    columns, rows = np.meshgrid(np.arange(0, camera.width, step), np.arange(0, camera.height, step))
+    rays = undistort(np.stack([columns, rows], axis=-1).astype(np.float64), camera)
+    return np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1)
+
+
+def off_edges(depth_m: Map) -> NDArray[np.bool_]:
+    """Where depth hardly changes nearby, bool [H, W]; false where it is NaN."""
+    window = np.ones((EDGE_PX, EDGE_PX), np.uint8)
+    known = np.isfinite(depth_m)
+    farthest = cv2.dilate(np.where(known, depth_m, np.float32(0)), window)
+    nearest = cv2.erode(np.where(known, depth_m, np.float32(np.inf)), window)
+    return np.asarray(known & (farthest <= EDGE_RATIO * nearest))
+
+
+def agreed(points_ned: Vector, others: list[View], camera: Camera) -> tuple[NDArray[np.bool_], Vector]:
+    """Which points [N] most of the other views that see their place saw there, and how much farther these saw them.
+
+    The second, [N], is the mean of what the views that agree say over where the point lies: 1 and a little.
+    """
+    seen, same = np.zeros(len(points_ned), int), np.zeros(len(points_ned), int)
+    ratios = np.ones(len(points_ned))  # its own vote
+    for other in others:
+        there_m, stored_m = looked_up(points_ned, other, camera)
+        known = np.isfinite(stored_m)
+        ratio = np.where(known, stored_m, 0.0) / np.where(known, there_m, 1.0)
+        agrees = np.abs(ratio - 1) <= AGREE_WITHIN
+        seen += known
+        same += agrees
+        ratios += np.where(agrees, ratio, 0.0)
+    return np.asarray((same >= LEAST_AGREEING) & (2 * same >= seen)), ratios / (1 + same)
+
+
+def looked_up(points_ned: Vector, view: View, camera: Camera) -> tuple[Vector, Vector]:
+    """Depth [N] at which points lie before a view's camera, and what the view says there; NaN where it says nothing."""
+    points = (points_ned - view.pose.position_ned) @ view.pose.ned_from_camera
+    depth_m = points[:, 2]
+    ahead = depth_m > 0.01
+    rays = points[:, :2] / np.where(ahead, depth_m, 1.0)[:, None]
+    ahead &= (np.abs(rays) < WIDEST).all(axis=1)
+    pixels = distort(np.where(ahead[:, None], rays, 0.0), camera)
+    ahead &= inside(pixels, camera)
+    columns, rows = np.rint(np.where(ahead[:, None], pixels, 0.0)).astype(int).T
+    return depth_m, np.where(ahead, view.depth_m[rows, columns], np.nan)

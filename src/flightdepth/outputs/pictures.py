@@ -1,0 +1,60 @@
+"""The pictures of a flight, from its folder: the preview's left panel, so that the video need not be at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import zip_longest
+
+import av
+import cv2
+import numpy as np
+from av.error import FFmpegError
+from numpy.typing import NDArray
+
+from flightdepth.errors import BadInput
+from flightdepth.outputs.preview import Layout
+from flightdepth.outputs.read import FlightFolder
+from flightdepth.outputs.writer import PREVIEW
+
+Picture = NDArray[np.uint8]
+
+
+def pictures(folder: FlightFolder, every: int = 1) -> Iterator[tuple[int, Picture]]:
+    """Index and picture, uint8 RGB [H, W, 3] at the camera's size, of each `every`-th frame.
+
+    They were scaled to the preview's size and packed by its encoder: good for colours, not for measuring.
+    """
+    camera, layout = folder.record.source.camera, layout_of(folder)
+    x, y = layout.corner(0)
+    panel = np.s_[y : y + layout.height, x : x + layout.width]
+    for number, (row, frame) in enumerate(zip_longest(folder.rows, _decoded(folder, layout.size))):
+        if row is None or frame is None:
+            raise _not_ours(folder, f"{len(folder.rows)} frames, as frames.csv tells", "another number")
+        if number % every == 0:
+            image = frame.to_ndarray(format="rgb24")[panel]
+            size = (camera.width, camera.height)
+            shrinks = size[0] < layout.width
+            sized = cv2.resize(image, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+            yield row.index, np.asarray(sized, np.uint8)
+
+
+def layout_of(folder: FlightFolder) -> Layout:
+    """Where the panels of its preview are."""
+    source = folder.record.source
+    ranges = source.settings.get("ranges") if source.settings.get("preview_ranges") else 0
+    return Layout.of(source.camera.width, source.camera.height, 2 + int(ranges or 0))
+
+
+def _decoded(folder: FlightFolder, size: tuple[int, int]) -> Iterator[av.VideoFrame]:
+    try:
+        with av.open(str(folder.folder / PREVIEW)) as film:
+            for frame in film.decode(video=0):
+                if (frame.width, frame.height) != size:
+                    raise _not_ours(folder, f"{size[0]}x{size[1]} px", f"{frame.width}x{frame.height}")
+                yield frame
+    except (FFmpegError, OSError, IndexError) as error:
+        raise _not_ours(folder, "the preview of this flight", str(error)) from error
+
+
+def _not_ours(folder: FlightFolder, expected: str, got: str) -> BadInput:
+    return BadInput(f"preview {folder.folder / PREVIEW}", expected=expected, got=got)

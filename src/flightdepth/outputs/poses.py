@@ -1,0 +1,147 @@
+"""poses.csv: where the camera was at each frame, and where it looked.
+
+Positions are summed velocities, so they drift; across a gap in the log nothing is summed, and a new segment
+starts at 0. Attitudes come from the log ("log"); where it has none, from the direction of motion in the pictures
+of a camera that a gimbal holds level ("pictures", see `level.py`); or they are "assumed": a camera that never
+turns, where velocities came in its own axes.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from flightdepth.flight import AttitudeSample, Frame, VelocitySample
+from flightdepth.motion import NED_FROM_CAMERA, Vector, quaternion_from_rotation, rotation_from_quaternion
+from flightdepth.outputs.level import LevelCamera
+from flightdepth.ranges.displacement import Trajectory
+from flightdepth.ranges.result import RangedDepth
+
+AttitudeFrom = Literal["log", "pictures", "assumed", "unknown"]
+COLUMNS = (
+    *("index", "stamp_ns", "segment", "north_m", "east_m", "down_m"),
+    *("qw", "qx", "qy", "qz", "attitude"),
+)
+REMEMBERED = 1024  # frames that a pair may reach back
+
+
+@dataclass(frozen=True, eq=False)
+class FramePose:
+    """The camera at one frame.
+
+    segment            frames of one segment share an origin, the first of them
+    position_ned       (3,) metres north, east, down
+    world_from_camera  (4,) quaternion (w, x, y, z), NED from right-down-forward; NaN where unknown
+    attitude           where the quaternion comes from
+    """
+
+    index: int
+    stamp_ns: int
+    segment: int
+    position_ned: Vector
+    world_from_camera: Vector
+    attitude: AttitudeFrom
+
+    @property
+    def ned_from_camera(self) -> Vector:
+        """Rotation (3, 3); the attitude must be known."""
+        return rotation_from_quaternion(self.world_from_camera)
+
+
+class PoseTrack:
+    """Listens to a flight's samples and results, and says where the camera was at each frame."""
+
+    def __init__(self) -> None:
+        self._trajectory = Trajectory()
+        self._level = LevelCamera()
+        self._last: tuple[int, Vector, int] | None = None  # stamp, position, segment of the frame before
+        self._segments = 0
+        self._positions: dict[int, tuple[Vector, int]] = {}
+
+    def add(self, sample: VelocitySample | AttitudeSample) -> None:
+        """Take a sample; those needed at a frame come before it."""
+        if isinstance(sample, VelocitySample):
+            self._trajectory.add_velocity(
+                sample.stamp_ns, sample.velocity, frame=sample.frame, sigma=sample.sigma
+            )
+        else:
+            self._trajectory.add_attitude(sample.stamp_ns, sample.world_from_camera)
+
+    def at(self, frame: Frame, result: RangedDepth) -> FramePose | None:
+        """The pose at a frame, whose result tells which way the camera moved; None where no log says where it is."""
+        position, segment, turn = self._step(frame.stamp_ns)
+        if segment < 0:
+            return None
+        self._positions[frame.index] = position, segment
+        self._positions.pop(frame.index - REMEMBERED, None)
+        attitude: AttitudeFrom = "log"
+        if self._trajectory.non_rotating:
+            turn, attitude = NED_FROM_CAMERA, "assumed"
+        elif turn is None:
+            turn, attitude = self._seen(frame, result, position, segment), "pictures"
+        if turn is None:
+            return FramePose(frame.index, frame.stamp_ns, segment, position, np.full(4, np.nan), "unknown")
+        quaternion = quaternion_from_rotation(turn)
+        return FramePose(frame.index, frame.stamp_ns, segment, position, quaternion, attitude)
+
+    def _step(self, stamp_ns: int) -> tuple[Vector, int, Vector | None]:
+        """Position, segment (-1: unknown) and rotation at a time later than the last."""
+        before_ns = stamp_ns if self._last is None else self._last[0]
+        states = self._trajectory.at(np.array([before_ns, stamp_ns], dtype=np.int64))
+        self._trajectory.forget(stamp_ns)
+        turn = states.world_from_camera[1] if states.oriented[1] else None
+        if states.segment[1] < 0:
+            self._last = None
+            return np.zeros(3), -1, turn
+        step = states.position_m[1] - states.position_m[0]
+        if self._trajectory.non_rotating:
+            step = NED_FROM_CAMERA @ step
+        if self._last is None or states.segment[0] != states.segment[1]:
+            position, segment = np.zeros(3), self._segments
+            self._segments += 1
+        else:
+            position, segment = self._last[1] + step, self._last[2]
+        self._last = stamp_ns, position, segment
+        return position, segment, turn
+
+    def _seen(self, frame: Frame, result: RangedDepth, position: Vector, segment: int) -> Vector | None:
+        """The attitude that the longest pair's direction tells."""
+        if result.moved_m is not None and len(result.shifts):
+            earlier = self._positions.get(frame.index - int(result.shifts[-1]))
+            if earlier is not None and earlier[1] == segment:
+                self._level.add(frame.stamp_ns, result.moved_m[-1], position - earlier[0])
+        return self._level.at(frame.stamp_ns)
+
+
+def csv_of_poses(poses: Iterable[FramePose]) -> bytes:
+    """The table; an unknown attitude leaves its cells empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for pose in poses:
+        known = pose.attitude != "unknown"
+        position = [f"{metres:.4f}" for metres in pose.position_ned]
+        quaternion = [f"{part:.9f}" if known else "" for part in pose.world_from_camera]
+        writer.writerow([pose.index, pose.stamp_ns, pose.segment, *position, *quaternion, pose.attitude])
+    return text.getvalue().encode()
+
+
+def poses_from_csv(text: str) -> dict[int, FramePose]:
+    """The poses of a table that `csv_of_poses` wrote, by frame index."""
+    poses = {}
+    for cells in csv.DictReader(io.StringIO(text)):
+        if cells["attitude"] not in ("log", "pictures", "assumed", "unknown"):
+            raise ValueError(f"attitude {cells['attitude']!r}")
+        attitude: AttitudeFrom = cells["attitude"]  # type: ignore[assignment]
+        position = np.array([float(cells[column]) for column in COLUMNS[3:6]])
+        quaternion = np.array([float(cells[column] or "nan") for column in COLUMNS[6:10]])
+        index = int(cells["index"])
+        poses[index] = FramePose(
+            index, int(cells["stamp_ns"]), int(cells["segment"]), position, quaternion, attitude
+        )
+    return poses

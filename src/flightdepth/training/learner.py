@@ -1,0 +1,164 @@
+"""What learns: a network, its average and its optimizer; a start, a step, a checkpoint."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+from accelerate import Accelerator
+from accelerate.utils import DistributedDataParallelKwargs
+from torch import Tensor, nn, optim
+
+from flightdepth.errors import BadInput, FlightDepthError
+from flightdepth.files import write_json
+from flightdepth.stillbox import Batch
+from flightdepth.training.averaging import MovingAverage
+from flightdepth.training.checkpoint import (
+    Progress,
+    read_optimizer,
+    read_progress,
+    read_weights,
+    save_checkpoint,
+)
+from flightdepth.training.export import weights_of
+from flightdepth.training.inputs import network_inputs
+from flightdepth.training.loss import loss_m
+from flightdepth.training.network import built
+from flightdepth.training.precision import mixed_precision
+from flightdepth.training.processes import Share, any_says, mean_over, weigh_part
+from flightdepth.training.recipe import Recipe, Stage
+from flightdepth.training.run_folder import SHIPPED, parent_checkpoint, stages_behind
+from flightdepth.training.schedule import learning_rate
+from flightdepth.weights.store import StoredNetwork
+
+SGD_MOMENTUM = 0.9
+
+
+class Learner:
+    """A network, its average and its optimizer, on the device that accelerate finds, in what it is fastest in.
+
+    With several processes each has its own learner; their weights stay equal.
+    """
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.recipe = recipe
+        # Batch statistics are not taken from the first process: see `processes`.
+        own_statistics = DistributedDataParallelKwargs(broadcast_buffers=False)
+        self.accelerator = Accelerator(mixed_precision=mixed_precision(), kwargs_handlers=[own_statistics])
+        self.share = Share.of(recipe, self.accelerator.process_index, self.accelerator.num_processes)
+        torch.manual_seed(recipe.seed)
+        network = built(recipe)
+        self.network: nn.Module = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.optimizer = optimizer_of(recipe, self.network)
+        self.averaged = copy.deepcopy(self.network).requires_grad_(False).eval()
+
+    def restored(self, path: Path) -> Progress:
+        """Take up a checkpoint of the same recipe."""
+        recipe, progress = self.recipe, read_progress(path)
+        if progress.digest != recipe.digest:
+            raise BadInput(
+                f"checkpoint {path}",
+                expected=f"recipe {recipe.name} ({recipe.digest})",
+                got=f"{progress.recipe} ({progress.digest})",
+                mend="Take the recipe and --samples that the run began with, or train elsewhere: --runs DIR.",
+            )
+        self.network.load_state_dict(read_weights(path, "network"))
+        self.averaged.load_state_dict(read_weights(path, "averaged"))
+        read_optimizer(path, self.network, self.optimizer)
+        return progress
+
+    def started(self, folder: Path, shipped: StoredNetwork | None = None) -> Progress:
+        """A fresh run: from random weights, the last ones of the recipe that it starts from, or shipped ones."""
+        recipe, seen = self.recipe, 0
+        if shipped is not None:
+            return self._after(shipped, folder)
+        if recipe.starts_from is not None:
+            parent = parent_checkpoint(folder.parent, recipe.starts_from)
+            if not parent.exists():
+                raise BadInput(
+                    f"recipe {recipe.name}",
+                    expected=f"{parent} to start from",
+                    got="no such file",
+                    mend=f"Train {parent.parent.name} first, into the same folder of runs.",
+                )
+            self.network.load_state_dict(read_weights(parent, "averaged"))
+            self.averaged.load_state_dict(self.network.state_dict())
+            seen = read_progress(parent).seen
+        return Progress(recipe.name, recipe.digest, 0, 0, seen, math.nan)
+
+    def _after(self, shipped: StoredNetwork, folder: Path) -> Progress:
+        """Go on from a shipped network, with the first stage that its card does not list."""
+        recipe, card = self.recipe, shipped.card
+        behind = stages_behind(card, recipe)
+        facts = ("architecture", "base_width", "activation")
+        if behind == 0 or any(getattr(card, fact) != getattr(recipe, fact) for fact in facts):
+            raise BadInput(
+                f"recipe {recipe.name}",
+                expected=f"a recipe whose first stages are the last of {card.name}'s",
+                got=", ".join(stage.name for stage in recipe.stages),
+                mend="Append your stages to the recipe that the network was trained with.",
+            )
+        weights = weights_of(shipped.onnx)
+        self.network.load_state_dict(weights)
+        self.averaged.load_state_dict(weights)
+        write_json(folder / SHIPPED, card.model_dump(mode="json"))
+        return Progress(recipe.name, recipe.digest, behind, 0, card.samples, math.nan)
+
+    def prepare(self) -> None:
+        """Move to the device, for training."""
+        self.model, self.stepper = self.accelerator.prepare(self.network, self.optimizer)
+        self.averaged.to(self.accelerator.device)
+        self.average = MovingAverage(self.network, self.averaged, self.recipe.ema_decay)
+        self.model.train()
+
+    def step(self, parts: Sequence[Batch], stage: Stage, sample: int) -> float:
+        """One step on samples `sample` ... of a stage, of which `parts` are this process's; the loss in metres."""
+        for group in self.stepper.param_groups:
+            group["lr"] = learning_rate(self.recipe, stage, sample)
+        self.stepper.zero_grad(set_to_none=True)
+        loss = torch.zeros((), device=self.accelerator.device)
+        for number, batch in enumerate(parts):
+            weigh_part(self.network, self.recipe.batch_norm_momentum, number, len(parts))
+            if number < len(parts) - 1:
+                with self.accelerator.no_sync(self.model):
+                    loss += self._learn(batch, len(parts))
+            else:
+                loss += self._learn(batch, len(parts))
+        if not torch.isfinite(loss):
+            raise FlightDepthError(f"training diverged at sample {sample} of stage {stage.name}: loss {loss}")
+        self.stepper.step()
+        self.average.update(sample // stage.batch)
+        return float(self.accelerator.reduce(loss, "mean"))
+
+    def _learn(self, batch: Batch, parts: int) -> Tensor:
+        """Add the gradient of one of `parts` parts; its loss, divided by their number."""
+        target_m = torch.from_numpy(batch.target_m).to(self.accelerator.device)
+        inputs = network_inputs(self.recipe, batch, self.accelerator.device)
+        with self.accelerator.autocast():
+            output = self.model(*inputs)
+        loss = loss_m(self.recipe, output, target_m) / parts
+        self.accelerator.backward(loss)
+        return loss.detach()
+
+    def agreed(self, flag: bool) -> bool:
+        """Whether any process says so."""
+        return any_says(self.accelerator, flag)
+
+    def save(self, path: Path, progress: Progress) -> None:
+        """Write a checkpoint; all processes come here, the first one writes."""
+        mean_over(self.accelerator, self.network, self.averaged)
+        if self.accelerator.is_main_process:
+            save_checkpoint(path, progress, self.network, self.averaged, self.optimizer)
+        self.accelerator.wait_for_everyone()
+
+
+def optimizer_of(recipe: Recipe, network: nn.Module) -> optim.Optimizer:
+    """Before the first step; the learning rate is set step by step."""
+    # Fused: half the time of the other forms of AdamW, on CPUs too.
+    weights, decay = network.parameters(), recipe.weight_decay
+    if recipe.optimizer == "sgd":
+        return optim.SGD(weights, lr=0.0, momentum=SGD_MOMENTUM, weight_decay=decay, fused=True)
+    return optim.AdamW(weights, lr=0.0, weight_decay=decay, fused=True)

@@ -1,0 +1,102 @@
+"""Several flights: what stands is skipped, what failed or was cut short is done again; on a Ray cluster too."""
+
+import pytest
+from command_flights import FRAMES, make_video
+
+from flightdepth.cli import main
+from flightdepth.outputs import FlightFolder
+
+
+@pytest.fixture
+def work(tmp_path, save_difference_network):
+    save_difference_network()
+    make_video(tmp_path / "one.mp4")
+    make_video(tmp_path / "two.mp4", frames=8)
+    return tmp_path
+
+
+@pytest.fixture
+def run(work, capsys):
+    def call(*arguments, flights=("one.mp4", "two.mp4")):
+        options = ["--hfov", "90", "--speed", "3", "--network", str(work / "difference.onnx")]
+        paths = [str(work / flight) for flight in flights]
+        code = main(["run", *paths, *options, "--out", str(work / "out"), *arguments])
+        return code, *capsys.readouterr()
+
+    return call
+
+
+def written(work, name):
+    return (work / "out" / name / "flight.json").stat().st_mtime_ns
+
+
+def test_a_finished_flight_is_skipped_and_said_to_be(run, work):
+    assert "2 flights: 2 done" in run()[1]
+    before = written(work, "one")
+    code, stdout, _ = run()
+    assert code == 0
+    assert "one.mp4: finished before, skipped" in stdout
+    assert "2 flights: 2 finished before" in stdout
+    assert written(work, "one") == before
+
+
+def test_an_unfinished_flight_is_done(run, work):
+    run()
+    (work / "out/two/flight.json").unlink()  # as a folder of another program, or of a crash
+    code, stdout, _ = run()
+    assert code == 0
+    assert "1 finished before, 1 done" in stdout
+    assert len(FlightFolder(work / "out/two").rows) == 8
+
+
+@pytest.mark.parametrize("option", [("--ranges", "3"), ("--end", "0.5"), ("--depth-format", "npz")])
+def test_other_settings_are_another_result(run, option):
+    run()
+    assert "2 flights: 2 done" in run(*option)[1]
+
+
+def test_another_video_of_the_same_name_is_run(run, work):
+    run()
+    make_video(work / "one.mp4", frames=10)
+    assert "1 done, 1 finished before" in run()[1]
+    assert len(FlightFolder(work / "out/one").rows) == 10
+
+
+def test_a_flight_that_fails_is_counted_and_does_not_stop_the_others(run, work):
+    (work / "two.mp4").write_bytes(b"")
+    code, stdout, stderr = run(flights=("two.mp4", "one.mp4"))
+    assert code == 2
+    assert "2 flights: 1 failed, 1 done" in stdout
+    assert "two.mp4" in stderr.splitlines()[0]
+
+
+def test_a_single_flight_is_run_again(run, work):
+    run(flights=("one.mp4",))
+    before = (work / "out/flight.json").stat().st_mtime_ns
+    run(flights=("one.mp4",))
+    assert (work / "out/flight.json").stat().st_mtime_ns > before
+
+
+def test_an_address_without_ray(run):
+    code, _, stderr = run("--address", "auto")
+    assert code == 2
+    assert "--engine ray" in stderr
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_files(run, work):
+    pytest.importorskip("ray", reason="needs flightdepth[cluster]")
+    run()
+    alone = {name: (work / "out" / name / "frames.csv").read_text() for name in ("one", "two")}
+    depth = (work / f"out/one/depth/{FRAMES - 1:06d}.png").read_bytes()
+    (work / "out").rename(work / "alone")
+    (work / "three.mp4").write_bytes(b"")
+    code, stdout, stderr = run("--engine", "ray", flights=("one.mp4", "three.mp4", "two.mp4"))
+    assert code == 2
+    assert "3 flights: 2 done, 1 failed" in stdout
+    assert "three.mp4" in stderr
+    assert (work / f"out/one/depth/{FRAMES - 1:06d}.png").read_bytes() == depth
+    for name, table in alone.items():
+        rows = (work / "out" / name / "frames.csv").read_text()
+        assert [row.split(",")[:6] for row in rows.split()] == [row.split(",")[:6] for row in table.split()]
+    assert "2 finished before" in run("--engine", "ray")[1]

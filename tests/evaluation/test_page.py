@@ -1,0 +1,77 @@
+"""A network's page: what it says is what was measured, and its picture shows the pairs."""
+
+import re
+
+import cv2
+import numpy as np
+import pytest
+from plane_pairs import plane_pair
+from test_evaluate_network import CAMERA, CARD, D0, Constant, pairs
+
+from flightdepth.evaluation.network import evaluate_network
+from flightdepth.evaluation.page import GAP_PX, markdown, page_text, sheets, write_page
+from flightdepth.runtimes.network import Network
+from flightdepth.weights.card import Stage
+
+STAGE = Stage(
+    name="64", width=64, height=64, focal_px=32, samples=1200, batch=8, learning_rate=0.001, photometric=False
+)
+
+
+@pytest.fixture(scope="module")
+def network():
+    return Network(CARD.model_copy(update={"stages": (STAGE,)}), Constant(6.0))
+
+
+@pytest.fixture(scope="module")
+def result(network):
+    return evaluate_network(network, pairs(), set_name="planes", seed=3)
+
+
+def test_the_page_holds_the_figures(network, result):
+    text = page_text(network.card, result, "x.jpg")
+    assert text.startswith(f"# {CARD.name}\n")
+    assert "| 64 | 64x64 | 32 | 1,200 | 8 | 0.001 |" in text
+    assert re.search(r"\| network \| 1\.667 \|", text)
+    assert re.search(r"\| best constant \| 1\.333 \|.* 1\.25 \|", text)
+    assert re.search(r"\| 0-30 \| 1 \| 1\.00 \|", text)  # forward: truth 5 m, answer 6 m
+    assert "On planes, 3 pairs" in text
+    assert "![Input, truth, error and prediction](x.jpg)" in text
+
+
+def test_every_table_has_as_many_cells_in_each_row(network, result):
+    for table in re.findall(r"(?:^\|.*\n?)+", page_text(network.card, result, "x.jpg"), re.MULTILINE):
+        assert len({line.count("|") for line in table.strip().splitlines()}) == 1
+
+
+def test_an_error_bar_is_told_where_there_is_one(network, result):
+    spread = {"inside_one": 0.683, "inside_two": 0.95}
+    assert "68.3% of the errors" in page_text(network.card, dict(result, spread=spread), "x.jpg")
+    assert "Error bar" not in page_text(network.card, result, "x.jpg")
+
+
+def test_the_picture_holds_the_pairs_side_by_side(network):
+    shown = pairs()[:2]
+    picture = sheets(network, shown)
+    height, width = shown[0].current.shape[:2]
+    assert picture.shape == (2 * height, 4 * width + GAP_PX, 3)
+    assert np.array_equal(picture[:height, :width], shown[0].current)
+    assert np.array_equal(picture[:height, 2 * width + GAP_PX : 3 * width + GAP_PX], shown[1].current)
+
+
+def test_errors_are_those_at_the_nominal_displacement(network):
+    """Twice the displacement halves the truth at D0: 12 m are 6 m, as answered; no error, green."""
+    far = plane_pair(CAMERA, (2 * D0, 0.0, 0.0), distance_m=12.0)
+    error = sheets(network, [far])[: far.current.shape[0], far.current.shape[1] :]
+    assert (error.argmax(axis=2) == 1).all()
+
+
+def test_both_files_are_written(network, result, tmp_path):
+    page, picture = write_page(tmp_path, network, result, pairs()[:1])
+    assert (page.name, picture.name) == (f"{CARD.name}.md", f"{CARD.name}.jpg")
+    assert cv2.imread(str(picture)).shape[:2] == (128, 256)
+    assert picture.name in page.read_text()
+
+
+def test_a_markdown_table():
+    assert markdown(("a", "b"), [(1, 2)]) == "| a | b |\n| --- | --- |\n| 1 | 2 |"

@@ -1,0 +1,190 @@
+"""The multi-range study: real sequences and the real estimator, small; that it resumes; what it sums up."""
+
+import json
+
+import numpy as np
+import pytest
+from range_parts import FRAMES, Flown
+
+from flightdepth.errors import BadInput
+from flightdepth.evaluation.ranges_claims import FAILS, HOLDS, OPEN, claims, verdict
+from flightdepth.evaluation.ranges_result import by_trial, result, shift_figures
+from flightdepth.evaluation.ranges_sequences import STEP_S, Sequences
+from flightdepth.evaluation.ranges_study import Study
+from flightdepth.evaluation.ranges_trials import (
+    CONSTANT,
+    DEPTHNET,
+    FLOW,
+    TINY,
+    Telemetry,
+    Trial,
+    all_trials,
+    trial_of,
+)
+from flightdepth.scenes import Textures
+
+SMALL = Sequences(FRAMES + 3)
+TRIALS = (
+    Trial(FLOW, 2),
+    Trial(FLOW, 1, telemetry=Telemetry(directed=False)),
+    Trial(TINY, 0),
+    Trial(TINY, 2, "saturation"),
+    Trial(CONSTANT, 0),
+)
+
+
+@pytest.fixture(scope="module")
+def textures():
+    return Textures.procedural(4, 0)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, textures):
+    """A study of one short sequence, with a network of the package."""
+    study = Study(tmp_path_factory.mktemp("study"), 1, SMALL, trials=TRIALS, textures=textures)
+    assert [task.trial for task in study] == list(study.trials)
+    return study
+
+
+# Trials
+
+
+def test_a_trial_survives_json():
+    for trial in all_trials():
+        assert trial_of(json.loads(json.dumps(trial.facts))) == trial
+
+
+def test_every_trial_stands_once():
+    assert len(set(all_trials())) == len(all_trials())
+    assert set(all_trials(quick=True)) < set(all_trials())
+
+
+def test_the_papers_figure_is_whole():
+    shown = {(trial.method, trial.ranges) for trial in all_trials(quick=True) if trial.noise_rad == 0.001}
+    depthnet = {(DEPTHNET, 1), (DEPTHNET, 2)}
+    assert depthnet | {("clamped-256", n) for n in (1, 2, 3)} | {(TINY, n) for n in (1, 2, 3, 4)} <= shown
+
+
+def test_a_digest_changes_with_all_that_matters():
+    trial = Trial(TINY, 2)
+    others = [Trial(TINY, 3), Trial(TINY, 2, "saturation"), Trial(TINY, 2, telemetry=Telemetry(bias=0.1))]
+    digests = {each.digest({"frames": 40}) for each in (trial, *others)} | {trial.digest({"frames": 41})}
+    assert len(digests) == 5
+
+
+# Sequences
+
+
+def test_noise_turns_the_pictures_and_leaves_the_path(textures):
+    tiny = Sequences(FRAMES, width=64)
+    steady, noisy = (tiny.render(3, noise, textures) for noise in (0.0, 0.01))
+    np.testing.assert_array_equal(steady.velocity, noisy.velocity)
+    assert (steady.images != noisy.images).mean() > 0.2
+    np.testing.assert_allclose(np.median(noisy.truth_m / steady.truth_m), 1, atol=0.02)
+
+
+def test_a_sequence_flies_a_metre_a_second_at_thirty_frames(textures):
+    flown = Sequences(FRAMES, width=64).render(3, 0.0, textures)
+    np.testing.assert_allclose(np.linalg.norm(flown.velocity, axis=1), 1.0)
+    assert np.diff(flown.stamps_ns).tolist() == [round(STEP_S * 1e9)] * (FRAMES - 1)
+    assert flown.truth_m.shape == (FRAMES, 16, 16)
+
+
+# The study
+
+
+def test_every_part_has_figures(finished):
+    for part in finished.parts():
+        assert 0 < part["errors"]["all"]["abs_rel"] < 5
+        assert part["flicker"] >= 0
+        if part["trial"]["method"] != CONSTANT:
+            assert part["whole_ms"] > part["predict_ms"] > 0
+
+
+def test_a_fixed_shift_is_fixed_and_clusters_move(finished):
+    parts = by_trial(finished.parts())
+    nominal = round(0.5 / STEP_S)  # D0 of tiny-clamped-256 at 1 m/s
+    assert {tuple(frame) for frame in parts[Trial(TINY, 0)][0]["shifts"]} == {(nominal,)}
+    assert len({tuple(frame) for frame in parts[Trial(FLOW, 2)][0]["shifts"]}) > 1
+
+
+def test_the_papers_fusion_leaves_nothing_out_and_the_default_does(finished):
+    known = {trial: parts[0]["errors"]["all"]["known"] for trial, parts in by_trial(finished.parts()).items()}
+    assert known[Trial(FLOW, 2)] == 1
+    assert known[Trial(TINY, 2, "saturation")] < 1
+
+
+def test_flow_sees_depth_where_a_constant_does_not(finished):
+    errors = {t: parts[0]["errors"]["all"]["abs_rel"] for t, parts in by_trial(finished.parts()).items()}
+    assert errors[Trial(FLOW, 2)] < 1.5 * errors[Trial(CONSTANT, 0)]
+
+
+def test_a_finished_study_is_not_done_again(finished):
+    before = {task.path: task.path.stat().st_mtime_ns for task in finished.tasks}
+    list(finished)
+    assert before == {task.path: task.path.stat().st_mtime_ns for task in finished.tasks}
+
+
+def test_a_stopped_study_goes_on(finished, textures):
+    lost = finished.tasks[-1].path
+    kept = json.loads(lost.read_text())
+    lost.unlink()
+    list(Study(finished.folder, 1, SMALL, trials=TRIALS, textures=textures))
+    again = json.loads(lost.read_text())
+    assert again["errors"] == kept["errors"]
+
+
+def test_other_frames_are_another_study(finished, textures):
+    other = Study(finished.folder, 1, Sequences(FRAMES), trials=TRIALS, textures=textures)
+    assert not {task.path for task in other.tasks} & {task.path for task in finished.tasks}
+
+
+def test_a_network_that_is_not_there_is_named(tmp_path):
+    study = Study(tmp_path, 1, SMALL)
+    assert study.missing == ("clamped-256",) or not study.missing
+    assert not {trial.method for trial in study.trials} & set(study.missing)
+
+
+@pytest.mark.parametrize(("scenes", "frames"), [(0, 60), (1, 20)])
+def test_too_little_is_refused(tmp_path, scenes, frames):
+    with pytest.raises(BadInput, match="expected at least"):
+        Study(tmp_path, scenes, Sequences(frames))
+
+
+# What is summed up
+
+
+def test_a_figure_is_the_factor_that_depth_was_off_by():
+    trial = Trial(DEPTHNET, 2)
+    found = result(Flown({trial: 1.3}), machine="")
+    rows = {trial_of(row["trial"]): row for row in found["trials"]}
+    assert rows[trial]["errors"]["all"]["abs_rel"]["mean"] == pytest.approx(0.3, abs=1e-5)
+    assert rows[trial]["errors"]["far"]["abs_rel"]["scenes"] == 2
+    assert rows[trial]["flicker"]["mean"] == 0
+    assert rows[trial]["confidence"]["signed_error"] == pytest.approx(0.85)
+    assert found["about"]["missing_networks"] == ["clamped-256"]
+    json.dumps(found, allow_nan=False)
+
+
+def test_claims_follow_the_errors():
+    one, two, tiny = Trial(DEPTHNET, 1), Trial(DEPTHNET, 2), Trial(TINY, 4)
+    found = claims(by_trial(Flown({one: 1.3, two: 1.1, tiny: 1.4}).parts()))
+    verdicts = {(row["better"], row["worse"]): row for row in found if row["span"] == "all"}
+    assert verdicts[two.label, one.label]["verdict"] == HOLDS
+    assert verdicts[two.label, one.label]["ratio"] == pytest.approx(1 / 3, rel=1e-4)
+    assert verdicts[tiny.label, one.label]["verdict"] == FAILS
+    assert verdicts[tiny.label, one.label]["scenes_better"] == 0
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "said"), [(-2, -1, HOLDS), (1, 2, FAILS), (-1, 1, OPEN), (0, 0, OPEN)]
+)
+def test_an_interval_across_nothing_decides_nothing(low, high, said):
+    assert verdict(low, high) == said
+
+
+def test_ranges_that_chose_one_frame_are_counted():
+    found = shift_figures([[3, 9], [3, 9], [5], [2, 4, 8]], 2)
+    assert found["coincide"] == 0.25
+    assert found["with_a_scout"] == 0.25
+    assert found["quartiles"] == [[3, 3, 3], [9, 9, 9]]

@@ -1,0 +1,96 @@
+"""The report in a real browser: it needs nothing from outside, opens without errors, every plot is drawn."""
+
+import re
+import shutil
+
+import pytest
+
+pytest.importorskip("plotly", reason="needs flightdepth[report]")
+
+from range_parts import Flown
+
+from flightdepth.evaluation.ranges_result import result
+from flightdepth.evaluation.ranges_trials import DEPTHNET, Trial, all_trials
+from flightdepth.evaluation.report import page
+from flightdepth.evaluation.report_figures import plots
+from flightdepth.evaluation.report_text import PLOT_TEXTS, name_of
+
+CHROMIUM = shutil.which("chromium")
+
+
+@pytest.fixture(scope="module")
+def found():
+    factors = {trial: 1.05 + 0.01 * k for k, trial in enumerate(all_trials())}
+    return result(Flown(factors), machine="a <machine> & more")
+
+
+@pytest.fixture(scope="module")
+def html(found):
+    return page(found)
+
+
+def test_every_plot_has_its_words_and_the_other_way_round(found):
+    assert list(plots(found)) == list(PLOT_TEXTS)
+
+
+def test_a_plot_shows_the_figures(found):
+    line = next(trace for trace in plots(found)["time"].data if trace.name == DEPTHNET)
+    rows = [row for row in found["trials"] if row["label"] in (f"{DEPTHNET}, n = 1", f"{DEPTHNET}, n = 2")]
+    shown = [100 * row["errors"]["all"]["abs_rel"]["mean"] for row in rows if row["trial"] == _plain(row)]
+    assert list(line.y) == pytest.approx(shown)
+
+
+def _plain(row):
+    return Trial(row["trial"]["method"], row["trial"]["ranges"]).facts
+
+
+def test_a_study_without_sweeps_has_the_plots_it_has_figures_for(found):
+    quick = {trial.label for trial in all_trials(quick=True)}
+    few = [row for row in found["trials"] if row["trial"] == _plain(row) and row["label"] in quick]
+    shown = plots(found | {"trials": few})
+    assert {"time", "spans", "shifts", "flicker"} <= set(shown)
+    assert not {"noise", "telemetry", "fusion", "confidence"} & set(shown)
+
+
+def test_every_trial_has_a_name_of_its_own(found):
+    names = [name_of(row) for row in found["trials"]]
+    assert len(set(names)) == len(names)
+
+
+def test_nothing_is_fetched_and_text_is_escaped(html):
+    outside = re.sub(r"<script.*?</script>", "", html, flags=re.DOTALL)
+    assert not re.findall(r"(?:src|href)=['\"](?!data:)", outside)
+    assert "a &lt;machine&gt; &amp; more" in outside
+    assert "clamped-256" in outside
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+def test_it_opens_without_errors_and_every_plot_is_drawn(html, tmp_path):
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs flightdepth[browser]")
+    path = tmp_path / "ranges.html"
+    path.write_text(html, encoding="utf-8")
+    errors, asked = [], []
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        tab = browser.new_page(viewport={"width": 1280, "height": 900})
+        tab.set_default_timeout(120_000)  # of a busy machine
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.on(
+            "console", lambda said: errors.append(said.text) if said.type in ("error", "warning") else None
+        )
+        tab.on("request", lambda request: asked.append(request.url))
+        tab.goto(path.as_uri())
+        tab.wait_for_function("document.querySelectorAll('.js-plotly-plot .main-svg').length >= 9")
+        drawn = tab.evaluate(
+            "[...document.querySelectorAll('.js-plotly-plot')].map(p => [p.id, p.querySelectorAll("
+            "'.scatterlayer .trace, .barlayer .trace').length, p.getBoundingClientRect().height])"
+        )
+        pictures = tab.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 0)")
+        wide = tab.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+        browser.close()
+    assert errors == []
+    assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
+    assert [name for name, _, _ in drawn] == [f"plot-{name}" for name in PLOT_TEXTS]
+    assert all(traces > 0 and height > 300 for _, traces, height in drawn)
+    assert pictures
+    assert wide

@@ -1,0 +1,225 @@
+"""Faults 8 to 11, 13 and 15: pictures and logs that are sound each, and would give wrong depth together."""
+
+import math
+import time
+
+import cv2
+import numpy as np
+import pytest
+from fault_flights import FPS, TEXTURE, film, fly, log, run, table, tree, view
+
+from flightdepth.camera import Camera
+from flightdepth.motion import rotation_from_euler
+from flightdepth.outputs import FlightFolder
+from flightdepth.ranges import MultiRangeEstimator
+from flightdepth.ranges.repeats import SAME_LEVELS, difference
+from flightdepth.runtimes.network import load_network
+
+SPEED_M_S = 3.0
+CAMERA = Camera.from_fov(128, 128, 90)
+FRAME_NS = round(1e9 / FPS)
+
+
+@pytest.fixture
+def network(save_difference_network):
+    return save_difference_network()
+
+
+def kinds(results):
+    """Reasons without their figures; "" where there is depth."""
+    return {(result.reason or "").split(":")[0] for _, result in results}
+
+
+def is_unknown(result):
+    """No depth, and no bound that would make it far or near."""
+    maps = (result.depth_m, result.farther_than_m, result.nearer_than_m)
+    return all(np.isnan(each).all() for each in maps) and not result.confidence.any()
+
+
+# Fault 8: frozen frames.
+
+
+def test_fault_8_a_frozen_picture_is_unknown_not_far(tmp_path, network):
+    hung = range(21, 55)  # with three key frames in it, which show the old picture anew
+    video = film(tmp_path / "flight.mp4", 75, phase=lambda i: 20 if i in hung else i)
+    log(tmp_path / "log.csv")
+    results, _ = fly(video, network)
+    frozen = [results[index] for index in hung]
+    assert kinds(frozen[1:]) == {"frozen picture"}
+    assert all(is_unknown(result) for _, result in frozen[1:])
+    assert all(result.reason is None for _, result in results[2:20])
+    assert all(result.reason is None for _, result in results[60:])  # and then it goes on
+
+
+def test_fault_8_the_written_depth_is_unknown_too(tmp_path, network):
+    video = film(tmp_path / "flight.mp4", 20, phase=lambda i: min(i, 8))
+    log(tmp_path / "log.csv")
+    assert run(video, network, tmp_path / "out") == 0
+    folder = FlightFolder(tmp_path / "out")
+    assert all(np.isnan(folder.depth_m(index)).all() for index in range(10, 20))
+    assert folder.record.counts.frames_without_depth["frozen picture: the same for N s in flight"] >= 10
+
+
+def test_fault_8_no_pair_is_made_with_a_frozen_picture(network):
+    """Each picture tells by its grey level which it is."""
+    loaded, seen = load_network(network), []
+    predict = loaded.predict
+    loaded.predict = lambda previous, *rest: seen.append(list(previous)) or predict(previous, *rest)
+    estimator, checked = MultiRangeEstimator(loaded, CAMERA), 0
+    for index in range(60):
+        estimator.add_velocity(index * FRAME_NS, (SPEED_M_S, 0, 0))
+        shown = 20 if 20 <= index < 40 else index
+        result = estimator.add_frame(index * FRAME_NS, np.full((128, 128, 3), 2 * shown, np.uint8))
+        for picture, shift in zip(seen.pop() if result.reason is None else [], result.shifts, strict=True):
+            assert picture[0, 0, 0] == 2 * (index - shift)  # it was taken when the pair says
+            checked += 1
+    assert checked > 40
+
+
+def test_fault_8_every_second_picture_repeated_costs_only_the_repeats(tmp_path, network):
+    """15 pictures a second in a video of 30."""
+    video = film(tmp_path / "flight.mp4", 40, phase=lambda i: i - i % 2)
+    log(tmp_path / "log.csv")
+    results, _ = fly(video, network)
+    assert all(result.reason is None for _, result in results[4::2])
+
+
+def test_fault_8_a_picture_that_stands_still_while_hovering_is_hovering(tmp_path, network):
+    video = film(tmp_path / "flight.mp4", 30, phase=lambda _: 3)
+    log(tmp_path / "log.csv", [(t / 10, 0.0, 0.0, 0.0) for t in range(15)])
+    assert kinds(fly(video, network)[0]) == {"first frame", "hovering"}
+
+
+def test_fault_8_a_slow_flight_is_not_frozen():
+    """A tenth of a pixel is enough, and a repeated picture is not."""
+    assert difference(view(0), view(0.2)) > 2 * SAME_LEVELS
+    assert difference(view(0), view(0)) == 0
+
+
+# Fault 9: variable frame rate.
+
+
+def test_fault_9_distances_follow_the_containers_times(tmp_path, network):
+    stamps_s = [0.0, *np.cumsum(np.random.default_rng(3).uniform(0.015, 0.09, 29))]
+    video = film(tmp_path / "flight.mp4", stamps_s=stamps_s, phase=lambda i: stamps_s[i] * FPS)
+    log(tmp_path / "log.csv")
+    results, _ = fly(video, network)
+    assert np.allclose([frame.stamp_ns * 1e-9 for frame, _ in results], stamps_s, atol=1e-4)
+    for frame, result in results[1:]:
+        flown_s = [stamps_s[frame.index] - stamps_s[frame.index - shift] for shift in result.shifts]
+        assert result.displacements_m == pytest.approx(SPEED_M_S * np.array(flown_s), abs=1e-3)
+        assert result.reason is None
+
+
+# Fault 10: doubled and backward stamps of a log.
+
+
+def test_fault_10_doubled_and_backward_rows_of_a_log_are_dropped_and_counted(tmp_path, network):
+    video = film(tmp_path / "flight.mp4", 20)
+    clean = [(t / 10, 0.0, SPEED_M_S, 0.0) for t in range(20)]
+    log(tmp_path / "log.csv", clean)
+    expected, _ = fly(video, network)
+    log(tmp_path / "log.csv", [*clean[:5], (0.4, 9.0, 0.0, 0.0), (0.1, 9.0, 0.0, 0.0), *clean[5:]])
+    results, dropped = fly(video, network)
+    assert dropped == {"velocities not later than the one before": 2}
+    for (_, one), (_, other) in zip(results, expected, strict=True):
+        assert np.array_equal(one.depth_m, other.depth_m, equal_nan=True)
+
+
+def test_fault_10_an_estimator_drops_and_counts_them(network):
+    estimator, dropped = MultiRangeEstimator(load_network(network), CAMERA), []
+    for count, stamp in enumerate((0, 1, 2, 2, 1, 3)):
+        estimator.add_velocity(stamp * FRAME_NS, (SPEED_M_S, 0, 0))
+        result = estimator.add_frame(stamp * FRAME_NS, view(count))
+        dropped.append((result.reason or "").startswith("dropped"))
+    assert dropped == [False, False, False, True, True, False]
+    assert estimator.dropped == {
+        "frame not after the one before": 2,
+        "velocity not after the one before": 2,
+    }
+
+
+# Fault 11: the wall clock is set.
+
+
+def test_fault_11_the_wall_clock_may_step_by_an_hour(tmp_path, network, monkeypatch):
+    """Each look at it is an hour later or earlier than the one before."""
+    video = film(tmp_path / "flight.mp4", 15)
+    log(tmp_path / "log.csv")
+    assert run(video, network, tmp_path / "calm") == 0
+    looks = []
+
+    def stepping(clock, second):
+        def look():
+            looks.append(clock)
+            return clock() + (-1) ** len(looks) * 3600 * second
+
+        return look
+
+    monkeypatch.setattr(time, "time", stepping(time.time, 1))
+    monkeypatch.setattr(time, "time_ns", stepping(time.time_ns, 10**9))
+    assert abs(time.time() - time.time()) > 7000
+    assert run(video, network, tmp_path / "stepping") == 0
+    files = [tree(tmp_path / name) for name in ("calm", "stepping")]
+    for name in files[0]:
+        if name.startswith(("depth", "confidence", "preview")):
+            assert files[0][name] == files[1][name]
+    rows = [table(tmp_path / name) for name in ("calm", "stepping")]
+    assert all(0 <= float(row["latency_ms"]) < 60_000 for row in rows[1])
+    assert [{**row, "latency_ms": ""} for row in rows[0]] == [{**row, "latency_ms": ""} for row in rows[1]]
+
+
+# Fault 13: a gap in the telemetry.
+
+
+def test_fault_13_no_pair_crosses_a_gap_and_depth_is_unknown_in_it(tmp_path, network):
+    video = film(tmp_path / "flight.mp4", stamps_s=[i / 10 for i in range(60)], phase=lambda i: 3 * i)
+    times = [t / 10 for t in range(62) if not 20 < t < 40]  # silent from 2.0 s to 4.0 s
+    log(tmp_path / "log.csv", [(t, 0.0, SPEED_M_S, 0.0) for t in times])
+    results, _ = fly(video, network)
+    stamps_s = [frame.stamp_ns * 1e-9 for frame, _ in results]
+    for (frame, result), stamp_s in zip(results, stamps_s, strict=True):
+        if 2.55 < stamp_s < 3.95:  # the last velocity holds for half a second
+            assert is_unknown(result)
+            assert result.reason.startswith("no motion known")
+        for shift in result.shifts:
+            assert (stamps_s[frame.index - shift] < 2.55) == (stamp_s < 2.55)
+    assert "gap in the motion" in kinds(results[40:])
+    assert results[-1][1].reason is None
+
+
+# Fault 15: hover, and rotation without flight.
+
+
+def panned(degrees):
+    """What a camera that turned to the right sees of a picture at infinity, drawn at a focal length of 128 px."""
+    wide = np.array([[128.0, 0, 128], [0, 128.0, 64], [0, 0, 1]])
+    turn = rotation_from_euler(0.0, math.radians(degrees), 0.0)
+    warp = CAMERA.matrix @ turn @ np.linalg.inv(wide)
+    return cv2.warpPerspective(TEXTURE, warp, (128, 128), borderMode=cv2.BORDER_REFLECT)
+
+
+@pytest.mark.parametrize("speed_m_s", [0.0, 0.02])
+def test_fault_15_hovering_is_unknown_not_far(tmp_path, network, speed_m_s):
+    """The picture trembles, as those of a real gimbal do."""
+    video = film(tmp_path / "flight.mp4", 30, phase=math.sin)
+    log(tmp_path / "log.csv", [(t / 10, speed_m_s, 0.0, 0.0) for t in range(15)])
+    results, _ = fly(video, network)
+    assert all(is_unknown(result) for _, result in results)
+    assert kinds(results) == {"first frame", "hovering"}
+
+
+@pytest.mark.parametrize("degrees_s", [2, 12, 60])
+def test_fault_15_pure_rotation_is_unknown_not_far(tmp_path, network, degrees_s):
+    video = film(tmp_path / "flight.mp4", 20, shown=lambda i: panned(degrees_s * (i - 10) / FPS))
+    log(tmp_path / "log.csv", [(t / 10, 0.0, 0.0, 0.0) for t in range(10)])
+    assert all(is_unknown(result) for _, result in fly(video, network)[0])
+
+
+@pytest.mark.parametrize("degrees_s", [12, 60])
+def test_fault_15_rotation_in_flight_is_unknown_not_near(tmp_path, network, degrees_s):
+    video = film(tmp_path / "flight.mp4", 20, shown=lambda i: panned(degrees_s * (i - 10) / FPS))
+    log(tmp_path / "log.csv")
+    later = [result for _, result in fly(video, network)[0][4:]]
+    assert all(is_unknown(result) for result in later)
+    assert all(result.reason.startswith(("turns", "the picture changes")) for result in later)

@@ -1,0 +1,133 @@
+"""The offset between video and log: made-up signals, a log moved by known times, and flights that tell none."""
+
+import numpy as np
+import pytest
+
+from flightdepth.flight import GyroscopeTrack, Telemetry, VelocitySample
+from flightdepth.flight.apparent_motion import ApparentMotion
+from flightdepth.flight.offset import estimate_offset
+from flightdepth.flight.records import NS_PER_S, BodyAttitudeSample
+from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
+
+VIDEO_S, LOG_S = 30.0, 40.0
+
+
+def wandering(seed, *, rate_hz=50.0, span_s=60.0, cut_hz=1.0, columns=3):
+    """Smooth random functions of time, deviation 1: times [n] from -10 s on and values [n, columns]."""
+    rng = np.random.default_rng(seed)
+    at_s = np.arange(0, span_s, 1 / rate_hz) - 10
+    phases, amplitudes = rng.uniform(0, 2 * np.pi, (40, columns)), rng.normal(size=(40, columns))
+    hertz = np.linspace(0.03, cut_hz, 40)
+    waves = np.sin(2 * np.pi * hertz[:, None, None] * at_s[:, None] + phases[:, None])
+    values = (amplitudes[:, None] * waves).sum(axis=0)
+    return at_s, values / values.std()
+
+
+def pictures(turn, flow, noise=0.0):
+    """What the pictures show, 30 a second: `turn` rad/s [n, 3] and `flow` [n] as functions of time."""
+    at_s = np.arange(0, VIDEO_S, 1 / 30)
+    rng = np.random.default_rng(1)
+    turns = np.stack([np.interp(at_s, turn[0], column) for column in turn[1].T], axis=1)
+    flows = np.interp(at_s, flow[0], flow[1])
+    return ApparentMotion(
+        (at_s * NS_PER_S).astype(np.int64),
+        turns + noise * rng.normal(size=turns.shape),
+        flows * (1 + noise * rng.normal(size=len(flows))),
+    )
+
+
+def stamps_of(at_s):
+    return [round(float(each) * NS_PER_S) for each in at_s]
+
+
+def even_speed(speed=lambda t: 5.0 + 0 * t):
+    at_s = np.arange(-5.0, 45.0, 0.2)
+    return tuple(VelocitySample(s, [speed(t), 0, 0]) for s, t in zip(stamps_of(at_s), at_s, strict=True))
+
+
+def attitudes(turn, kind, *, rate_hz=50):
+    """Attitudes of a body that turns at the rates `turn`, in the class `kind`."""
+    at_s, rates = turn
+    angles = np.cumsum(rates, axis=0) / rate_hz
+    yaw_only = [rotation_from_euler(0, 0, angle) for angle in angles[:, 2]]
+    return tuple(
+        kind(s, quaternion_from_rotation(each)) for s, each in zip(stamps_of(at_s), yaw_only, strict=True)
+    )
+
+
+@pytest.mark.parametrize("offset_s", [-3.0, -1.234, 0.0, 0.51, 3.0])
+@pytest.mark.parametrize("noise", [0.0, 0.03])
+def test_turn_rates_of_a_gyroscope_with_its_own_axes(offset_s, noise):
+    at_s, turn = wandering(1)
+    turn = 0.1 * turn
+    track = GyroscopeTrack(np.array(stamps_of(at_s)), turn[:, [2, 0, 1]] * [1, -1, -1])
+    log = Telemetry("t", even_speed(), gyroscope=track).later_by(round(-offset_s * NS_PER_S))
+    found = estimate_offset(pictures((at_s, turn), (at_s, 0 * at_s + 0.3), noise), log)
+    assert found.witness == "turn rate"
+    assert found.offset_s == pytest.approx(offset_s, abs=0.03)
+    assert found.sigma_s < 0.05
+
+
+@pytest.mark.parametrize("offset_s", [-3.0, 0.7, 3.0])
+def test_the_camera_s_attitude(offset_s):
+    """Yaw of a level camera is a turn about its y axis, down."""
+    at_s, turn = wandering(2)
+    log = Telemetry("t", even_speed(), body_attitudes=attitudes((at_s, 0.1 * turn), BodyAttitudeSample))
+    seen = np.stack([0 * at_s, 0.1 * turn[:, 2], 0 * at_s], axis=1)
+    found = estimate_offset(
+        pictures((at_s, seen), (at_s, 0 * at_s + 0.3), 0.02), log.later_by(stamps_of([-offset_s])[0])
+    )
+    assert found.offset_s == pytest.approx(offset_s, abs=0.04)
+
+
+@pytest.mark.parametrize("offset_s", [-2.5, 0.0, 1.1])
+def test_speed_alone(offset_s):
+    """A steady camera, a log of 5 Hz, unknown distance."""
+    at_s, change = wandering(3, cut_hz=0.3)
+    speed = np.abs(6 + 2 * change[:, 0])
+    samples = even_speed(speed=lambda t: np.interp(t, at_s, speed))
+    log = Telemetry("t", samples).later_by(round(-offset_s * NS_PER_S))
+    found = estimate_offset(pictures((at_s, 0 * change), (at_s, speed / 20), 0.05), log)
+    assert found.witness == "speed"
+    assert found.offset_s == pytest.approx(offset_s, abs=0.1)
+
+
+def test_a_straight_even_flight_tells_nothing():
+    at_s, change = wandering(4)
+    found = estimate_offset(
+        pictures((at_s, 0 * change), (at_s, 0 * at_s + 0.3), 0.02), Telemetry("t", even_speed())
+    )
+    assert found.offset_s is None
+    assert "even" in found.reason and str(found).startswith("unknown")
+    assert not found.contradicts(5.0)
+
+
+def test_turning_to_and_fro_is_ambiguous():
+    at_s = np.arange(-10, 50, 0.02)
+    turn = 0.2 * np.sin(2 * np.pi * at_s / 4)[:, None] * [0, 1, 0]
+    track = GyroscopeTrack(np.array(stamps_of(at_s)), turn)
+    found = estimate_offset(
+        pictures((at_s, turn), (at_s, 0 * at_s + 0.3), 0.005), Telemetry("t", even_speed(), gyroscope=track)
+    )
+    assert found.offset_s is None
+    assert "another offset fits" in found.reason
+
+
+def test_logs_of_another_flight_fit_nowhere():
+    for seed in range(5):
+        (at_s, turn), (_, other) = wandering(10 + seed), wandering(20 + seed)
+        track = GyroscopeTrack(np.array(stamps_of(at_s)), 0.1 * other)
+        found = estimate_offset(
+            pictures((at_s, 0.1 * turn), (at_s, 0 * at_s + 0.3)),
+            Telemetry("t", even_speed(), gyroscope=track),
+        )
+        assert found.offset_s is None
+
+
+def test_an_offset_that_contradicts_what_was_told():
+    at_s, turn = wandering(1)
+    track = GyroscopeTrack(np.array(stamps_of(at_s - 1)), 0.1 * turn)
+    found = estimate_offset(
+        pictures((at_s, 0.1 * turn), (at_s, 0 * at_s + 0.3)), Telemetry("t", even_speed(), gyroscope=track)
+    )
+    assert found.contradicts(0.0) and not found.contradicts(1.05)

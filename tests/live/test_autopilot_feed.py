@@ -1,0 +1,201 @@
+"""MAVLink messages by hand into the feed: what counts, on which clock, and what a reboot does."""
+
+import math
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from flightdepth.flight.tlog import GIMBAL
+from flightdepth.live.autopilot_feed import AutopilotFeed, AutopilotListener
+from flightdepth.live.motion_store import MotionStore
+from flightdepth.motion import NED_FROM_CAMERA, rotation_from_quaternion
+
+S, MS = 10**9, 10**6
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+
+
+class Vehicle:
+    """Messages of one sender whose power-up was at `zero_s` of our clock, each `delay_ms` on its way."""
+
+    def __init__(self, feed, *, system=1, component=1, zero_s=50.0, delay_ms=20):
+        self.feed, self.zero_ns, self.delay_ns = feed, round(zero_s * S), delay_ms * MS
+        self.mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+
+    def send(self, message, at_s):
+        """As received: packed and parsed again."""
+        parser = mavlink.MAVLink(None)
+        (received,) = parser.parse_buffer(bytes(message.pack(self.mav)))
+        self.feed.take(received, round(at_s * S) + self.delay_ns)
+
+    def boot_ms(self, at_s):
+        return round((at_s * S - self.zero_ns) / MS)
+
+    def heartbeat(self, at_s, autopilot=12):
+        self.send(mavlink.MAVLink_heartbeat_message(2, autopilot, 0, 0, 4, 3), at_s)
+
+    def velocity(self, at_s, ned=(3.0, 0.0, 0.0)):
+        self.send(mavlink.MAVLink_local_position_ned_message(self.boot_ms(at_s), 0, 0, 0, *ned), at_s)
+
+    def attitude(self, at_s, q=LEVEL):
+        self.send(mavlink.MAVLink_attitude_quaternion_message(self.boot_ms(at_s), *q, 0, 0, 0), at_s)
+
+    def gimbal(self, at_s, q=LEVEL, flags=64):
+        message = mavlink.MAVLink_gimbal_device_attitude_status_message(
+            0, 0, self.boot_ms(at_s), flags, q, 0, 0, 0, 0
+        )
+        assert message.get_type() == GIMBAL
+        self.send(message, at_s)
+
+    def odometry(self, at_s, ned=(9.0, 0.0, 0.0)):
+        nothing = [math.nan] * 21
+        usec = self.boot_ms(at_s) * 1000
+        self.send(
+            mavlink.MAVLink_odometry_message(usec, 1, 1, 0, 0, 0, LEVEL, *ned, 0, 0, 0, nothing, nothing),
+            at_s,
+        )
+
+
+@pytest.fixture
+def store():
+    return MotionStore()
+
+
+@pytest.fixture
+def heard():
+    return {"velocities": [], "reboots": []}
+
+
+@pytest.fixture
+def feed(store, heard):
+    return AutopilotFeed(store, AutopilotListener(heard["velocities"].append, heard["reboots"].append))
+
+
+@pytest.fixture
+def vehicle(feed):
+    vehicle = Vehicle(feed)
+    vehicle.heartbeat(99.9)
+    return vehicle
+
+
+def test_a_velocity_stands_at_its_time_less_nothing_but_the_way(vehicle, store, heard):
+    for i in range(20):
+        vehicle.velocity(100 + i / 20, (i, 0.0, 1.0))
+    found = store.at(round(100.475 * S) + vehicle.delay_ns)
+    np.testing.assert_allclose(found.velocity_ned, [9.5, 0, 1], atol=0.02)
+    assert len(heard["velocities"]) == 20
+
+
+def test_an_answered_question_takes_the_way_out(vehicle, store, feed):
+    vehicle.velocity(100)
+    at_s = 100.02
+    boot_ns = round((at_s + 0.01 - 50) * S)
+    vehicle.send(mavlink.MAVLink_timesync_message(boot_ns, round(at_s * S)), at_s)
+    vehicle.velocity(101, (7.0, 0.0, 0.0))
+    assert store.at(101 * S).velocity_ned[0] == 7.0
+    assert feed.boot_ns(101 * S) == 51 * S
+
+
+def test_nothing_counts_before_an_autopilot_is_known(feed, store, heard):
+    vehicle = Vehicle(feed)
+    vehicle.velocity(100)
+    vehicle.heartbeat(100.1, autopilot=mavlink.MAV_AUTOPILOT_INVALID)
+    vehicle.velocity(100.2)
+    assert heard["velocities"] == []
+    assert store.take_new() == []
+
+
+def test_another_vehicle_is_counted_and_left_out(vehicle, feed, heard):
+    other = Vehicle(feed, system=2)
+    other.heartbeat(100)
+    other.velocity(100.1)
+    vehicle.velocity(100.2)
+    assert len(heard["velocities"]) == 1
+    assert feed.counts["messages of other vehicles"] == 1
+
+
+def test_odometry_counts_only_while_nothing_better_comes(vehicle, store):
+    vehicle.velocity(100)
+    vehicle.odometry(100.1)
+    assert [s.velocity[0] for s in store.take_new()] == [3.0]
+    vehicle.odometry(101.5)
+    assert [s.velocity[0] for s in store.take_new()] == [9.0]
+
+
+def test_a_gimbal_tells_the_camera_on_its_own_clock(vehicle, feed, store):
+    gimbal = Vehicle(feed, component=154, zero_s=99.0)
+    for i in range(4):
+        gimbal.gimbal(100 + i / 10)
+    camera = store.at(round(100.3 * S)).world_from_camera
+    np.testing.assert_allclose(rotation_from_quaternion(camera), NED_FROM_CAMERA, atol=1e-6)
+
+
+def test_a_second_gimbal_does_not_mix_in(vehicle, feed):
+    Vehicle(feed, component=154).gimbal(100)
+    Vehicle(feed, component=171).gimbal(100.1)
+    assert feed.counts["attitudes of other gimbals"] == 1
+
+
+def test_a_fixed_camera_follows_the_body(heard):
+    store = MotionStore(NED_FROM_CAMERA)
+    feed = AutopilotFeed(store, AutopilotListener(heard["velocities"].append, heard["reboots"].append))
+    vehicle = Vehicle(feed)
+    vehicle.heartbeat(99)
+    east = (math.cos(math.pi / 4), 0.0, 0.0, math.sin(math.pi / 4))
+    for i in range(3):
+        vehicle.attitude(100 + i / 50, east)
+    found = store.at(round(100.04 * S)).world_from_camera
+    forward = rotation_from_quaternion(found)[:, 2]
+    np.testing.assert_allclose(forward, [0, 1, 0], atol=1e-6)
+
+
+def test_a_reboot_is_told_and_not_integrated_across(vehicle, feed, store, heard):
+    for i in range(20):
+        vehicle.velocity(100 + i / 10)
+    store.take_new()
+    vehicle.zero_ns = 102 * S
+    for i in range(40):
+        vehicle.velocity(102.1 + i / 10)
+    stamps = [sample.stamp_ns for sample in store.take_new()]
+    assert len(heard["reboots"]) == 1
+    assert feed.reboots == 1
+    assert stamps[0] - 101.9 * S >= 2 * S
+    assert stamps == sorted(stamps)
+    assert feed.counts["records just after a reboot"] > 10
+
+
+def test_a_stall_of_the_link_is_no_reboot(vehicle, heard):
+    vehicle.velocity(100)
+    vehicle.delay_ns = 3 * S
+    vehicle.velocity(101)
+    vehicle.delay_ns = 20 * MS
+    vehicle.velocity(105)
+    assert heard["reboots"] == []
+
+
+@pytest.mark.parametrize(("orientation", "height"), [(25, 12.34), (0, None)])
+def test_only_a_range_finder_that_looks_down_tells_the_height(vehicle, store, orientation, height):
+    vehicle.send(mavlink.MAVLink_distance_sensor_message(0, 20, 4000, 1234, 0, 0, orientation, 0), 100)
+    assert store.at(100 * S).height_above_ground_m == height
+
+
+def test_a_range_finder_at_its_end_tells_nothing(vehicle, store):
+    vehicle.send(mavlink.MAVLink_distance_sensor_message(0, 20, 4000, 4001, 0, 0, 25, 0), 100)
+    assert store.at(100 * S).height_above_ground_m is None
+
+
+def test_old_motion_is_not_given_for_new(vehicle, store):
+    vehicle.velocity(100)
+    vehicle.attitude(100)
+    late = store.at(102 * S)
+    assert late.velocity_ned is None
+    assert late.world_from_body is None
+
+
+def test_an_hour_takes_no_more_memory_than_a_minute(vehicle, feed, store):
+    for i in range(1500):
+        vehicle.velocity(100 + i / 50, (i % 7, 0.0, 0.0))
+        if i % 50 == 0:
+            store.take_new()
+    assert len(feed._gate.velocities) == 1
+    assert len(store._velocities) <= 4 * 50 + 2

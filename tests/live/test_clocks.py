@@ -1,0 +1,146 @@
+"""Other clocks on ours: arrivals bound them from one side, answers from both, and a set wall clock moves nothing."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flightdepth.live.clock import WINDOW_NS, RemoteClock
+from flightdepth.live.meters import Ages, Rate
+from flightdepth.live.picture_clock import PictureClock
+
+MS, S = 10**6, 10**9
+FRAME = 33_333_333
+
+
+@given(st.lists(st.integers(0, 80 * MS), min_size=1, max_size=100), st.integers(-(10**15), 10**15))
+def test_no_arrival_is_earlier_than_its_stamp(delays, offset):
+    clock = RemoteClock()
+    for i, delay in enumerate(delays):
+        own = i * FRAME
+        clock.arrived(own, own + offset + delay)
+        assert own + offset <= clock.live_ns(own) <= own + offset + delay
+
+
+def test_jitter_is_taken_out():
+    delays = np.random.default_rng(1).exponential(20 * MS, 300).astype(int)
+    clock = RemoteClock()
+    for i, delay in enumerate(delays.tolist()):
+        clock.arrived(i * FRAME, i * FRAME + 5 * MS + delay)
+    assert clock.live_ns(0) == pytest.approx(5 * MS, abs=MS)
+
+
+def test_drift_is_followed():
+    """100 ppm: after ten minutes 60 ms."""
+    clock = RemoteClock()
+    for own in range(0, 600 * S, S // 10):
+        clock.arrived(own, own + own // 10_000)
+    assert abs(clock.live_ns(600 * S) - (600 * S + 60 * MS)) < 2 * MS
+
+
+def test_memory_does_not_grow():
+    clock = RemoteClock()
+    for i in range(20_000):
+        clock.arrived(i * FRAME, i * FRAME + i % 7 * MS)
+    assert len(clock._arrivals) <= WINDOW_NS / FRAME + 1
+
+
+def test_a_clock_that_starts_again_is_noticed():
+    clock = RemoteClock()
+    assert clock.arrived(300 * S, 1000 * S)
+    assert not clock.arrived(1 * S, 1003 * S)
+    assert clock.live_ns(1 * S) == 1003 * S
+    assert clock.steps == 1
+
+
+def test_a_held_up_link_puts_itself_right():
+    clock = RemoteClock()
+    clock.arrived(10 * S, 110 * S)
+    clock.arrived(11 * S, 114 * S)  # three seconds late
+    clock.arrived(12 * S, 112 * S + 3 * S)
+    clock.arrived(16 * S, 116 * S)
+    assert clock.live_ns(16 * S) == 116 * S
+
+
+def test_an_answer_halves_the_trip():
+    clock = RemoteClock()
+    clock.arrived(100 * S, 200 * S + 30 * MS)
+    clock.answered(201 * S, 101 * S + 10 * MS, 201 * S + 20 * MS)
+    assert clock.live_ns(101 * S) == 201 * S
+    assert clock.own_ns(clock.live_ns(12345)) == 12345
+
+
+def test_the_quickest_answer_counts():
+    clock = RemoteClock()
+    clock.answered(0, 50 * MS + 5 * S, 50 * MS)  # slow one way
+    clock.answered(S, 6 * S + MS, S + 2 * MS)
+    assert clock.live_ns(6 * S) == S
+
+
+def test_pictures_by_arrival_lose_the_cameras_delay():
+    clock = PictureClock(40 * MS)
+    clock.packet(0, 5 * S)
+    clock.packet(FRAME, 5 * S + FRAME + 9 * MS)
+    assert clock.stamp(FRAME) == (5 * S + FRAME - 40 * MS, "reception")
+
+
+def test_a_kernel_stamp_on_our_clock_is_believed():
+    clock = PictureClock(40 * MS, same_clock=True)
+    clock.packet(7 * S, 7 * S + 12 * MS)
+    assert clock.stamp(7 * S) == (7 * S, "sender")
+
+
+def test_a_kernel_stamp_on_another_clock_is_not():
+    clock = PictureClock(0, same_clock=True)
+    clock.packet(7 * S, 999 * S)
+    assert clock.stamp(7 * S) == (999 * S, "reception")
+
+
+WALL = 1_800_000_000 * S
+
+
+def sender(clock, frames, *, first=0, age=15 * MS, set_by=0, sender_off=0):
+    """`frames` packets of a sender whose wall clock is right but for `sender_off`; ours was set by `set_by`."""
+    for i in range(first, first + frames):
+        now = 50 * S + i * FRAME + age
+        wall = WALL + i * FRAME + sender_off
+        clock.packet(i * FRAME, now, sender_wall_ns=wall, wall_now_ns=WALL + i * FRAME + age + set_by)
+    return clock.stamp((first + frames - 1) * FRAME)
+
+
+def test_the_senders_wall_clock_tells_the_true_age():
+    stamp, age_from = sender(PictureClock(0, wall_from_sender=True), 30)
+    assert (stamp, age_from) == (50 * S + 29 * FRAME, "sender")
+
+
+def test_it_is_not_believed_unasked():
+    assert sender(PictureClock(0), 30)[1] == "reception"
+
+
+@pytest.mark.parametrize("off", [3 * S, -10 * S, -3600 * S])
+def test_a_sender_whose_clock_cannot_be_right_is_not_believed(off):
+    assert sender(PictureClock(0, wall_from_sender=True), 30, sender_off=off)[1] == "reception"
+
+
+@pytest.mark.parametrize("step", [-S, S // 2, 3600 * S])
+def test_a_stepped_wall_clock_moves_no_stamp(step):
+    clock = PictureClock(0, wall_from_sender=True)
+    before, _ = sender(clock, 30)
+    after, age_from = sender(clock, 30, first=30, set_by=step)
+    assert age_from == "reception"
+    assert "set by" in clock.distrusted
+    assert abs(after - before - 30 * FRAME) <= 15 * MS  # what the way took; the step is nowhere
+
+
+def test_rates_and_ages_by_hand():
+    rate, ages = Rate(), Ages(span_s=1)
+    for i in range(61):
+        rate.add(i * S // 20)
+    assert rate.hz(3 * S) == pytest.approx(20)
+    assert rate.hz(30 * S) == 0
+    assert ages.p95_ms is None
+    for i in range(101):
+        ages.add(0, float(i))
+    assert ages.p95_ms == 95
+    ages.add(5 * S, 7.0)
+    assert (ages.p95_ms, ages.last_ms) == (7.0, 7.0)

@@ -1,0 +1,159 @@
+"""The health state machine: what happened when, and what it says at which time. Times are seconds."""
+
+import pytest
+
+from flightdepth.live.health import (
+    FROZEN,
+    LATE,
+    NO_TELEMETRY,
+    OLD,
+    PREPARING,
+    REBOOTED,
+    SILENT,
+    SLOW,
+    STARTING,
+    STUCK,
+    HealthMonitor,
+)
+from flightdepth.live.status import State
+
+FRAME_S = 1 / 30
+
+
+class Flight:
+    """A flight at 30 frames/s whose parts can be switched off."""
+
+    def __init__(self, start_s=100.0):
+        self.now_s = start_s
+        self.monitor = HealthMonitor(ns(start_s))
+
+    def fly(
+        self, seconds, *, pictures=True, changed=True, results=True, no_depth=None, velocity=True, age=30
+    ):
+        """The health after each frame's time; what is off does not happen meanwhile."""
+        healths = []
+        for _ in range(round(seconds / FRAME_S)):
+            self.now_s += FRAME_S
+            now = ns(self.now_s)
+            if velocity:
+                self.monitor.velocity(now)
+            if pictures:
+                self.monitor.picture(now)
+            if pictures and changed:
+                self.monitor.changed(now)
+            if pictures and results:
+                self.monitor.result(now, no_depth=no_depth, age_ms=age)
+            healths.append(self.monitor.judge(now))
+        return healths
+
+    def noticed_s(self, state, reason, **off):
+        """Seconds until `state` for `reason` is told."""
+        began = self.now_s
+        for _ in range(300):
+            health = self.fly(FRAME_S, **off)[-1]
+            if health.state is state and health.reason.startswith(reason):
+                return self.now_s - began
+        raise AssertionError(f"still {health}")
+
+
+def ns(seconds):
+    return round(seconds * 1e9)
+
+
+@pytest.fixture
+def flight():
+    well = Flight()
+    well.fly(3)
+    return well
+
+
+def test_before_anything_it_is_lost():
+    monitor = HealthMonitor(ns(5))
+    health = monitor.judge(ns(6))
+    assert (health.state, health.reason, health.since_ns) == (State.LOST, STARTING, ns(5))
+
+
+def test_a_camera_that_does_not_answer_is_told_with_its_error():
+    monitor = HealthMonitor(0)
+    monitor.stream_failed("Connection refused")
+    assert monitor.judge(ns(1)).reason == f"{STARTING}: Connection refused"
+
+
+def test_pictures_without_a_first_result_are_the_networks_preparation():
+    assert Flight().fly(4, results=False)[-1].reason == PREPARING
+
+
+def test_all_well_is_ok_and_stays_so(flight):
+    assert {health.state for health in flight.fly(5)} == {State.OK}
+    assert flight.fly(1)[-1].reason is None
+
+
+@pytest.mark.parametrize(
+    ("off", "state", "reason", "within_s"),
+    [
+        ({"pictures": False}, State.LOST, SILENT, 2.0),
+        ({"results": False}, State.LOST, STUCK, 2.2),
+        ({"changed": False}, State.DEGRADED, FROZEN, 1.2),
+        ({"velocity": False}, State.DEGRADED, LATE, 0.6),
+        ({"no_depth": "hovering: flown 0.01 m"}, State.DEGRADED, "hovering", 0.4),
+        ({"no_depth": "turns 3.0 degrees in 0.10 s"}, State.DEGRADED, "turns", 0.4),
+        ({"age": 400}, State.DEGRADED, OLD, 0.1),
+    ],
+)
+def test_each_trouble_is_told_in_time_and_ends(flight, off, state, reason, within_s):
+    assert flight.noticed_s(state, reason, **off) <= within_s
+    assert flight.fly(2, **off)[-1].reason.startswith(reason)
+    after = flight.fly(1.5)
+    assert after[-1].state is State.OK
+    assert sum(health.state is not State.OK for health in after) * FRAME_S < 0.7
+
+
+def test_no_telemetry_since_the_start():
+    assert Flight().fly(1, velocity=False)[-1].reason == NO_TELEMETRY
+
+
+def test_a_reboot_is_told_for_five_seconds(flight):
+    flight.monitor.rebooted(ns(flight.now_s))
+    told = [health.reason for health in flight.fly(4.9)]
+    assert set(told) == {REBOOTED}
+    assert flight.fly(1)[-1].state is State.OK
+
+
+def test_one_frame_without_depth_is_no_trouble(flight):
+    for _ in range(5):
+        assert flight.fly(2 * FRAME_S, no_depth="hovering: 0 m")[-1].state is State.OK
+        assert flight.fly(0.3)[-1].state is State.OK
+
+
+def test_flickering_trouble_does_not_flicker_in_the_state(flight):
+    flight.fly(1, velocity=False)
+    states = [flight.fly(FRAME_S, velocity=i % 10 != 0)[-1].state for i in range(10)]
+    assert set(states) == {State.DEGRADED}
+
+
+def test_since_holds_while_only_figures_change(flight):
+    healths = flight.fly(3, velocity=False)
+    late = [health for health in healths if health.reason and health.reason.startswith(LATE)]
+    assert len({health.since_ns for health in late}) == 1
+    assert len({health.reason for health in late}) > 5  # the figure counts on
+
+
+def test_a_slow_machine(flight):
+    flight.monitor.rates(30.0, 3.0)
+    assert flight.fly(FRAME_S)[-1].reason.startswith(SLOW)
+    flight.monitor.rates(4.0, 4.0)  # a slow camera is none
+    assert flight.fly(1)[-1].state is State.OK
+
+
+def test_the_worst_is_told_first(flight):
+    assert flight.fly(3, pictures=False, velocity=False)[-1].reason == SILENT
+
+
+def test_after_silence_the_estimator_gets_its_time(flight):
+    flight.fly(5, pictures=False)
+    assert flight.fly(1, results=False)[-1].state is not State.LOST
+
+
+def test_why_pictures_cannot_be_used_is_told(flight):
+    flight.monitor.refused("camera: expected its shape, got 100x100")
+    assert flight.fly(3, results=False)[-1].reason.startswith(f"{STUCK}: camera")

@@ -1,0 +1,127 @@
+"""The MAVLink link against pymavlink over real sockets and a pseudo terminal."""
+
+import os
+import pty
+import socket
+import threading
+import time
+
+import pytest
+from live_peers import Autopilot, free_port, until
+from pymavlink.dialects.v20 import common as mavlink
+
+from flightdepth.errors import BadInput, MissingExtra
+from flightdepth.live.autopilot_feed import AutopilotFeed, AutopilotListener
+from flightdepth.live.mavlink_link import MavlinkLink, check_address, open_transport
+from flightdepth.live.motion_store import MotionStore
+
+
+class Listening:
+    """A link that feeds a store."""
+
+    def __init__(self, address):
+        self.store, self.errors = MotionStore(), []
+        self.velocities, self.reboots = [], []
+        self.feed = AutopilotFeed(self.store, AutopilotListener(self.velocities.append, self.reboots.append))
+        self.link = MavlinkLink(address, self.feed, rate_hz=self.store.rate_hz, on_error=self.errors.append)
+
+    def __enter__(self):
+        self.link.start()
+        return self
+
+    def __exit__(self, *error):
+        self.link.close()
+
+
+def test_udp_rates_are_asked_for_and_timesync_goes_both_ways():
+    port = free_port()
+    with Listening(f"udpin:127.0.0.1:{port}") as ours, Autopilot(port) as autopilot:
+        until(lambda: len(ours.velocities) > 10)
+        until(lambda: autopilot.answers and {32, 31, 285} <= set(autopilot.asked))
+        autopilot.send(mavlink.MAVLink_timesync_message(0, 987654321))
+        until(lambda: any(m.get_type() == "TIMESYNC" and m.ts1 == 987654321 for m in autopilot.heard))
+        answer = next(m for m in autopilot.heard if m.get_type() == "TIMESYNC" and m.ts1 == 987654321)
+        assert abs(answer.tc1 - time.monotonic_ns()) < 20e9
+        now_ns = time.monotonic_ns()
+        assert abs(now_ns - ours.feed.boot_ns(now_ns) - autopilot._zero_ns) < 500e6  # a busy machine's
+    kinds = {message.get_type() for message in autopilot.heard}
+    assert {"HEARTBEAT", "COMMAND_LONG", "TIMESYNC"} <= kinds
+    assert {m.get_srcSystem() for m in autopilot.heard if m.get_type() == "COMMAND_LONG"} == {7}
+
+
+def test_what_is_sent_arrives():
+    port = free_port()
+    with Listening(f"udpin:127.0.0.1:{port}") as ours, Autopilot(port) as autopilot:
+        until(lambda: ours.velocities)
+        ours.link.send(mavlink.MAVLink_statustext_message(6, b"obstacle"))
+        until(lambda: any(m.get_type() == "STATUSTEXT" for m in autopilot.heard))
+
+
+def test_without_a_connection_sending_is_counted_and_does_not_wait():
+    ours = Listening(f"udpin:127.0.0.1:{free_port()}")
+    ours.link.write(b"anything")
+    assert ours.link.counts == {"messages not sent: no connection": 1}
+
+
+def heartbeat_and_velocity():
+    mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    messages = [
+        mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3),
+        mavlink.MAVLink_local_position_ned_message(1000, 0, 0, 0, 1, 2, 3),
+    ]
+    return b"".join(bytes(message.pack(mav)) for message in messages)
+
+
+def test_tcp_is_connected_again_when_the_peer_restarts():
+    def serve():
+        server = socket.create_server(("127.0.0.1", port))
+        connection, _ = server.accept()
+        connection.sendall(b"noise" + heartbeat_and_velocity())
+        time.sleep(0.3)
+        connection.close()
+        server.close()
+
+    port = free_port(socket.SOCK_STREAM)
+    with Listening(f"tcp:127.0.0.1:{port}") as ours:
+        for n in (1, 2):
+            peer = threading.Thread(target=serve)
+            peer.start()
+            peer.join(20)
+            until(lambda n=n: ours.link.counts["damaged messages"] >= n)
+    assert len(ours.velocities) >= 1
+    assert any("closed" in text or "refused" in text for text in ours.errors)
+
+
+def test_serial_through_a_pseudo_terminal():
+    pytest.importorskip("serial")
+    ours_end, theirs = pty.openpty()
+    try:
+        with Listening(f"serial:{os.ttyname(theirs)}:57600") as ours:
+            until(lambda: ours.link._transport is not None)
+            until(lambda: os.write(ours_end, heartbeat_and_velocity()) and ours.velocities)
+    finally:
+        os.close(ours_end)
+        os.close(theirs)
+
+
+@pytest.mark.parametrize("address", ["", "14550", "udp:0.0.0.0", "http://x:1", "udpin:0.0.0.0:x", "/tmp/x"])
+def test_an_address_that_is_none_is_refused_with_examples(address):
+    with pytest.raises(BadInput, match="udpin:HOST:PORT"):
+        check_address(address)
+
+
+@pytest.mark.parametrize(
+    ("address", "found"),
+    [
+        ("udpin:0.0.0.0:14550", ("udpin:0.0.0.0:14550", None)),
+        ("serial:/dev/ttyAMA0:921600", ("/dev/ttyAMA0", 921600)),
+        ("/dev/ttyACM0", ("/dev/ttyACM0", None)),
+    ],
+)
+def test_addresses(address, found):
+    assert check_address(address) == found
+
+
+def test_a_serial_port_that_is_not_there_is_an_error_of_the_system():
+    with pytest.raises((OSError, MissingExtra)):
+        open_transport("serial:/dev/there-is-none:57600")

@@ -1,0 +1,257 @@
+"""OBSTACLE_DISTANCE as autopilots read it: packed, written to a tlog or a link, read back by pymavlink."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from obstacle_worlds import CAMERA, SETTINGS, SIGHT, camera_attitude, looked, nothing, result, wall
+
+from flightdepth.live.obstacle_memory import NS_PER_S, ObstacleMap
+from flightdepth.live.obstacle_messages import (
+    COMPONENT,
+    UNKNOWN,
+    Mav,
+    ObstaclePacker,
+    TlogWriter,
+    distances_cm,
+)
+from flightdepth.live.obstacle_sender import ObstacleFeed, ObstacleSender
+from flightdepth.live.obstacles import SECTORS
+from flightdepth.live.status import Health, LiveResult, LiveStatus, State
+from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
+from flightdepth.ranges.result import RangedDepth
+
+mavutil = pytest.importorskip("pymavlink.mavutil")
+from pymavlink.dialects.v20 import ardupilotmega as dialect  # noqa: E402
+
+FREE = 4001
+DISTANCE, DISTANCE_3D, HEARTBEAT = "OBSTACLE_DISTANCE", "OBSTACLE_DISTANCE_3D", "HEARTBEAT"
+
+
+def live_result(
+    stamp_ns: int, depth: RangedDepth, *, body: tuple[float, ...] | None = (0, 0, 0)
+) -> LiveResult:
+    """A result of a camera that looks ahead, flying sideways."""
+    status = LiveStatus(stamp_ns, Health(State.OK, None, 0))
+    turn = None if body is None else quaternion_from_rotation(rotation_from_euler(*map(math.radians, body)))
+    return LiveResult(
+        depth=depth,
+        image=np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8),
+        camera=CAMERA,
+        stamp_ns=stamp_ns,
+        ready_ns=stamp_ns + 30_000_000,
+        boot_ns=stamp_ns + 5 * NS_PER_S,
+        world_from_camera=camera_attitude(),
+        world_from_body=turn,
+        velocity_ned=np.array([0.0, 3.0, 0.0]),
+        height_above_ground_m=None,
+        status=status,
+    )
+
+
+def feed(**options) -> ObstacleFeed:
+    return ObstacleFeed(ObstacleMap(SIGHT), ObstaclePacker(SETTINGS, system=7), **options)
+
+
+def decoded(messages: list[bytes]) -> list:
+    parser = dialect.MAVLink(None)
+    parser.robust_parsing = False
+    return parser.parse_buffer(bytearray(b"".join(messages))) or []
+
+
+def test_the_numbers_are_those_of_mavlink():
+    for number in Mav:
+        assert getattr(dialect, f"MAV_{number.name}") == number
+    assert dialect.MAV_COMP_ID_OBSTACLE_AVOIDANCE == COMPONENT
+    assert dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE == 330
+    assert dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE_3D == 11037
+
+
+def test_every_field_of_a_message():
+    sectors = looked(result(wall(camera_attitude(), 10.0)))
+    message = decoded([ObstaclePacker(SETTINGS, system=7).distances(sectors, 123_456, 0.0)])[0]
+    assert message.get_type() == DISTANCE and message.get_srcSystem() == 7
+    assert message.get_srcComponent() == COMPONENT
+    assert message.time_usec == 123_456 and message.frame == 12
+    assert (message.increment, message.increment_f, message.angle_offset) == (5, 0.0, 0.0)
+    assert (message.min_distance, message.max_distance) == (100, 4000)
+    assert message.distances == distances_cm(sectors, 0.0, SETTINGS).tolist()
+    assert len(message.distances) == SECTORS
+
+
+def test_what_ardupilot_and_px4_make_of_it():
+    """Both index by angle: ArduPilot index to angle (j * increment), PX4 angle to index (ceil of angle / increment)."""
+    sectors = looked(result(wall(camera_attitude(), 10.0)))
+    message = decoded([ObstaclePacker(SETTINGS).distances(sectors, 1, 0.0)])[0]
+    for index, distance in enumerate(message.distances):
+        angle = index * message.increment + message.angle_offset
+        assert math.ceil((angle - message.angle_offset) % 360 / message.increment) == index
+        if distance not in (UNKNOWN, message.max_distance + 1):
+            assert message.min_distance <= distance <= message.max_distance
+            side = min(angle, 360 - angle)
+            low, high = (1000 / math.cos(math.radians(edge)) for edge in (max(side - 2.5, 0), side))
+            assert low * 0.98 <= distance <= high + 1
+
+
+def test_points_lie_on_the_wall_in_the_body_frame():
+    sectors = looked(result(wall(camera_attitude(), 10.0)))
+    points = decoded(ObstaclePacker(SETTINGS).points(sectors, 5000, 0.0))
+    assert 10 < len(points) <= 24
+    for point in points:
+        assert point.get_type() == DISTANCE_3D and point.frame == 12 and point.time_boot_ms == 5000
+        assert point.x == pytest.approx(10.0, rel=1e-3) and abs(point.z) <= 1.5
+    banked = feed(points=True)
+    banked.take(live_result(0, result(wall(camera_attitude(), 10.0)), body=(20, 0, 0)))
+    tilted = [m for m in decoded(banked.due(0)) if m.get_type() == DISTANCE_3D]
+    turn = rotation_from_euler(math.radians(20), 0, 0)
+    for point in tilted:
+        level = turn @ (point.x, point.y, point.z)
+        assert level[0] == pytest.approx(10.0, rel=1e-3) and abs(level[2]) <= 1.5
+
+
+def test_fifteen_a_second_and_a_heartbeat_each_second():
+    steady = feed()
+    kinds = []
+    for step in range(0, 2900, 2):  # a result each 34 ms
+        now_ns = step * 1_000_000
+        if step % 34 == 0:
+            steady.take(live_result(now_ns, nothing(90.0)))
+        kinds += [message.get_type() for message in decoded(steady.due(now_ns))]
+    assert kinds.count(HEARTBEAT) == 3
+    assert 41 <= kinds.count(DISTANCE) <= 44
+
+
+def test_a_stopped_estimator_falls_silent_and_its_heartbeat_says_so():
+    stopped = feed()
+    stopped.take(live_result(0, nothing(90.0)))
+    states, last_ns = [], 0
+    for step in range(200):
+        for message in decoded(stopped.due(step * 10_000_000)):
+            if message.get_type() == HEARTBEAT:
+                states.append(message.system_status)
+            else:
+                last_ns = step * 10_000_000
+    assert states == [Mav.STATE_ACTIVE, Mav.STATE_CRITICAL]
+    assert 0.4 * NS_PER_S < last_ns <= 0.5 * NS_PER_S
+
+
+def test_the_same_result_comes_nearer_with_its_age():
+    aging = feed()
+    aging.take(live_result(0, result(wall(camera_attitude(), 10.0))))
+    first = decoded(aging.due(0))[-1].distances[0]
+    later = decoded(aging.due(200_000_000))[-1].distances[0]
+    assert first - later == pytest.approx(60, abs=1)
+
+
+def test_without_the_drones_heading_all_is_unknown_unless_the_camera_looks_ahead():
+    seen = live_result(0, result(wall(camera_attitude(), 10.0)), body=None)
+    lost, ahead = feed(), feed(camera_ahead=True)
+    lost.take(seen)
+    ahead.take(seen)
+    assert set(decoded(lost.due(0))[-1].distances) == {UNKNOWN}
+    assert decoded(ahead.due(0))[-1].distances[0] == pytest.approx(1000, abs=2)
+
+
+def test_a_tlog_comes_back_through_mavutil(tmp_path: Path):
+    path = tmp_path / "out.tlog"
+    steady, written = feed(points=True), []
+    with TlogWriter(path) as log:
+        for step in range(60):
+            steady.take(live_result(step * 33_000_000, result(wall(camera_attitude(), 10.0 + step))))
+            for message in steady.due(step * 33_000_000):
+                log.write(1_700_000_000_000_000 + step * 33_000, message)
+                written += decoded([message])
+    connection = mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
+    back = []
+    while (message := connection.recv_match()) is not None:
+        back.append(message)
+    connection.close()
+    assert [m.get_type() for m in back] == [m.get_type() for m in written]
+    assert [m.to_dict() for m in back] == [m.to_dict() for m in written]
+    assert back[-1]._timestamp == pytest.approx(1_700_000_000 + 59 * 0.033, abs=0.1)
+
+
+def test_a_dead_link_stops_nobody():
+    def broken(message: bytes) -> None:
+        raise OSError("no route to host")
+
+    live = feed()
+    with ObstacleSender(live, broken) as sender:
+        live.take(live_result(time.monotonic_ns(), nothing(90.0)))
+        deadline = time.monotonic() + 3
+        while sender.failed < 2 and time.monotonic() < deadline:
+            time.sleep(0.01)
+    assert sender.failed >= 2 and sender.sent == 0
+
+
+def test_udp_to_pymavlink():
+    """The sender's own thread and a real socket, read by another pymavlink."""
+    listener = mavutil.mavlink_connection("udpin:127.0.0.1:0", dialect="ardupilotmega")
+    port = listener.port.getsockname()[1]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        live = feed()
+        live.take(live_result(time.monotonic_ns(), result(wall(camera_attitude(), 10.0))))
+        with ObstacleSender(live, lambda message: out.sendto(message, ("127.0.0.1", port))):
+            message = listener.recv_match(type=DISTANCE, blocking=True, timeout=5)
+    listener.close()
+    assert message is not None and message.get_srcComponent() == COMPONENT
+    assert 850 < message.distances[0] <= 1000
+
+
+@pytest.mark.slow
+def test_mavproxy_reads_them(tmp_path: Path):
+    """MAVProxy as the ground station: it logs what it receives from us into its own tlog."""
+    program = shutil.which("mavproxy.py") or shutil.which(
+        "mavproxy.py", path=str(Path(sys.executable).parent)
+    )
+    if program is None:
+        pytest.skip("MAVProxy is not installed")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    log = tmp_path / "mavproxy.tlog"
+    options = [
+        "--master",
+        f"udpin:127.0.0.1:{port}",
+        "--logfile",
+        str(log),
+        "--daemon",
+        "--state-basedir",
+        str(tmp_path),
+    ]
+    with (
+        subprocess.Popen(
+            [program, *options], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        ) as peer,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out,
+    ):
+        try:
+            live = feed()
+            with ObstacleSender(live, lambda message: out.sendto(message, ("127.0.0.1", port))):
+                deadline = time.monotonic() + 40
+                while time.monotonic() < deadline and _count(log) < 20:
+                    live.take(live_result(time.monotonic_ns(), result(wall(camera_attitude(), 10.0))))
+                    time.sleep(0.05)
+        finally:
+            peer.terminate()
+    assert _count(log) >= 20
+
+
+def _count(log: Path) -> int:
+    """How many OBSTACLE_DISTANCE with a wall ahead MAVProxy has logged."""
+    if not log.exists() or not log.stat().st_size:
+        return 0
+    connection = mavutil.mavlink_connection(str(log), dialect="ardupilotmega")
+    found = 0
+    while (message := connection.recv_match(type=DISTANCE)) is not None:
+        found += 850 < message.distances[0] <= 1000
+    connection.close()
+    return found

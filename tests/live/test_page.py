@@ -1,0 +1,153 @@
+"""The page's server and pictures, without a browser: what is answered, and who never has to wait."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+import urllib.error
+import urllib.request
+from contextlib import closing
+
+import cv2
+import numpy as np
+import pytest
+from page_flights import HEIGHT, WIDTH, Flying, page_of
+
+from flightdepth.errors import BadInput
+from flightdepth.live.obstacles import SECTORS
+from flightdepth.live.page import PageServer
+from flightdepth.live.page.server import MOST_REQUESTS, parsed
+
+
+@pytest.fixture
+def flying():
+    with Flying() as flight:
+        yield flight
+
+
+def get(server: PageServer, path: str, headers: dict[str, str] | None = None):
+    request = urllib.request.Request(server.address + path, headers=headers or {})
+    with closing(urllib.request.urlopen(request, timeout=5)) as answer:
+        return answer.status, dict(answer.headers), answer.read()
+
+
+def test_pictures_are_of_the_newest_result_and_change(flying):
+    flying.fly()
+    _, first_headers, first = get(flying.server, "depth.jpg")
+    flying.fly()
+    _, headers, second = get(flying.server, f"depth.jpg?after={first_headers['X-Number']}")
+    assert int(headers["X-Number"]) > int(first_headers["X-Number"]) and first != second
+    picture = cv2.imdecode(np.frombuffer(second, np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape == (HEIGHT, WIDTH, 3)
+
+
+def test_no_newer_picture_is_no_content(flying, monkeypatch):
+    monkeypatch.setattr("flightdepth.live.page.server.NEWER_WITHIN_S", 0.05)
+    flying.fly()
+    number = get(flying.server, "input.jpg")[1]["X-Number"]
+    assert get(flying.server, f"input.jpg?after={number}")[0] == 204
+
+
+def test_state_says_health_ages_counts_and_the_fan(flying):
+    flying.fly()
+    told = json.loads(get(flying.server, "state.json")[2])
+    assert told["health"]["state"] == "ok" and told["age"]["ms"] == 40.0
+    assert told["frames"]["dropped"] == {"a newer one came first": 2}
+    assert len(told["fan"]["sectors"]) == SECTORS
+    kinds = {sector["kind"] for sector in told["fan"]["sectors"]}
+    assert kinds == {"obstacle", "free", "unknown"}
+    assert all((sector["m"] is None) == (sector["kind"] == "unknown") for sector in told["fan"]["sectors"])
+
+
+def test_old_sectors_are_unknown_on_the_page_too(flying):
+    flying.fly()
+    flying.clock_ns += 2_000_000_000
+    told = json.loads(get(flying.server, "state.json")[2])
+    assert {sector["kind"] for sector in told["fan"]["sectors"]} == {"unknown"}
+
+
+def test_before_the_first_result_there_is_a_state_and_no_picture(flying, monkeypatch):
+    monkeypatch.setattr("flightdepth.live.page.server.NEWER_WITHIN_S", 0.05)
+    assert get(flying.server, "input.jpg")[0] == 204
+    told = json.loads(get(flying.server, "state.json")[2])
+    assert {sector["kind"] for sector in told["fan"]["sectors"]} == {"unknown"}
+
+
+def test_metrics_are_served(flying):
+    flying.fly()
+    _, headers, body = get(flying.server, "metrics")
+    assert headers["Content-Type"].startswith("text/plain; version=0.0.4")
+    assert b"flightdepth_age_seconds 0.04\n" in body and b"flightdepth_obstacle_nearest_metres" in body
+
+
+def test_nothing_comes_from_elsewhere(flying):
+    for path in ("", "page.js", "fan.js", "page.css"):
+        _, headers, body = get(flying.server, path)
+        assert "default-src 'none'" in headers["Content-Security-Policy"]
+        assert b"https://" not in body and b"@import" not in body
+        assert b"http://" not in body.replace(b"http://www.w3.org/2000/svg", b"")
+
+
+def test_other_paths_and_names_are_refused(flying):
+    for path, headers, status in (
+        ("../pyproject.toml", {}, 404),
+        ("server.py", {}, 404),
+        ("state.json", {"Host": "evil.example:8080"}, 403),
+    ):
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            get(flying.server, path, headers)
+        assert refused.value.code == status
+        refused.value.close()
+
+
+def test_browsers_that_never_read_hold_up_nobody(flying):
+    """Idle connections take every place; results are still taken at once, and places come back."""
+    address = flying.server.server_address[:2]
+    idle = [socket.create_connection(address) for _ in range(MOST_REQUESTS + 4)]
+    for connection in idle:
+        connection.sendall(b"GET /depth.jpg HTTP/1.1\r\nHost: 127.0.0.1\r\n")  # never ends its request
+    started = time.monotonic()
+    for _ in range(8):
+        flying.fly()
+    assert time.monotonic() - started < 3.0
+    for connection in idle:
+        connection.close()
+    deadline = time.monotonic() + 5
+    while time.monotonic() < deadline:
+        try:
+            assert get(flying.server, "state.json")[0] == 200
+            return
+        except OSError:
+            time.sleep(0.05)
+    pytest.fail("no place came back")
+
+
+def test_a_result_costs_nothing_while_nobody_looks(flying, monkeypatch):
+    made = []
+    monkeypatch.setattr("flightdepth.live.page.pictures.encoded", lambda *a: made.append(a) or b"")
+    flying.fly()
+    assert not made
+
+
+def test_closing_ends_the_thread():
+    before = threading.active_count()
+    with PageServer(page_of(Flying.still()), "127.0.0.1:0") as server:
+        assert get(server, "state.json")[0] == 200
+    deadline = time.monotonic() + 3
+    while threading.active_count() > before and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert threading.active_count() <= before
+
+
+@pytest.mark.parametrize("address", ["8080", "localhost", "127.0.0.1:", "127.0.0.1:99999", "a:b:1"])
+def test_an_address_is_checked(address):
+    with pytest.raises(BadInput, match="--serve"):
+        parsed(address)
+
+
+def test_a_port_in_use_is_one_clear_line(flying):
+    host, port = flying.server.server_address[:2]
+    with pytest.raises(BadInput, match=r"free port, got 127\.0\.0\.1"):
+        PageServer(page_of(Flying.still()), f"{host}:{port}")

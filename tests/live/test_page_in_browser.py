@@ -1,0 +1,122 @@
+"""The page in a real browser: no console errors, pictures that change, the fan drawn, health shown."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from page_flights import Flying
+
+from flightdepth.live.obstacles import SECTORS
+from flightdepth.live.status import Health, State
+
+sync_api = pytest.importorskip("playwright.sync_api")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
+
+
+class Watched:
+    """A page in the browser, with what its console said."""
+
+    def __init__(self, flying: Flying, tab) -> None:
+        self.flying, self.tab = flying, tab
+        self.complaints: list[str] = []
+        self.requests: list[str] = []
+        tab.on(
+            "console",
+            lambda message: message.type in ("error", "warning") and self.complaints.append(message.text),
+        )
+        tab.on("pageerror", lambda error: self.complaints.append(str(error)))
+        tab.on("request", lambda request: self.requests.append(request.url))
+        tab.goto(flying.server.address)
+
+    def until(self, script: str, timeout_s: float = 10.0) -> None:
+        """Fly on until the script is true in the page."""
+        deadline = time.monotonic() + timeout_s
+        while time.monotonic() < deadline:
+            self.flying.fly()
+            if self.tab.evaluate(script):
+                return
+            time.sleep(0.05)
+        pytest.fail(f"never became true: {script}")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    with sync_api.sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def watched(browser) -> Iterator[Watched]:
+    with Flying() as flying:
+        flying.fly()
+        tab = browser.new_page(viewport={"width": 1440, "height": 860})
+        yield Watched(flying, tab)
+        tab.close()
+
+
+def test_pictures_change_and_nobody_complains(watched):
+    for name in ("input", "depth"):
+        watched.until(f"document.getElementById('{name}').naturalWidth === 320")
+        first = watched.tab.evaluate(f"Number(document.getElementById('{name}').dataset.number)")
+        watched.until(f"Number(document.getElementById('{name}').dataset.number) > {first}")
+    assert watched.complaints == []
+
+
+def test_only_its_own_server_is_asked(watched):
+    watched.until("document.querySelectorAll('#sectors g').length > 0")
+    own = watched.flying.server.address
+    assert watched.requests
+    assert all(url.startswith((own, f"blob:{own}", "data:")) for url in watched.requests)
+
+
+def test_the_fan_is_drawn_unknown_unlike_free(watched):
+    watched.until(f"document.querySelectorAll('#sectors g').length === {SECTORS}")
+    count = "document.querySelectorAll('#sectors g[data-kind={}]').length"
+    kinds = {
+        kind: watched.tab.evaluate(count.format(kind)) for kind in ("obstacle", "free", "unknown", "clear")
+    }
+    assert kinds["obstacle"] > 3 and kinds["free"] > 3 and kinds["unknown"] > 40
+    fill = "getComputedStyle(document.querySelector('#sectors g[data-kind={}] path')).fill"
+    fills = [watched.tab.evaluate(fill.format(kind)) for kind in ("free", "unknown")]
+    assert fills[0] != fills[1] and "hatch" in fills[1]
+    assert re.fullmatch(r"\d+\.\d m", watched.tab.inner_text("#nearest"))
+    assert watched.tab.inner_text("#nearest-where") == "straight ahead"
+
+
+def test_health_is_shown_with_its_reason(watched):
+    watched.until("document.getElementById('state').textContent === 'ok'")
+    watched.flying.health = Health(State.DEGRADED, "telemetry is 1.2 s late", 0)
+    watched.until("document.getElementById('state').textContent === 'degraded'")
+    assert watched.tab.inner_text("#reason") == "telemetry is 1.2 s late"
+    assert watched.tab.evaluate("document.body.dataset.state") == "degraded"
+
+
+def test_figures_are_those_of_the_engine(watched):
+    watched.until("document.getElementById('age').textContent === '40 ms'")
+    assert watched.tab.inner_text("#age-more") == "95 % under 52 ms, since reception"
+    assert watched.tab.inner_text("#ranges-more") == "0.31 m in 3, 1.42 m in 12 frames"
+    assert watched.tab.inner_text("#dropped").startswith("2 ")
+    assert watched.tab.inner_text("#telemetry") == "30 Hz"
+
+
+def test_a_server_that_died_is_said(watched):
+    watched.until("document.getElementById('state').textContent === 'ok'")
+    watched.flying.server.close()
+    deadline = time.monotonic() + 15
+    while watched.tab.inner_text("#state").lower() != "unreachable" and time.monotonic() < deadline:
+        watched.tab.wait_for_timeout(100)
+    assert watched.tab.inner_text("#state").lower() == "unreachable"
+
+
+def test_it_fits_a_telephone(watched, tmp_path: Path):
+    watched.tab.set_viewport_size({"width": 400, "height": 800})
+    watched.until("document.querySelectorAll('#sectors g').length > 0")
+    assert watched.tab.evaluate("document.documentElement.scrollWidth") <= 400

@@ -1,0 +1,121 @@
+"""The ROS 2 node's conversions against rosbags' message definitions, through CDR and back."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.motion import rotation_from_quaternion
+from tests_recordings import START_NS, STORES, Messages
+
+PACKAGE = Path(__file__).parents[2] / "ros2" / "flightdepth_ros"
+STORE, MADE = STORES["cdr"], Messages("cdr")
+IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
+
+
+@pytest.fixture(scope="module")
+def conversion():
+    sys.path.insert(0, str(PACKAGE))
+    try:
+        from flightdepth_ros import conversion as module
+
+        yield module
+    finally:
+        sys.path.remove(str(PACKAGE))
+
+
+def through_cdr(kind: str, message):
+    """The message as another node receives it."""
+    return STORE.deserialize_cdr(STORE.serialize_cdr(message, kind), kind)
+
+
+def info_message(fields: dict):
+    roi = STORE.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    return STORE.types[INFO](
+        header=MADE.header(0, "camera_optical"),
+        roi=roi,
+        **{
+            name: np.asarray(value, np.float64) if name in "dkrp" else value for name, value in fields.items()
+        },
+    )
+
+
+def test_depth_is_metres_with_nan(conversion):
+    depth_m = np.array([[1.5, np.nan, 40.25], [0.01, 100.0, 7.0]], np.float32)
+    fields = conversion.depth_fields(depth_m)
+    message = STORE.types[IMAGE](header=MADE.header(0, "camera_optical"), **fields)
+    back = through_cdr(IMAGE, message)
+    assert (back.encoding, back.step, back.is_bigendian) == ("32FC1", 12, 0)
+    np.testing.assert_array_equal(back.data.view("<f4").reshape(back.height, back.width), depth_m)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        Camera(640, 480, 500, 510, 319.5, 240.5),
+        Camera(640, 480, 500, 510, 319.5, 240.5, (-0.2, 0.03, 0.001, -0.002, 0.0)),
+        Camera(640, 480, 500, 510, 319.5, 240.5, (0.1, 0.2, 0, 0, 0.3, 0.1, 0.2, 0.3)),
+        Camera(640, 480, 300, 300, 319.5, 240.5, (0.05, -0.01, 0.002, 0.0), "fisheye"),
+    ],
+)
+def test_a_camera_comes_back_from_its_info(conversion, camera):
+    back = conversion.camera_of(through_cdr(INFO, info_message(conversion.info_fields(camera))))
+    assert back == camera
+
+
+@pytest.mark.parametrize(("name", "value"), [("binning_x", 2), ("distortion_model", "thin_prism")])
+def test_what_is_not_the_whole_picture_is_refused(conversion, name, value):
+    fields = conversion.info_fields(Camera(64, 48, 50, 50, 31.5, 23.5)) | {name: value}
+    with pytest.raises(BadInput, match="camera info"):
+        conversion.camera_of(info_message(fields))
+
+
+def test_a_picture_and_its_time(conversion):
+    pixels = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
+    _, message = MADE.image(0.5, pixels[..., ::-1], "bgr8")
+    stamp_ns, image = conversion.image_of(through_cdr(IMAGE, message), 1)
+    assert stamp_ns == START_NS + 500_000_000
+    np.testing.assert_array_equal(image, pixels)
+
+
+def test_velocity_in_north_east_down(conversion):
+    kind, message = MADE.odometry(0.0, (4.0, 1.0, -0.5), sigma=0.2)  # the body's x points east
+    stamp_ns, velocity, sigma = conversion.velocity_of(through_cdr(kind, message), 1)
+    assert stamp_ns == START_NS and sigma == pytest.approx(0.2)
+    np.testing.assert_allclose(velocity, (1.0, 4.0, 0.5))
+
+
+def test_a_camera_ahead_on_a_body_that_points_east(conversion):
+    kind, message = MADE.odometry(0.0, (0.0, 0.0, 0.0))
+    forward = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    _, attitude = conversion.camera_attitude_of(through_cdr(kind, message), 1, forward)
+    axis, down = rotation_from_quaternion(attitude)[:, 2], rotation_from_quaternion(attitude)[:, 1]
+    np.testing.assert_allclose(axis, (0, 1, 0), atol=1e-12)
+    np.testing.assert_allclose(down, (0, 0, 1), atol=1e-12)
+
+
+def test_conversion_needs_no_ros(conversion):
+    """rclpy stands in the node alone, and the node imports only what conversion has."""
+    node = ast.parse((PACKAGE / "flightdepth_ros" / "node.py").read_text())
+    [wanted] = [
+        entry
+        for entry in ast.walk(node)
+        if isinstance(entry, ast.ImportFrom) and entry.module == "flightdepth_ros.conversion"
+    ]
+    assert all(hasattr(conversion, name.name) for name in wanted.names)
+    assert "rclpy" not in (PACKAGE / "flightdepth_ros" / "conversion.py").read_text().split('"""', 2)[2]
+
+
+def test_the_package_is_named_alike_everywhere():
+    root = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    assert root.findtext("name") == "flightdepth_ros"
+    assert (PACKAGE / "resource" / "flightdepth_ros").exists()
+    assert "flightdepth_ros" in (PACKAGE / "setup.cfg").read_text()

@@ -1,0 +1,101 @@
+"""Slots keep the newest; a sink that fails, hangs or dawdles costs the engine nothing."""
+
+import threading
+import time
+
+from flightdepth.live.slots import Newest, SinkThread
+
+PATIENCE_S = 10.0
+
+
+def until(condition):
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, "it never came about"
+        time.sleep(0.002)
+
+
+def test_only_the_newest_is_taken_and_the_others_counted():
+    slot = Newest()
+    pushed = [slot.put(i) for i in range(5)]
+    assert pushed == [False, True, True, True, True]
+    assert slot.take(0) == 4
+    assert slot.take(0) is None
+    assert slot.replaced == 4
+
+
+def test_what_is_false_is_an_item_too():
+    slot = Newest()
+    slot.put(0)
+    assert slot.take(0) == 0
+
+
+def test_taking_waits_for_the_next():
+    slot = Newest()
+    threading.Timer(0.05, slot.put, ["late"]).start()
+    assert slot.take(PATIENCE_S) == "late"
+
+
+def test_nothing_is_lost_uncounted_between_threads():
+    slot, taken, over = Newest(), [], threading.Event()
+
+    def take():
+        while not over.is_set():
+            item = slot.take(0.001)
+            if item is not None:
+                taken.append(item)
+
+    thread = threading.Thread(target=take)
+    thread.start()
+    for i in range(3000):
+        slot.put(i)
+    until(lambda: taken and taken[-1] == 2999)
+    over.set()
+    thread.join()
+    assert taken == sorted(taken)
+    assert len(taken) + slot.replaced == 3000
+
+
+def test_a_sink_that_always_fails_is_told_once_and_counted():
+    told = []
+
+    def broken(result):
+        raise RuntimeError(f"no disk for {result}")
+
+    sink = SinkThread("disk", broken, lambda name, error: told.append((name, str(error))))
+    for i in range(3):
+        sink.put(i)
+        until(lambda n=i: sink.counts.taken == n + 1)
+    sink.close()
+    assert told == [("disk", "no disk for 0")]
+    assert (sink.counts.taken, sink.counts.failed) == (3, 3)
+
+
+def test_a_slow_sink_gets_the_newest_and_its_misses_are_counted():
+    hold, seen = threading.Event(), []
+
+    def slow(result):
+        seen.append(result)
+        hold.wait(PATIENCE_S)
+
+    sink = SinkThread("page", slow, lambda name, error: None)
+    sink.put(0)
+    until(lambda: seen == [0])
+    began = time.monotonic()
+    for i in range(1, 1000):
+        sink.put(i)
+    assert time.monotonic() - began < 1.0
+    hold.set()
+    until(lambda: seen == [0, 999])
+    sink.close()
+    assert sink.counts.missed == 998
+
+
+def test_a_hanging_sink_is_left_behind():
+    hold = threading.Event()
+    sink = SinkThread("link", lambda result: hold.wait(PATIENCE_S), lambda name, error: None)
+    sink.put(1)
+    began = time.monotonic()
+    sink.close()
+    assert time.monotonic() - began < 4
+    hold.set()

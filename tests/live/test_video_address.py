@@ -1,0 +1,63 @@
+"""Addresses of video: what FFmpeg is told, and what is refused."""
+
+import pytest
+
+from flightdepth.errors import BadInput
+from flightdepth.live.video_address import video_address
+from flightdepth.live.video_input import LONGEST_PAUSE_S, in_words, pause_s
+
+
+def test_rtsp_goes_over_tcp_unless_told():
+    assert video_address("rtsp://cam/main").options["rtsp_transport"] == "tcp"
+    over_udp = video_address("rtsp+udp://cam/main")
+    assert (over_udp.target, over_udp.options["rtsp_transport"]) == ("rtsp://cam/main", "udp")
+
+
+def test_a_password_is_not_repeated():
+    address = video_address("rtsp://pilot:secret@192.168.1.10:554/main?x=1")
+    assert address.name == "rtsp://192.168.1.10:554/main?x=1"
+    assert "secret" in address.target
+
+
+def test_rtp_gets_a_session_description():
+    address = video_address("rtp://0.0.0.0:5600")
+    assert address.format == "sdp"
+    assert "m=video 5600 RTP/AVP 96\r\na=rtpmap:96 H264/90000\r\n" in address.target
+    assert "H265/90000" in video_address("rtp://0.0.0.0:5600?codec=h265").target
+    assert address.source().read() == address.target.encode()
+
+
+def test_a_session_description_is_read(tmp_path):
+    path = tmp_path / "camera.sdp"
+    path.write_text("v=0\nm=video 5600 RTP/AVP 97\n")
+    assert video_address(str(path)).target.endswith("AVP 97\n")
+
+
+def test_cameras_and_transport_streams():
+    camera = video_address("/dev/video0")
+    assert (camera.format, camera.same_clock, camera.paced) == ("v4l2", True, False)
+    assert video_address("udp://0.0.0.0:5600").format == "mpegts"
+
+
+@pytest.mark.parametrize(
+    "text", ["gopher://x", "udp://0.0.0.0", "rtp://0.0.0.0:70000", "nothing-of-this-name.mp4", ""]
+)
+def test_others_are_refused(text):
+    with pytest.raises(BadInput, match=r"expected|rtsp"):
+        video_address(text)
+
+
+def test_an_unknown_codec_is_refused():
+    with pytest.raises(BadInput, match="h264 or h265"):
+        video_address("rtp://0.0.0.0:5600?codec=vp9")
+
+
+def test_the_pause_doubles_up_to_its_limit():
+    pauses = [pause_s(n) for n in range(12)]
+    assert pauses[:4] == [0.25, 0.5, 1.0, 2.0]
+    assert max(pauses) == LONGEST_PAUSE_S
+
+
+def test_an_error_tells_no_address():
+    error = OSError(111, "Connection refused: 'rtsp://pilot:secret@cam/main'")
+    assert in_words(error) == "Connection refused"

@@ -1,0 +1,181 @@
+import laspy
+import numpy as np
+import pytest
+from flown_folder import LOOKING_EAST, RED, STEP_M, WALL_M, pose, write_flown
+from output_samples import HEIGHT, SOURCE, WIDTH, known
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.outputs.cloud import CloudSettings, View, agreed, cloud_of, looked_up, off_edges, seen_points
+from flightdepth.outputs.cloud_files import write_las, write_ply
+from flightdepth.outputs.voxels import Cloud, VoxelGrid
+
+EVERY = CloudSettings(every=1, voxel_m=0.1)
+CAMERA = SOURCE.camera
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return write_flown(tmp_path_factory.mktemp("flown") / "out")
+
+
+def view(depth_m, at=None, confidence=0.8):
+    result = known(depth_m)
+    image = np.full((HEIGHT, WIDTH, 3), RED, np.uint8)
+    return View(image, result.depth_m, np.full_like(result.depth_m, confidence), at or pose(0, 0.0))
+
+
+def test_every_point_lies_on_the_wall(folder):
+    cloud = cloud_of(folder, EVERY)
+    assert len(cloud) > 500
+    assert cloud.points_m[:, 1] == pytest.approx(WALL_M, abs=0.02)  # y is north
+
+
+def test_points_have_the_pictures_colours_and_the_maps_confidence(folder):
+    cloud = cloud_of(folder, EVERY)
+    assert np.abs(cloud.colours.astype(int) - RED).max() <= 6  # the preview packs them
+    assert cloud.confidence == pytest.approx(0.8, abs=1 / 255)
+
+
+def test_the_wall_is_as_wide_as_four_frames_see_it(folder):
+    """90 degrees across: twice as wide as far. A point needs three other frames that see it, so the fourth counts."""
+    points, fourth_m = cloud_of(folder, EVERY).points_m, WALL_M - 4 * STEP_M
+    assert np.ptp(points[:, 0]) == pytest.approx(2 * fourth_m, rel=0.02)
+    assert np.ptp(points[:, 2]) == pytest.approx(2 * fourth_m * HEIGHT / WIDTH, rel=0.02)
+
+
+def test_a_camera_that_looks_east_sees_points_in_the_east():
+    east = pose(0, 0.0)
+    object.__setattr__(east, "world_from_camera", LOOKING_EAST)
+    points, rows, columns = seen_points(view(10, east), CAMERA, 1, EVERY)
+    assert points[:, 1] == pytest.approx(10)
+    right = points[columns == WIDTH - 1]
+    assert (right[:, 0] < 0).all()  # right of east is south
+    assert (points[rows == 0, 2] < 0).all()  # the top row is up: down is negative
+
+
+@pytest.mark.parametrize("model", ["pinhole", "fisheye"])
+def test_a_lens_is_undone(model):
+    lens = Camera(WIDTH, HEIGHT, 48, 48, 47.5, 31.5, (0.05, -0.01, 0.0, 0.0), model)
+    one = view(10)
+    points, _, _ = seen_points(one, lens, 5, EVERY)
+    there_m, stored_m = looked_up(points, one, lens)  # back through the lens to the pixel it came from
+    assert there_m == pytest.approx(10)
+    assert np.isfinite(stored_m).mean() > 0.95
+
+
+@pytest.mark.parametrize(
+    ("settings", "share"),
+    [
+        (CloudSettings(min_confidence=0.9), 0),
+        (CloudSettings(max_range_m=9), 0),
+        (CloudSettings(min_confidence=0.8, max_range_m=11), 1),
+    ],
+)
+def test_what_is_unsure_or_far_is_left_out(settings, share):
+    points, _, _ = seen_points(view(10), CAMERA, 1, settings)
+    assert len(points) == share * WIDTH * HEIGHT
+
+
+def test_unknown_and_sky_give_no_point():
+    assert len(seen_points(view(np.nan), CAMERA, 1, EVERY)[0]) == 0
+
+
+def test_an_edge_and_its_surroundings_are_left_out():
+    depth_m = np.where(np.arange(WIDTH) < 40, np.float32(10), np.float32(30)) * np.ones(
+        (HEIGHT, 1), np.float32
+    )
+    kept = off_edges(depth_m)
+    assert not kept[:, 38:42].any()
+    assert kept[:, :38].all()
+    assert kept[:, 42:].all()
+
+
+def test_a_point_that_the_others_contradict_is_left_out():
+    wrong, right = view(5), [view(10, pose(i, 0.5 * i)) for i in range(1, 5)]
+    points, _, _ = seen_points(wrong, CAMERA, 4, EVERY)
+    assert not agreed(points, right, CAMERA)[0].any()
+
+
+def test_points_move_to_the_mean_of_what_agrees():
+    points, _, _ = seen_points(view(10), CAMERA, 8, EVERY)
+    kept, farther = agreed(points, [view(10.5) for _ in range(4)], CAMERA)
+    assert kept.all()
+    assert farther == pytest.approx((1 + 4 * 1.05) / 5)
+
+
+def test_a_flight_without_poses_says_so(tmp_path):
+    folder = write_flown(tmp_path / "out", posed=False)
+    with pytest.raises(BadInput, match="no frame with known position"):
+        cloud_of(folder, EVERY)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"voxel_m": 0}, {"min_confidence": 2}, {"max_range_m": float("nan")}, {"every": 0}]
+)
+def test_settings_that_cannot_be(wrong):
+    with pytest.raises(BadInput, match="--"):
+        CloudSettings(**wrong)
+
+
+# Voxels
+
+
+def test_a_voxel_keeps_the_mean_weighted_by_confidence():
+    grid = VoxelGrid(1.0)
+    grid.add(np.array([[0.2, 0.5, 0.5]]), np.array([[100, 0, 0]], np.uint8), np.array([0.75], np.float32))
+    grid.add(np.array([[0.6, 0.5, 0.5]]), np.array([[200, 0, 0]], np.uint8), np.array([0.25], np.float32))
+    cloud = grid.cloud()
+    assert cloud.points_m == pytest.approx(np.array([[0.3, 0.5, 0.5]]))
+    assert cloud.colours.tolist() == [[125, 0, 0]]
+    assert cloud.confidence == pytest.approx(0.5)
+
+
+def test_the_order_of_frames_does_not_matter():
+    rng = np.random.default_rng(0)
+    frames = [
+        (rng.uniform(-5, 5, (200, 3)), rng.integers(0, 255, (200, 3), np.uint8), rng.uniform(0.1, 1, 200))
+        for _ in range(40)
+    ]
+    grids = VoxelGrid(0.5), VoxelGrid(0.5)
+    for grid, order in zip(grids, (frames, frames[::-1]), strict=True):
+        for points, colours, confidence in order:
+            grid.add(points, colours, confidence.astype(np.float32))
+    one, other = (grid.cloud() for grid in grids)
+    assert np.allclose(one.points_m, other.points_m)
+    cells = np.floor(one.points_m / 0.5)
+    assert len(np.unique(cells, axis=0)) == len(one)
+
+
+# Files
+
+
+CLOUD = Cloud(
+    np.array([[0.1234, -5.5, 2.0], [100.0, 20.25, -3.0], [7.0, 8.0, 9.0]]),
+    np.array([[255, 0, 1], [2, 3, 4], [128, 64, 32]], np.uint8),
+    np.array([1.0, 0.5, 0.25], np.float32),
+)
+
+
+def test_ply_comes_back_by_its_own_header(tmp_path):
+    write_ply(tmp_path / "a.ply", CLOUD)
+    header, _, body = (tmp_path / "a.ply").read_bytes().partition(b"end_header\n")
+    lines = header.decode().splitlines()
+    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    assert "element vertex 3" in lines
+    types = {"float": "<f4", "uchar": "u1"}
+    fields = [(name, types[kind]) for _, kind, name in (line.split() for line in lines if "property" in line)]
+    points = np.frombuffer(body, fields)
+    assert len(points) == 3
+    assert np.allclose(np.stack([points[axis] for axis in "xyz"], axis=1), CLOUD.points_m)
+    assert [tuple(point)[3:6] for point in points] == [tuple(colour) for colour in CLOUD.colours.tolist()]
+    assert points["confidence"].tolist() == [1.0, 0.5, 0.25]
+
+
+@pytest.mark.parametrize("kind", ["las", "laz"])
+def test_las_comes_back_to_the_millimetre(tmp_path, kind):
+    write_las(tmp_path / f"a.{kind}", CLOUD)
+    read = laspy.read(tmp_path / f"a.{kind}")
+    assert np.abs(read.xyz - CLOUD.points_m).max() <= 0.0005 + 1e-9
+    assert (np.stack([read.red, read.green, read.blue], axis=1) // 257).tolist() == CLOUD.colours.tolist()
+    assert read["confidence"].tolist() == [1.0, 0.5, 0.25]

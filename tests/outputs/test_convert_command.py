@@ -1,0 +1,88 @@
+"""`flightdepth convert` on a folder written by hand."""
+
+import sys
+
+import laspy
+import pytest
+from flown_folder import FRAMES, write_flown
+from rosbags.highlevel import AnyReader
+
+from flightdepth.cli import main
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("work")
+    write_flown(folder / "out")
+    return folder
+
+
+@pytest.fixture
+def convert(work, capsys):
+    def call(name, *options, folder="out"):
+        code = main(["convert", str(work / folder), str(work / name), *options])
+        return code, *capsys.readouterr()
+
+    return call
+
+
+def test_a_cloud_as_ply(convert, work):
+    code, stdout, _ = convert("flight.ply", "--every", "1")
+    assert code == 0
+    count = int((work / "flight.ply").read_bytes().split(b"element vertex ")[1].split()[0])
+    assert count > 500
+    assert f"{count:,} points" in stdout
+
+
+def test_larger_voxels_make_fewer_points(convert, work):
+    counts = []
+    for voxel in ("0.25", "2"):
+        assert convert("flight.laz", "--every", "1", "--voxel", voxel)[0] == 0
+        counts.append(len(laspy.read(work / "flight.laz")))
+    assert counts[0] > 5 * counts[1] > 0
+
+
+def test_a_recording(convert, work):
+    assert convert("flight.mcap")[0] == 0
+    with AnyReader([work / "flight.mcap"]) as reader:
+        assert {connection.msgcount for connection in reader.connections} == {FRAMES}
+
+
+def refused(outcome, *words):
+    code, _, stderr = outcome
+    assert code == 2
+    assert len(stderr.splitlines()) == 1
+    assert [word for word in words if word not in stderr] == []
+
+
+def test_an_unknown_kind(convert):
+    refused(convert("flight.obj"), ".ply, .las, .laz, .mcap", "got .obj")
+
+
+def test_options_of_clouds_beside_a_recording(convert):
+    refused(convert("flight.mcap", "--voxel", "1"), "voxel_m")
+
+
+def test_a_folder_that_is_none(convert):
+    refused(convert("flight.ply", folder="nowhere"), "nowhere")
+
+
+def test_a_file_in_no_folder(convert):
+    refused(convert("nowhere/flight.ply"), "an existing folder")
+
+
+def test_nothing_counts(convert, work):
+    refused(
+        convert("empty.ply", "--every", "1", "--min-confidence", "1"), "points that count", "--min-confidence"
+    )
+    assert not (work / "empty.ply").exists()
+
+
+@pytest.mark.parametrize(
+    ("kind", "module", "extra"), [("las", "laspy", "clouds"), ("mcap", "mcap.writer", "ros")]
+)
+def test_without_the_extra_it_says_which(convert, monkeypatch, kind, module, extra):
+    monkeypatch.setitem(sys.modules, module, None)  # an import of it fails
+    code, _, stderr = convert(f"missing.{kind}")
+    assert code == 3
+    assert f"flightdepth[{extra}]" in stderr

@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flightdepth.motion import NED_FROM_CAMERA, rotation_angle_rad, rotation_from_euler
+from flightdepth.outputs.level import LevelCamera, pitch_that_lifts
+
+S = 1_000_000_000
+
+
+def attitude(yaw_rad, pitch_rad):
+    return rotation_from_euler(0, pitch_rad, yaw_rad) @ NED_FROM_CAMERA
+
+
+@given(
+    st.floats(-3.1, 3.1), st.floats(-1.2, 0.3), st.floats(-0.6, 0.6), st.floats(-0.3, 0.3), st.floats(0.1, 20)
+)
+def test_one_motion_tells_yaw_and_pitch_of_a_level_camera(yaw, pitch, aside, climb, speed):
+    """Flying ahead within 35 degrees: the other pitch that fits lies far away."""
+    moved = speed * rotation_from_euler(0, 0, yaw + aside) @ np.array([1.0, 0.0, climb])
+    level, true = LevelCamera(), attitude(yaw, pitch)
+    for i in range(3):
+        level.add(i * S, true.T @ moved, moved)
+    body = NED_FROM_CAMERA @ true.T @ moved
+    lifted = rotation_from_euler(0, pitch_that_lifts(body / speed, moved[2] / speed, near_rad=0), 0) @ body
+    assert lifted[2] == pytest.approx(moved[2], abs=1e-6 * speed)
+    assert rotation_angle_rad(level.at(2 * S).T @ true) < 1e-4 or _other_fits(body, moved, pitch)
+
+
+def _other_fits(body, moved, pitch):
+    """Whether a pitch nearer to level gives the same height: nobody can tell the two apart."""
+    length = np.linalg.norm(moved)
+    return abs(pitch_that_lifts(body / length, moved[2] / length, near_rad=0.0)) < abs(pitch) - 1e-6
+
+
+def test_flying_exactly_sideways_tells_no_pitch():
+    level = LevelCamera()
+    for i in range(30):
+        level.add(i * S // 30, np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
+    assert level.at(S) is None
+
+
+def test_an_attitude_does_not_hold_for_long():
+    level = LevelCamera()
+    level.add(0, np.array([0, 0, 1.0]), np.array([1.0, 0, 0]))
+    assert level.at(S // 4) is not None
+    assert level.at(2 * S) is None
+
+
+def test_noise_averages_out():
+    rng, true, moved = np.random.default_rng(0), attitude(0.7, -0.5), np.array([5.0, 4.0, 0.0])
+    level = LevelCamera()
+    off = []
+    for i in range(90):
+        seen = true.T @ moved + rng.normal(0, 0.3, 3)
+        level.add(i * S // 30, seen, moved)
+        off.append(rotation_angle_rad(level.at(i * S // 30).T @ true))
+    assert np.mean(off[60:]) < np.mean(off[:1]) + 0.02
+    assert np.mean(off[60:]) < 0.03
+
+
+def test_standing_still_says_nothing():
+    level = LevelCamera()
+    level.add(0, np.zeros(3), np.zeros(3))
+    assert level.at(0) is None

@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from output_samples import known, unknown
+
+from flightdepth.flight import AttitudeSample, Frame, VelocitySample
+from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
+from flightdepth.outputs.poses import FramePose, PoseTrack, csv_of_poses, poses_from_csv
+
+S = 1_000_000_000
+PICTURE = np.zeros((8, 8, 3), np.uint8)
+LOOKING_NORTH = quaternion_from_rotation(NED_FROM_CAMERA)
+
+
+def at(track, seconds, result=None, index=None):
+    stamp_ns = round(seconds * S)
+    frame = Frame(round(seconds * 10) if index is None else index, stamp_ns, PICTURE)
+    return track.at(frame, result or unknown())
+
+
+def flown(velocities, frame="world"):
+    """A track that was given (seconds, velocity) all at once."""
+    track = PoseTrack()
+    for seconds, velocity in velocities:
+        track.add(VelocitySample(round(seconds * S), np.array(velocity, float), frame))
+    return track
+
+
+def test_positions_are_integrated_from_the_first_frame():
+    track = flown([(0, (2, 0, 0)), (1, (2, 0, 0)), (2, (2, 1, 0))])
+    where = [at(track, seconds).position_ned for seconds in (0.5, 1.0, 2.0)]
+    assert np.allclose(where, [(0, 0, 0), (1, 0, 0), (3, 0.5, 0)])
+
+
+def test_before_the_log_no_place_is_known():
+    assert at(flown([(1, (2, 0, 0)), (2, (2, 0, 0))]), 0.5) is None
+
+
+def test_nothing_is_summed_across_a_gap():
+    track = flown([(0, (2, 0, 0)), (1, (2, 0, 0)), (9, (2, 0, 0)), (10, (2, 0, 0))])
+    places = [at(track, seconds) for seconds in (0.0, 1.0, 9.0, 10.0)]
+    assert [place.segment for place in places] == [0, 0, 1, 1]
+    assert [place.position_ned[0] for place in places] == pytest.approx([0, 2, 0, 2])
+
+
+def test_an_attitude_of_the_log_is_taken():
+    track = flown([(0, (2, 0, 0)), (1, (2, 0, 0))])
+    for seconds in (0, 1):
+        track.add(AttitudeSample(seconds * S, LOOKING_NORTH))
+    place = at(track, 0.5)
+    assert place.attitude == "log"
+    assert np.allclose(place.ned_from_camera, NED_FROM_CAMERA)
+
+
+def test_without_attitude_and_direction_it_is_unknown():
+    place = at(flown([(0, (2, 0, 0)), (1, (2, 0, 0))]), 0.5)
+    assert place.attitude == "unknown"
+    assert np.isnan(place.world_from_camera).all()
+
+
+def test_velocities_of_the_camera_assume_that_it_never_turns():
+    place = at(flown([(0, (0, 0, 3)), (1, (0, 0, 3))], "camera"), 0.0)
+    assert place.attitude == "assumed"
+    track = flown([(0, (1, 0, 3)), (1, (1, 0, 3))], "camera")
+    at(track, 0.0)
+    assert np.allclose(at(track, 1.0).position_ned, (3, 1, 0))  # forward is north, right is east
+
+
+def moving(direction):
+    """A result whose only pair, a frame before, moved that way in the camera's axes."""
+    result = known(10, (0.5,))
+    object.__setattr__(result, "shifts", np.array([1]))
+    object.__setattr__(result, "moved_m", np.array([direction], float))
+    return result
+
+
+@pytest.mark.parametrize(("yaw_deg", "pitch_deg"), [(0, 0), (90, -30), (-120, -60), (45, 10)])
+def test_a_level_cameras_attitude_follows_from_the_direction_seen(yaw_deg, pitch_deg):
+    true = rotation_from_euler(0, np.radians(pitch_deg), np.radians(yaw_deg)) @ NED_FROM_CAMERA
+    velocity = np.array([3.0, 1.0, 0.4])
+    track = flown([(s, velocity) for s in range(4)])
+    for i in range(30):
+        place = at(track, i / 10, moving(true.T @ velocity), i)
+    assert place.attitude == "pictures"
+    assert np.allclose(place.ned_from_camera, true, atol=1e-6)
+
+
+@given(st.integers(0, 2**40), st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3))
+def test_poses_come_back(stamp_ns, position):
+    pose = FramePose(7, stamp_ns, 2, np.array(position), LOOKING_NORTH, "log")
+    back = poses_from_csv(csv_of_poses([pose]).decode())[7]
+    assert (back.stamp_ns, back.segment, back.attitude) == (stamp_ns, 2, "log")
+    assert np.allclose(back.position_ned, position, atol=1e-4)
+    assert np.allclose(back.world_from_camera, LOOKING_NORTH)
+
+
+def test_an_unknown_attitude_comes_back_unknown():
+    pose = FramePose(0, 0, 0, np.zeros(3), np.full(4, np.nan), "unknown")
+    back = poses_from_csv(csv_of_poses([pose]).decode())[0]
+    assert back.attitude == "unknown"
+    assert np.isnan(back.world_from_camera).all()

@@ -1,0 +1,134 @@
+"""`flightdepth view`: a recording that Rerun's own tool reads, and the viewer in a real browser."""
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from flown_folder import write_flown
+
+from flightdepth.cli import main
+
+pytest.importorskip("rerun", reason="needs flightdepth[view]")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+SOFTWARE_GL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return write_flown(tmp_path_factory.mktemp("view") / "out").folder
+
+
+def test_a_saved_recording_holds_everything(folder, tmp_path):
+    assert main(["view", str(folder), "--save", str(tmp_path / "flight.rrd")]) == 0
+    rerun = [sys.executable, "-m", "rerun", "rrd"]
+    verified = subprocess.run(
+        [*rerun, "verify", tmp_path / "flight.rrd"], capture_output=True, text=True, check=False
+    )
+    assert verified.returncode == 0, verified.stderr
+    printed = subprocess.run(
+        [*rerun, "print", tmp_path / "flight.rrd"], capture_output=True, text=True, check=True
+    )
+    for entity in (
+        *("world/camera/picture", "world/camera/picture/depth", "world/camera/picture/confidence"),
+        *("world/way_flown", "displacement/range_2", "shift/range_1", "known/depth"),
+    ):
+        assert f"/{entity}" in printed.stdout
+
+
+def test_web_and_save_exclude_each_other(folder, capsys):
+    assert main(["view", str(folder), "--web", "--save", "a.rrd"]) == 2
+    assert "one of them" in capsys.readouterr().err
+
+
+def test_a_recording_in_no_folder(folder, capsys):
+    assert main(["view", str(folder), "--save", "nowhere/a.rrd"]) == 2
+    assert "an existing folder" in capsys.readouterr().err
+
+
+def test_a_folder_that_is_none(tmp_path, capsys):
+    assert main(["view", str(tmp_path)]) == 2
+    assert "flightdepth run" in capsys.readouterr().err
+
+
+def test_without_the_extra_it_says_which(folder, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "rerun", None)  # an import of it fails
+    assert main(["view", str(folder)]) == 3
+    assert "flightdepth[view]" in capsys.readouterr().err
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+@pytest.fixture(scope="module")
+def address(folder):
+    """Of `flightdepth view --web`, as a user starts it."""
+    ports = ["--port", str(free_port()), "--data-port", str(free_port())]
+    command = ["view", str(folder), "--web", *ports]
+    script = f"import sys; from flightdepth.cli import main; sys.exit(main({command!r}))"
+    served = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
+    try:
+        for line in served.stdout:
+            if line.startswith("open "):
+                yield line.split()[1]
+                break
+        else:
+            pytest.fail("it ended without an address")
+    finally:
+        served.send_signal(signal.SIGINT)
+        assert served.wait(30) == 130
+        served.stdout.close()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+def test_the_browser_draws_the_flight(address):
+    sync_api = pytest.importorskip("playwright.sync_api", reason="needs flightdepth[browser]")
+    errors = []
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE_GL)
+        page = browser.new_page(viewport={"width": 900, "height": 600})
+        page.set_default_timeout(180_000)
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda said: said.type == "error" and errors.append(said.text))
+        # What the viewer asks of the internet (a font, its version) is none of ours, and is not there in a test.
+        page.route(lambda url: "//localhost" not in url, lambda route: route.fulfill(status=204, body=""))
+        page.goto(address)
+        page.wait_for_selector("canvas")
+        drawn = colours_until(page, 60, time.monotonic() + 150)
+        browser.close()
+    assert drawn >= 60
+    assert [text for text in errors if "204" not in text and "parsing a JSON" not in text] == []
+
+
+def colours_until(page, wanted: int, deadline: float) -> int:
+    """How many colours the page shows, as soon as there are `wanted`: an empty one has a handful."""
+    import cv2
+    import numpy as np
+
+    colours = 0
+    while colours < wanted and time.monotonic() < deadline:
+        page.wait_for_timeout(2000)
+        image = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+        colours = len(np.unique((image // 8).reshape(-1, 3), axis=0))
+    if saved := os.environ.get("FLIGHTDEPTH_SCREENSHOTS"):
+        page.screenshot(path=str(Path(saved) / "view.png"))
+    return colours
+
+
+def test_the_page_is_served(address):
+    """The quick half of the above: page, program and data answer."""
+    from urllib.request import urlopen
+
+    page = address.split("/?")[0]
+    with urlopen(page, timeout=20) as answer:
+        assert b"<canvas" in answer.read()
+    host, port = address.rsplit("//", 1)[1].split("/")[0].split(":")
+    socket.create_connection((host, int(port)), 20).close()

@@ -1,0 +1,156 @@
+"""What is left of a pair's motion: exact rays, noisy rays, the prior, and pictures turned by known angles."""
+
+import cv2
+import numpy as np
+import pytest
+
+from flightdepth.camera import Camera
+from flightdepth.ranges.derotation import Derotation, derotated, remainder
+from flightdepth.ranges.pairs import Frame, Pair
+from flightdepth.ranges.tracks import Tracker, tracked_rays
+from flightdepth.stillbox import PairRule, Picture, TestSet
+from flightdepth.stillbox.motion_noise import rotated, tilted
+
+FOCAL = 128.0
+CAMERA = Camera.from_fov(256, 256, 90)
+WAYS = [(1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (0.5, 0.3, 0.8)]
+TURN = np.radians([0.3, -0.4, 0.2])
+STEADY = np.eye(3)
+
+
+def rays_of(way, turn, *, count=150, noise_px=0.0, outliers=0, seed=0, near_m=2.0, far_m=60.0):
+    """Rays now and before a move of 0.3 m, seen by a camera that meanwhile turned by a rotation vector."""
+    rng = np.random.default_rng(seed)
+    points = np.column_stack([rng.uniform(-1, 1, (count, 2)), np.ones(count)])
+    points *= np.exp(rng.uniform(np.log(near_m), np.log(far_m), (count, 1)))
+    moved = (points + 0.3 * np.array(way) / np.linalg.norm(way)) @ cv2.Rodrigues(np.array(turn, dtype=float))[
+        0
+    ]
+    now, before = points / points[:, 2:], moved / moved[:, 2:]
+    before[:, :2] += rng.normal(0, noise_px / FOCAL, (count, 2))
+    before[:outliers, :2] += rng.normal(0, 10 / FOCAL, (outliers, 2))
+    return now, before
+
+
+def degrees_off(found, turn):
+    return float(np.degrees(np.linalg.norm(found.rotation - turn)))
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_exact_rays_give_the_rotation(way):
+    """But for the prior's pull."""
+    found = remainder(*rays_of(way, TURN), np.array(way), FOCAL)
+    assert found.turns
+    assert degrees_off(found, TURN) < 0.01
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_outliers_do_not_matter(way):
+    found = remainder(*rays_of(way, TURN, noise_px=0.1, outliers=45), np.array(way), FOCAL)
+    assert degrees_off(found, TURN) < 0.06
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_wrong_direction_is_mended_with_it(way):
+    said = tilted(np.array(way, dtype=float), np.array([0.3, 0.5, -0.8]), 8.0)
+    found = remainder(*rays_of(way, TURN, noise_px=0.05), said, FOCAL)
+    cosine = found.unit @ np.array(way) / np.linalg.norm(way)
+    assert found.heads_elsewhere
+    assert np.degrees(np.arccos(cosine)) < 1.5
+    assert degrees_off(found, TURN) < 0.05
+
+
+def test_a_steady_pair_is_left_alone():
+    """Of 40 nearly none is said to turn, and none by much."""
+    found = [
+        remainder(*rays_of((1, 0, 0.3), (0, 0, 0), noise_px=0.1, seed=k), np.array([1, 0, 0.3]), FOCAL)
+        for k in range(40)
+    ]
+    assert np.mean([each.turns for each in found]) < 0.1
+    assert np.mean([each.heads_elsewhere for each in found]) < 0.1
+    assert max(degrees_off(each, np.zeros(3)) for each in found) < 0.1
+
+
+def test_the_covariance_tells_the_error():
+    tries = [
+        remainder(*rays_of((1, 0, 0.3), TURN, noise_px=0.1, seed=k), np.array([1, 0, 0.3]), FOCAL)
+        for k in range(60)
+    ]
+    errors = np.array([each.rotation - TURN for each in tries])
+    sigmas = np.array([np.sqrt(np.diag(each.covariance)[:3]) for each in tries])
+    # Independent points: the deviation told allows for tracks that err together.
+    assert np.abs(errors / sigmas).mean() < 1
+    assert (sigmas < 3 * 2.5 * errors.std(axis=0)).all()
+
+
+def test_where_turning_looks_like_flying_the_prior_holds():
+    """A narrow view of one depth, flying sideways: a turn right and a shift are nearly the same."""
+    narrow, wall = 2000.0, {"near_m": 20.0, "far_m": 20.1}
+    now, before = rays_of((1, 0, 0), (0, 0, 0), noise_px=0.1, **wall)
+    scale = np.array([0.05, 0.05, 1.0])
+    found = remainder(now * scale, before * scale, np.array([1.0, 0, 0]), narrow)
+    assert not found.turns
+    assert degrees_off(found, np.zeros(3)) < 0.05
+    assert np.degrees(np.sqrt(found.covariance[1, 1])) > 0.3  # it says so itself
+
+
+def test_few_points_tell_nothing():
+    assert remainder(*rays_of((1, 0, 0), TURN, count=11), np.array([1.0, 0, 0]), FOCAL) is None
+    blank = np.full((256, 256, 3), 90, np.uint8)
+    moved = np.array([0.3, 0.0, 0.0])
+    image, displacement = derotated(blank, blank, moved, CAMERA)
+    assert image is blank and displacement is moved
+
+
+@pytest.fixture(scope="module")
+def pairs():
+    return list(TestSet(Picture(256, 256, 256), PairRule(), scenes=10))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 0.1, 0.5, 2.0])
+def test_rendered_pairs_that_were_turned(pairs, degrees):
+    off = []
+    for number, pair in enumerate(pairs):
+        axis = np.random.default_rng(number).normal(size=3)
+        turn = axis / np.linalg.norm(axis) * np.radians(degrees)
+        rays = tracked_rays(rotated(pair.previous, CAMERA, turn), pair.current, CAMERA)
+        off.append(degrees_off(remainder(*rays, pair.displacement, CAMERA.fx), turn))
+    assert np.median(off) < 0.05
+    assert np.percentile(off, 90) < 0.15
+
+
+def pair_of(pair, previous, *, directed=True, turn=STEADY):
+    length_m = float(np.linalg.norm(pair.displacement))
+    angle = float(np.linalg.norm(cv2.Rodrigues(turn)[0]))
+    return Pair(Frame(0, 0, previous), pair.displacement, length_m, 1, 5.0, turn, angle, directed)
+
+
+def test_a_pair_keeps_what_was_known_of_its_turn(pairs):
+    """A reported turn of a degree that is wrong by TURN: the two together are what the picture was turned by."""
+    reported = cv2.Rodrigues(np.radians([0.0, 1.0, 0.0]))[0]
+    pair = pairs[0]
+    whole = cv2.Rodrigues(TURN)[0] @ reported
+    previous = rotated(pair.previous, CAMERA, cv2.Rodrigues(whole)[0][:, 0])
+    tracker = Tracker(CAMERA)
+    asked = pair_of(pair, previous, turn=reported)
+    found = Derotation(CAMERA, tracker).of([asked], Frame(1, 1, pair.current), seen=False)[0]
+    left = cv2.Rodrigues(found.current_from_previous @ whole.T)[0]
+    assert np.degrees(np.linalg.norm(left)) < 0.08
+    assert found.turn_rad == pytest.approx(np.linalg.norm(cv2.Rodrigues(whole)[0]), abs=1e-3)
+    assert found.length_m == asked.length_m
+
+
+def test_a_direction_that_no_one_knows_is_seen_for_the_rotation_alone(pairs):
+    """A network that asks for the length only: the displacement stays in world axes."""
+    pair = pairs[0]
+    asked = pair_of(pair, rotated(pair.previous, CAMERA, TURN), directed=False)
+    found = Derotation(CAMERA, Tracker(CAMERA)).of([asked], Frame(1, 1, pair.current), seen=False)[0]
+    assert np.degrees(np.linalg.norm(cv2.Rodrigues(found.current_from_previous)[0][:, 0] - TURN)) < 0.15
+    assert (found.displacement_m == asked.displacement_m).all()
+
+
+def test_a_pair_is_tracked_once(pairs):
+    tracker = Tracker(CAMERA)
+    first = tracker.rays(pairs[0].previous, pairs[0].current)
+    assert tracker.rays(pairs[0].previous, pairs[0].current) is first
+    assert tracker.rays(pairs[0].previous, pairs[1].current) is not first

@@ -1,0 +1,35 @@
+"""The commands of docs/view.md, run on the sample flight's first second."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from flightdepth.cli import main
+from flightdepth.commands.demo import CALIBRATION, LOG, VIDEO
+
+TEXT = (Path(__file__).parents[1] / "docs" / "view.md").read_text(encoding="utf-8")
+COMMANDS = re.findall(r"^flightdepth (.*)$", TEXT, re.MULTILINE)
+WRITING = [command for command in COMMANDS if command.startswith("convert") or "--save" in command]
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("docs")
+    options = ["--telemetry", str(LOG), "--camera", str(CALIBRATION), "--end", "1.5"]
+    assert main(["run", str(VIDEO), *options, "--out", str(folder / "out")]) == 0
+    return folder
+
+
+@pytest.mark.parametrize("command", WRITING)
+def test_a_command_writes_its_file(work, monkeypatch, command):
+    monkeypatch.chdir(work)
+    assert main(shlex.split(command)) == 0
+    (file,) = [word for word in command.split() if word.startswith("flight.")]
+    assert (work / file).stat().st_size > 1000
+
+
+def test_the_others_open_the_viewer():
+    """Windows and servers do not end by themselves: tests/outputs/test_view_command.py starts one."""
+    assert sorted(set(COMMANDS) - set(WRITING)) == ["view out", "view out --web"]

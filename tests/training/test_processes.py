@@ -1,0 +1,142 @@
+"""Several processes do what one does with accumulation steps; shares of a batch; batch statistics."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+import training_runs
+from torch import nn
+from training_runs import BATCH, small_recipe, small_stream, small_textures, stage
+
+from flightdepth.errors import BadInput
+from flightdepth.training import loop
+from flightdepth.training.checkpoint import read_progress, read_weights
+from flightdepth.training.loop import train
+from flightdepth.training.processes import Share, weigh_part
+
+
+def started(folder, process, processes, port):
+    """What accelerate launch does for each process of one machine."""
+    given = {"RANK": process, "LOCAL_RANK": process, "WORLD_SIZE": processes, "LOCAL_WORLD_SIZE": processes}
+    given |= {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "ACCELERATE_USE_CPU": "true"}
+    environment = os.environ | {key: str(value) for key, value in given.items()}
+    script = Path(training_runs.__file__)
+    return subprocess.Popen([sys.executable, str(script), str(folder)], env=environment)
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.fixture(scope="module")
+def two_processes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("two") / "small"
+    port = free_port()
+    running = [started(folder, process, 2, port) for process in range(2)]
+    assert [process.wait(timeout=280) for process in running] == [0, 0]
+    return folder
+
+
+@pytest.fixture(scope="module")
+def two_accumulation_steps(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("one") / "small"
+    losses = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loop, "PairStream", small_stream)
+        recipe, textures = small_recipe(accumulate=2), small_textures()
+        train(recipe, textures, folder, resume=False, report=lambda step: losses.append(step.loss_m))
+    return folder, losses
+
+
+def test_two_processes_have_the_loss_curve_of_two_accumulation_steps(two_processes, two_accumulation_steps):
+    for process in range(2):
+        losses = json.loads((two_processes / f"losses-{process}.json").read_text())
+        assert losses == pytest.approx(two_accumulation_steps[1], rel=1e-5)
+
+
+@pytest.mark.parametrize("part", ["network", "averaged"])
+def test_two_processes_end_in_the_weights_of_two_accumulation_steps(
+    two_processes, two_accumulation_steps, part
+):
+    """Batch statistics too, though each process saw only its own."""
+    found, expected = (
+        read_weights(folder / "checkpoint.safetensors", part)
+        for folder in (two_processes, two_accumulation_steps[0])
+    )
+    for key, value in expected.items():
+        if value.is_floating_point():
+            assert torch.allclose(found[key], value, rtol=1e-3, atol=1e-4), key
+
+
+def test_parts_see_other_pairs_than_the_whole(two_accumulation_steps, tmp_path, monkeypatch):
+    monkeypatch.setattr(loop, "PairStream", small_stream)
+    losses = []
+    recipe = small_recipe(stages=[stage("a", 1)])
+    train(recipe, small_textures(), tmp_path, resume=False, report=lambda step: losses.append(step.loss_m))
+    assert losses[0] != pytest.approx(two_accumulation_steps[1][0], rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("accumulate", "processes", "parts", "shares"),
+    [
+        (1, 1, 1, [[0]]),
+        (2, 1, 2, [[0, 1]]),
+        (1, 2, 2, [[0], [1]]),
+        (4, 2, 4, [[0, 1], [2, 3]]),
+        (4, 4, 4, [[0], [1], [2], [3]]),
+    ],
+)
+def test_each_part_has_one_process(accumulate, processes, parts, shares):
+    recipe = small_recipe(accumulate=accumulate)
+    found = [Share.of(recipe, process, processes) for process in range(processes)]
+    assert [list(share.mine) for share in found] == shares
+    assert {share.parts for share in found} == {parts}
+
+
+@pytest.mark.parametrize(
+    ("accumulate", "processes", "said"),
+    [
+        (1, 3, f"batch of stage a: expected a multiple of 3, got {BATCH}"),
+        (4, 3, "accumulate: expected a multi"),
+    ],
+)
+def test_what_cannot_be_shared_is_refused(accumulate, processes, said):
+    with pytest.raises(BadInput, match=said):
+        Share.of(small_recipe(accumulate=accumulate), 0, processes)
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3])
+def test_running_statistics_move_towards_the_mean_of_the_parts(parts):
+    pictures = torch.randn((parts, 5, 2, 4, 4), generator=torch.Generator().manual_seed(1)) + 3
+    norm = nn.BatchNorm2d(2)
+    for number, part in enumerate(pictures):
+        weigh_part(norm, 0.1, number, parts)
+        norm(part)
+    means = pictures.mean(dim=(0, 1, 3, 4))  # of parts of one size: the mean of their means
+    assert torch.allclose(norm.running_mean, 0.1 * means)
+    variances = torch.stack([part.transpose(0, 1).flatten(1).var(dim=1) for part in pictures]).mean(dim=0)
+    assert torch.allclose(norm.running_var, 0.9 + 0.1 * variances)
+
+
+@pytest.mark.slow
+def test_accelerate_launches_the_command_of_the_docs(tmp_path):
+    recipe = small_recipe(stages=[stage("a", 2)]).model_dump(mode="json", exclude_defaults=True)
+    stages = recipe.pop("stages")
+    lines = [f"{key} = {json.dumps(value)}" for key, value in recipe.items() if key != "scenes"]
+    lines += ["[[stages]]", *(f"{key} = {json.dumps(value)}" for key, value in stages[0].items())]
+    (tmp_path / "small.toml").write_text("\n".join(lines))
+    launch = ["-m", "accelerate.commands.launch", "--cpu", "--num_processes", "2", "--num_machines", "1"]
+    train = ["-m", "flightdepth", "train", "small.toml", "--procedural", "2"]
+    port = ["--main_process_port", str(free_port()), "--mixed_precision", "no", "--dynamo_backend", "no"]
+    command = [sys.executable, *launch, *port, *train]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=280, check=False)
+    assert done.returncode == 0, done.stderr
+    assert read_progress(tmp_path / "runs" / "small" / "checkpoint.safetensors").seen == 2 * BATCH
+    assert done.stdout.count("next: flightdepth export") == 1
