@@ -10,6 +10,7 @@ from flightdepth.camera import Camera
 from flightdepth.flight import Frame
 from flightdepth.outputs import FlightWriter, Preview, Source
 from flightdepth.outputs.frame_table import COLUMNS
+from flightdepth.outputs.poses import COLUMNS as POSE_COLUMNS
 from flightdepth.ranges import RangedDepth
 from flightdepth.weights.card import NetworkCard
 
@@ -97,4 +98,7 @@ def test_the_folder_snippet_gives_the_camera(run):
 
 
 def test_every_column_is_described():
-    assert re.findall(r"^\| `(\w+)`", TEXT, re.MULTILINE) == list(COLUMNS)
+    frames, poses = (TEXT.split(f"## {name}")[1].split("\n## ")[0] for name in ("frames.csv", "poses.csv"))
+    assert re.findall(r"^\| `(\w+)`", frames, re.MULTILINE) == list(COLUMNS)
+    first_cells = " ".join(row.split("|")[1] for row in poses.splitlines() if row.startswith("| `"))
+    assert re.findall(r"`(\w+)`", first_cells) == list(POSE_COLUMNS)

@@ -28,7 +28,7 @@ def write_atomic(path: Path, data: bytes) -> None:
 
 @contextmanager
 def file_in_progress(path: Path) -> Iterator[BinaryIO]:
-    """Yield a temporary neighbour of `path` to write into; on success it takes its place, on any error it is removed."""
+    """Yield a temporary neighbour of `path` to write into; on success it takes its place, on any error it goes."""
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(descriptor, "wb") as file:

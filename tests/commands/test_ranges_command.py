@@ -1,6 +1,8 @@
 """`flightdepth evaluate ranges`: a study of two methods and one short sequence, its files, and what is refused."""
 
 import json
+import shlex
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +13,8 @@ from flightdepth.evaluation import ranges_study, ranges_trials
 from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Trial
 from flightdepth.scenes import Textures
 
+TEXT = (Path(__file__).parents[2] / "docs" / "ranges.md").read_text(encoding="utf-8")
+COMMANDS = [line for line in TEXT.splitlines() if line.startswith("flightdepth ")]
 TRIALS = (Trial(FLOW, 1), Trial(FLOW, 2), Trial(CONSTANT, 0))
 
 
@@ -55,3 +59,11 @@ def test_a_file_for_a_folder_is_refused(tmp_path, capsys):
     (tmp_path / "taken").touch()
     assert call("--out", tmp_path / "taken") == 2
     assert "expected a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_of_the_docs_runs(command, tmp_path, monkeypatch):
+    """With one sequence of few frames: the last of options given twice counts."""
+    monkeypatch.chdir(tmp_path)
+    assert call(*shlex.split(command)[3:], "--scenes", 1, "--frames", 33) == 0
+    assert (tmp_path / "ranges" / "ranges.html").is_file()

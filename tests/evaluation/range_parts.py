@@ -43,13 +43,13 @@ def part(trial: Trial, number: int, factor: float) -> dict:
 
 
 class Flown:
-    """A finished study of two scenes, as `ranges_result.result` takes it; `factors` of its trials."""
+    """A finished study, as `ranges_result.result` takes it; `factors` of its trials."""
 
-    scenes = 2
     missing = ("clamped-256",)
     weights: Mapping[str, str] = {}
 
-    def __init__(self, factors: Mapping[Trial, float]) -> None:
+    def __init__(self, factors: Mapping[Trial, float], *, scenes: int = 2) -> None:
+        self.scenes = scenes
         self.sequences = Sequences(FRAMES, width=64)
         self._factors = factors
 

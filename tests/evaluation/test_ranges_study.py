@@ -7,7 +7,7 @@ import pytest
 from range_parts import FRAMES, Flown
 
 from flightdepth.errors import BadInput
-from flightdepth.evaluation.ranges_claims import FAILS, HOLDS, OPEN, claims, verdict
+from flightdepth.evaluation.ranges_claims import FAILS, HOLDS, LEAST_SCENES, OPEN, claims, verdict
 from flightdepth.evaluation.ranges_result import by_trial, result, shift_figures
 from flightdepth.evaluation.ranges_sequences import STEP_S, Sequences
 from flightdepth.evaluation.ranges_study import Study
@@ -168,7 +168,7 @@ def test_a_figure_is_the_factor_that_depth_was_off_by():
 
 def test_claims_follow_the_errors():
     one, two, tiny = Trial(DEPTHNET, 1), Trial(DEPTHNET, 2), Trial(TINY, 4)
-    found = claims(by_trial(Flown({one: 1.3, two: 1.1, tiny: 1.4}).parts()))
+    found = claims(by_trial(Flown({one: 1.3, two: 1.1, tiny: 1.4}, scenes=LEAST_SCENES).parts()))
     verdicts = {(row["better"], row["worse"]): row for row in found if row["span"] == "all"}
     assert verdicts[two.label, one.label]["verdict"] == HOLDS
     assert verdicts[two.label, one.label]["ratio"] == pytest.approx(1 / 3, rel=1e-4)
@@ -180,7 +180,11 @@ def test_claims_follow_the_errors():
     ("low", "high", "said"), [(-2, -1, HOLDS), (1, 2, FAILS), (-1, 1, OPEN), (0, 0, OPEN)]
 )
 def test_an_interval_across_nothing_decides_nothing(low, high, said):
-    assert verdict(low, high) == said
+    assert verdict(low, high, LEAST_SCENES) == said
+
+
+def test_few_scenes_decide_nothing_however_they_agree():
+    assert verdict(-2, -1, LEAST_SCENES - 1) == OPEN
 
 
 def test_ranges_that_chose_one_frame_are_counted():

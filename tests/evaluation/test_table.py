@@ -10,11 +10,14 @@ import torch
 from rich.console import Console
 
 from flightdepth import cli
+from flightdepth.commands import table
+from flightdepth.commands.table import same_textures
 from flightdepth.evaluation import table as paper
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import PairStream
 from flightdepth.training import loop, recipe, recipe_names
-from flightdepth.training.run_folder import read_trained
+from flightdepth.training.checkpoint import read_progress
+from flightdepth.training.run_folder import SETS, keep_textures, parent_checkpoint, read_trained
 from flightdepth.weights.store import find_network, read_card, shipped_networks
 
 SMALL = 8, 8  # feature maps of every network, pairs of every batch
@@ -23,8 +26,8 @@ SMALL = 8, 8  # feature maps of every network, pairs of every batch
 def text_of(tables):
     console = Console(width=160)
     with console.capture() as captured:
-        for table in tables:
-            console.print(table)
+        for each in tables:
+            console.print(each)
     return captured.get()
 
 
@@ -122,12 +125,26 @@ def world(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(recipe, "_recipe_bytes", lambda name: small_bytes(name, known))
         patch.setattr(loop, "PairStream", partial(PairStream, pool_scenes=8))
+        patch.setattr(table, "TIMED_CALLS", 1)
         patch.chdir(folder)
         yield folder
     torch.set_num_threads(threads)
 
 
 COMMAND = ["evaluate", "table", "--scenes", "2", "--procedural", "2", "--json", "table.json"]
+
+
+def test_all_recipes_are_trained_with_one_dial(world, capsys):
+    runs, textures = Path("dial"), Textures.procedural(2, 1)
+    table.train_all(runs, textures, 8)
+    assert "4 of 4: table-flownets, 32 pairs in 4 stages" in capsys.readouterr().out
+    seen = {row.source: read_progress(parent_checkpoint(runs, row.source)).seen for row in paper.ROWS}
+    assert seen["table-depthnet/512"] == seen["table-flownets/512"] == 4 * 8
+    assert seen["table-depthnet-64-512/512"] == 2 * 8
+    assert seen["table-depthnet-512/512"] == 8
+    before = {path: path.read_bytes() for path in runs.glob("*/*.safetensors")}
+    table.train_all(runs, textures, 8)
+    assert {path: path.read_bytes() for path in before} == before
 
 
 @pytest.mark.slow
@@ -162,21 +179,24 @@ def test_a_run_in_the_folder_fills_its_row(world, capsys):
         cli.main(["train", "table-depthnet-512", "--procedural", "2", "--samples", "16", "--runs", "one"])
         == 0
     )
+    Path("one/table-depthnet-512/512-more.safetensors").unlink()  # as if training had stopped before
     assert cli.main([*COMMAND, "--runs", "one"]) == 0, capsys.readouterr().err
     rows = {row["title"]: row for row in json.loads((world / "table.json").read_text())["rows"]}
     measured = rows["DepthNet 512"]["measured"]
     assert measured["samples"] == 8
     assert measured["train"]["pairs"] == 2
     assert rows["DepthNet 64"]["measured"] is None
+    assert rows["DepthNet 512, compute of the chain"]["measured"] is None
     assert rows["depthnet-256, shipped"]["measured"]["test"]["network"]["l1_m"] > 0
     assert paper.UNTRAINED in capsys.readouterr().out
 
 
-def test_other_textures_leave_the_training_scenes_out(world, capsys):
-    if not Path("one").exists():
-        pytest.skip("needs the run of the test before")
-    assert cli.main([*COMMAND, "--runs", "one", "--procedural", "3"]) == 0
-    assert "no errors on training scenes" in capsys.readouterr().err
+def test_training_scenes_are_drawn_again_in_the_same_textures_only(tmp_path):
+    keep_textures(tmp_path, Textures.procedural(2, 1))
+    assert same_textures(tmp_path, Textures.procedural(2, 1))
+    assert not same_textures(tmp_path, Textures.procedural(2, 2))
+    (tmp_path / SETS).write_text("{}")
+    assert not same_textures(tmp_path, Textures.procedural(2, 1))
 
 
 def test_the_last_scenes_are_those_of_the_stream(world):

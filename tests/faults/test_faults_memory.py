@@ -21,6 +21,7 @@ from flightdepth.runtimes.network import load_network
 from flightdepth.weights.store import read_network
 
 FRAME_NS = round(1e9 / FPS)
+CAMERA = Camera.from_fov(128, 128, 90)
 SPEED = (3.0, 0.0, 0.0)
 # In these words ONNX Runtime, CUDA, TensorRT and OpenVINO say it; the numbers are of real reports.
 SAID = [
@@ -78,25 +79,28 @@ def test_fault_16_who_is_slow_holds_up_the_reader_not_the_memory(
 
 
 def growth_bytes(network, frames):
-    """What Python holds more after the second half of a flight than after the first, bytes a frame."""
-    estimator, half = MultiRangeEstimator(network, Camera.from_fov(SIZE, SIZE, 90)), []
-    pictures = [view(phase) for phase in range(40)]
+    """What Python holds more after the second half of a flight than after the first, bytes a frame.
+
+    Ten pictures a second, so that the buffer is full after forty.
+    """
+    estimator, half = MultiRangeEstimator(network, Camera.from_fov(64, 64, 90)), []
+    pictures = [view(2 * phase, 64, 64) for phase in range(40)]
     tracemalloc.start()
     try:
         for index in range(frames):
             if index in (frames // 2, frames - 1):
                 gc.collect()
                 half.append(tracemalloc.get_traced_memory()[0])
-            estimator.add_velocity(index * FRAME_NS, SPEED)
-            estimator.add_attitude(index * FRAME_NS, (1, 0, 0, 0))
-            estimator.add_frame(index * FRAME_NS, pictures[index % 40])
+            estimator.add_velocity(index * 10**8, SPEED)
+            estimator.add_attitude(index * 10**8, (1, 0, 0, 0))
+            estimator.add_frame(index * 10**8, pictures[index % 40])
     finally:
         tracemalloc.stop()
     return (half[1] - half[0]) / (frames / 2)
 
 
 def test_fault_16_memory_is_flat(save_difference_network):
-    assert growth_bytes(load_network(save_difference_network()), 600) < 100
+    assert growth_bytes(load_network(save_difference_network()), 140) < 2000  # a picture has 12,288
 
 
 @pytest.mark.slow
@@ -109,11 +113,11 @@ def test_fault_16_memory_is_flat_over_a_long_run(save_difference_network):
 
 @pytest.fixture
 def small_device(monkeypatch):
-    """ONNX Runtime with 600 kB for its tensors: its own arena, its own error."""
+    """ONNX Runtime with 300 kB for its tensors: its own arena, its own error."""
     onnxruntime = pytest.importorskip("onnxruntime")
     arena, anywhere = onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, onnxruntime.OrtMemType.DEFAULT
     place = onnxruntime.OrtMemoryInfo("Cpu", arena, 0, anywhere)
-    limit = onnxruntime.OrtArenaCfg({"max_mem": 600_000, "arena_extend_strategy": 1})
+    limit = onnxruntime.OrtArenaCfg({"max_mem": 300_000, "arena_extend_strategy": 1})
     onnxruntime.create_and_register_allocator(place, limit)
     made = onnxruntime.SessionOptions
 
@@ -142,26 +146,27 @@ def loaded(save_difference_network, small_device):
 
 def test_fault_17_the_injected_error_is_the_runtimes_own(loaded):
     pairs = np.zeros((4, 64, 64, 6), np.uint8)
-    loaded.runtime({"pairs": pairs[:2]})
+    loaded.runtime({"pairs": pairs[:1]})
     with pytest.raises(OutOfMemory, match="no memory left on onnxruntime") as caught:
         loaded.runtime({"pairs": pairs})
     assert type(caught.value.__cause__).__module__.startswith("onnxruntime")
 
 
 def test_fault_17_with_fewer_ranges_it_goes_on_and_says_so_once(loaded, caplog):
-    """The device has room for two pairs of 64x64 px."""
+    """The device has room for one pair of 64x64 px."""
     results, estimator = flown(loaded, Camera.from_fov(64, 64, 90), ranges=4)
     assert all(result.reason is None for result in results[1:])
-    assert {len(result.shifts) for result in results[6:]} <= {1, 2}
-    assert estimator.ranges == 2
+    assert {len(result.shifts) for result in results[1:]} == {1}
+    assert estimator.ranges == 1
     assert [record.levelno for record in caplog.records] == [logging.WARNING]
     assert "fewer frame pairs" in caplog.text
-    assert results[-1].notes == ("no memory left on onnxruntime: after that 2 frame pairs at a time",)
+    assert results[-1].notes == ("no memory left on onnxruntime: after that at most 1 of a frame's pairs",)
 
 
-def test_fault_17_then_it_goes_on_on_the_cpu(loaded, caplog):
+def test_fault_17_then_it_goes_on_on_the_cpu(save_difference_network, small_device, caplog):
     """The device has no room for a single pair of 128x128 px."""
-    results, estimator = flown(loaded, Camera.from_fov(256, 256, 90), ranges=2)
+    loaded = load_network(save_difference_network(focal_px=64.0), device="onnxruntime")
+    results, estimator = flown(loaded, CAMERA, ranges=2)
     assert all(result.reason is None for result in results[1:])
     assert loaded.runtime.description.startswith("OpenVINO")
     assert estimator.ranges == 2  # there is room for all of them
@@ -169,16 +174,16 @@ def test_fault_17_then_it_goes_on_on_the_cpu(loaded, caplog):
     assert results[-1].notes == ("no memory left on onnxruntime: after that on the CPU",)
 
 
-def test_fault_17_the_depth_is_that_of_the_cpu(loaded, save_difference_network):
-    camera = Camera.from_fov(256, 256, 90)
-    results, _ = flown(loaded, camera, ranges=1)
-    expected, _ = flown(load_network(save_difference_network()), camera, ranges=1)
+def test_fault_17_the_depth_is_that_of_the_cpu(save_difference_network, small_device):
+    path = save_difference_network(focal_px=64.0)
+    results, _ = flown(load_network(path, device="onnxruntime"), CAMERA, ranges=1)
+    expected, _ = flown(load_network(path), CAMERA, ranges=1)
     for result, other in zip(results, expected, strict=True):
         np.testing.assert_allclose(result.depth_m, other.depth_m, rtol=1e-4)
 
 
 def test_fault_17_warming_up_leaves_it_to_the_flight(loaded, caplog):
-    loaded.warm_up(Camera.from_fov(256, 256, 90), pairs=2)
+    loaded.warm_up(Camera.from_fov(64, 64, 90), pairs=2)
     assert not caplog.records
 
 

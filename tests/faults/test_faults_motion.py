@@ -52,7 +52,7 @@ def test_fault_8_a_frozen_picture_is_unknown_not_far(tmp_path, network):
 
 
 def test_fault_8_the_written_depth_is_unknown_too(tmp_path, network):
-    video = film(tmp_path / "flight.mp4", 20, phase=lambda i: min(i, 8))
+    video = film(tmp_path / "flight.mp4", 20, group=30, phase=lambda i: min(i, 8))
     log(tmp_path / "log.csv")
     assert run(video, network, tmp_path / "out") == 0
     folder = FlightFolder(tmp_path / "out")
@@ -162,7 +162,7 @@ def test_fault_11_the_wall_clock_may_step_by_an_hour(tmp_path, network, monkeypa
     assert run(video, network, tmp_path / "stepping") == 0
     files = [tree(tmp_path / name) for name in ("calm", "stepping")]
     for name in files[0]:
-        if name.startswith(("depth", "confidence", "preview")):
+        if name.startswith(("depth", "confidence", "poses")):
             assert files[0][name] == files[1][name]
     rows = [table(tmp_path / name) for name in ("calm", "stepping")]
     assert all(0 <= float(row["latency_ms"]) < 60_000 for row in rows[1])
@@ -216,9 +216,9 @@ def test_fault_15_pure_rotation_is_unknown_not_far(tmp_path, network, degrees_s)
     assert all(is_unknown(result) for _, result in fly(video, network)[0])
 
 
-@pytest.mark.parametrize("degrees_s", [12, 60])
-def test_fault_15_rotation_in_flight_is_unknown_not_near(tmp_path, network, degrees_s):
-    video = film(tmp_path / "flight.mp4", 20, shown=lambda i: panned(degrees_s * (i - 10) / FPS))
+def test_fault_15_rotation_in_flight_is_unknown_not_near(tmp_path, network):
+    """As fast as no one takes it out again."""
+    video = film(tmp_path / "flight.mp4", 20, shown=lambda i: panned(60 * (i - 10) / FPS))
     log(tmp_path / "log.csv")
     later = [result for _, result in fly(video, network)[0][4:]]
     assert all(is_unknown(result) for result in later)

@@ -110,7 +110,7 @@ def test_turning_to_and_fro_is_ambiguous():
         pictures((at_s, turn), (at_s, 0 * at_s + 0.3), 0.005), Telemetry("t", even_speed(), gyroscope=track)
     )
     assert found.offset_s is None
-    assert "another offset fits" in found.reason
+    assert "another offset fits nearly" in found.reason
 
 
 def test_logs_of_another_flight_fit_nowhere():

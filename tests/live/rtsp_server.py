@@ -22,16 +22,18 @@ class Served(GstRtspServer.RTSPMediaFactory):
         self.video, self.loss = video, loss
 
     def do_create_element(self, url):
-        drop = f"identity drop-probability={self.loss} name=lossy !" if self.loss else ""
+        pay = "rtph264pay pt=96"
+        # The last element is what the server sends from: here it drops RTP packets on their way.
+        last = f"{pay} ! identity drop-probability={self.loss} name=pay0" if self.loss else f"{pay} name=pay0"
         return Gst.parse_launch(
             f"filesrc location={self.video} ! qtdemux ! h264parse config-interval=-1 !"
-            f" identity sync=true ! {drop} rtph264pay config-interval=-1 name=pay0 pt=96"
+            f" video/x-h264,stream-format=byte-stream,alignment=au ! identity sync=true ! {last}"
         )
 
 
 def main():
     video, port = sys.argv[1:3]
-    loss = float(sys.argv[4]) if "--loss" in sys.argv else 0.0
+    loss = float(sys.argv[sys.argv.index("--loss") + 1]) if "--loss" in sys.argv else 0.0
     Gst.init(None)
     server = GstRtspServer.RTSPServer()
     server.set_address("127.0.0.1")

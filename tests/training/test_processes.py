@@ -40,7 +40,7 @@ def two_processes(tmp_path_factory):
     folder = tmp_path_factory.mktemp("two") / "small"
     port = free_port()
     running = [started(folder, process, 2, port) for process in range(2)]
-    assert [process.wait(timeout=280) for process in running] == [0, 0]
+    assert [process.wait(timeout=900) for process in running] == [0, 0]
     return folder
 
 
@@ -136,7 +136,7 @@ def test_accelerate_launches_the_command_of_the_docs(tmp_path):
     train = ["-m", "flightdepth", "train", "small.toml", "--procedural", "2"]
     port = ["--main_process_port", str(free_port()), "--mixed_precision", "no", "--dynamo_backend", "no"]
     command = [sys.executable, *launch, *port, *train]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=280, check=False)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stderr
     assert read_progress(tmp_path / "runs" / "small" / "checkpoint.safetensors").seen == 2 * BATCH
     assert done.stdout.count("next: flightdepth export") == 1

@@ -36,6 +36,10 @@ class Job:
     flight: Path
     target: Path
 
+    def anywhere(self) -> Job:
+        """The same, with paths that hold from any folder."""
+        return Job(self.flight.absolute(), self.target.absolute())
+
 
 Run = Callable[[Path, Path], Outcome]  # a flight, its folder
 Attempt = Outcome | FlightDepthError
@@ -88,10 +92,14 @@ def on_ray(jobs: Sequence[Job], run: Run, address: str | None) -> Iterator[Attem
     from flightdepth.cluster import ahead, cluster, failed
 
     with cluster(ray, address) as cores:
-        task = ray.remote(num_cpus=min(CORES_PER_FLIGHT, cores))(run)
-        submit = lambda job: task.remote(job.flight.absolute(), job.target.absolute())  # noqa: E731
-        for job, reference in zip(jobs, ahead(jobs, submit, max(2, cores)), strict=True):
+        task = ray.remote(num_cpus=min(CORES_PER_FLIGHT, cores))(_run)
+        references = ahead(jobs, lambda job: task.remote(run, job.anywhere()), max(2, cores))
+        for job, reference in zip(jobs, references, strict=True):
             try:
                 yield ray.get(reference)
             except ray.exceptions.RayError as error:
                 yield failed(f"flight {job.flight}", error)
+
+
+def _run(run: Run, job: Job) -> Outcome:
+    return run(job.flight, job.target)

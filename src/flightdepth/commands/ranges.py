@@ -86,26 +86,21 @@ def show(found: dict[str, Any]) -> None:
 
 
 def table(found: dict[str, Any]) -> Table:
-    """The paper's figure: error, coverage and processor time of each method under the paper's noise."""
+    """The paper's figure: error and processor time of each method under the paper's noise."""
     from rich.table import Table
 
     from flightdepth.evaluation.ranges_trials import figure, peers, trial_of
 
-    wanted = {*figure(), *peers()}
-    grid = Table(title="relative error (mean over scenes, 95 %), N0 = 0.001", box=None)
-    for heading in ("", "all", "near", "middle", "far", "flicker", "ms in the network", "ms in all"):
-        grid.add_column(heading, justify="right" if heading else "left")
+    wanted, spans = {*figure(), *peers()}, ("all", "near", "middle", "far")
+    grid = Table(title="relative error, %, N0 = 0.001", box=None, pad_edge=False)
+    grid.add_column("", no_wrap=True)
+    for heading in (*spans, "ms"):
+        grid.add_column(heading, justify="right")
     for row in found["trials"]:
         if trial_of(row["trial"]) in wanted:
-            errors = row["errors"]
-            spans = [_points(errors[name]["abs_rel"]["mean"]) for name in ("near", "middle", "far")]
-            whole = errors["all"]["abs_rel"]
-            cells = [
-                f"{_points(whole['mean'])} ({_points(whole['low'])} to {_points(whole['high'])})",
-                *spans,
-            ]
-            times = (f"{row['predict_ms']:.1f}", f"{row['whole_ms']:.1f}")
-            grid.add_row(row["label"], *cells, _points(row["flicker"]["mean"]), *times)
+            errors = [row["errors"][span]["abs_rel"]["mean"] for span in spans]
+            cells = ["-" if error is None else f"{100 * error:.1f}" for error in errors]
+            grid.add_row(row["label"], *cells, f"{row['predict_ms']:.1f}")
     return grid
 
 

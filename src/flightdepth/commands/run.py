@@ -213,7 +213,9 @@ def offset_of(text: str) -> float | Literal["auto"]:
     try:
         return float(text)
     except ValueError:
-        raise BadInput("--telemetry-offset", expected="a number of seconds, or auto", got=repr(text)) from None
+        raise BadInput(
+            "--telemetry-offset", expected="a number of seconds, or auto", got=repr(text)
+        ) from None
 
 
 def source_of(name: str, flight: Flight, network: Network, settings: RunSettings) -> Source:

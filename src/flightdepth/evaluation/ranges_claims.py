@@ -13,6 +13,8 @@ from flightdepth.evaluation.ranges_trials import CLAMPED, CONSTANT, DEPTHNET, FL
 Parts = Mapping[Trial, Sequence[Mapping[str, Any]]]
 
 HOLDS, FAILS, OPEN = "holds", "does not hold", "not decided"
+# With fewer scenes than this even all of them on one side are chance at 95 % (sign test), and a bootstrap says nothing.
+LEAST_SCENES = 6
 
 
 @dataclass(frozen=True)
@@ -83,12 +85,14 @@ def judged(comparison: Comparison, parts: Parts) -> dict[str, Any]:
         "difference": {key: difference[key] for key in ("mean", "low", "high")},
         "scenes": len(both),
         "scenes_better": sum(b < w for b, w in both),
-        "verdict": verdict(difference["low"], difference["high"]),
+        "verdict": verdict(difference["low"], difference["high"], len(both)),
     }
 
 
-def verdict(low: float, high: float) -> str:
-    """From the interval of a difference that should be below 0."""
+def verdict(low: float, high: float, scenes: int) -> str:
+    """From the interval, over some scenes, of a difference that should be below 0."""
+    if scenes < LEAST_SCENES:
+        return OPEN
     if high < 0:
         return HOLDS
     return FAILS if low > 0 else OPEN

@@ -80,6 +80,7 @@ def time_plot(rows: Rows) -> go.Figure:
         line.update(x=[rows[trial]["predict_ms"] for trial in trials], mode="lines+markers+text")
         line.update(text=[f"{trial.ranges}" for trial in trials], textposition="bottom left")
         line.update(marker={"symbol": symbol, "size": 11, "color": COLOURS[method]})
+        line.update(line={"color": COLOURS[method], "dash": "solid" if directed else "dot"})
         line.update(hovertemplate="n = %{text}: %{y:.1f} %<br>%{x:.1f} ms")
         plot.add_trace(line)
     constant = Trial(CONSTANT, 0)

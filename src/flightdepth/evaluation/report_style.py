@@ -50,8 +50,8 @@ tbody tr:hover { background: #f4f8fc; }
 .gallery { display: flex; gap: 12px; align-items: flex-start; }
 .gallery > div { flex: 1; min-width: 0; }
 .pictures { display: flex; flex-wrap: wrap; gap: 10px; margin: 8px 0 20px; }
-figure { margin: 0; width: 144px; }
-figure img { width: 144px; height: 144px; border-radius: 6px; display: block; image-rendering: auto; }
+figure { margin: 0; width: 116px; }
+figure img { width: 116px; height: 116px; border-radius: 6px; display: block; }
 figcaption { font-size: 12px; color: var(--soft); line-height: 1.3; margin-top: 4px; }
 .scale { border-radius: 6px; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: 4px 18px; font-size: 14px; }

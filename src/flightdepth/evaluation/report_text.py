@@ -7,7 +7,7 @@ from html import escape
 from itertools import groupby
 from typing import Any
 
-from flightdepth.evaluation.ranges_claims import FAILS, HOLDS, OPEN
+from flightdepth.evaluation.ranges_claims import FAILS, HOLDS, LEAST_SCENES, OPEN
 from flightdepth.evaluation.ranges_trials import NOISE_RAD
 
 # Title and explanation of each plot, in the order of the page.
@@ -89,9 +89,9 @@ def verdicts(found: Mapping[str, Any]) -> str:
     if not text:
         return ""
     rule = (
-        "<p>A comparison holds when the 95 % interval of the difference of relative errors, paired scene "
-        "by scene, lies below 0; "
-        "it does not hold when the interval lies above. With few scenes such intervals are rough.</p>"
+        "<p>A comparison holds when the 95 % interval of the difference of relative errors, paired scene by "
+        "scene, lies below 0; it does not hold when the interval lies above. With fewer than "
+        f"{LEAST_SCENES} scenes nothing is decided.</p>"
     )
     return rule + text
 

@@ -11,6 +11,7 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
+import torch
 from rich.table import Table
 
 from flightdepth import architectures
@@ -104,7 +105,8 @@ def shipped_row(card: NetworkCard) -> Row:
 
 def parameters(architecture: str, *base_width: int) -> int:
     """Trained numbers of a network; without a width, of the published one."""
-    network = getattr(architectures, architecture)(*base_width)
+    with torch.device("meta"):  # weights without numbers
+        network = getattr(architectures, architecture)(*base_width)
     return sum(parameter.numel() for parameter in network.parameters())
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -16,11 +17,13 @@ from flightdepth.flight.steadiness import MIN_POINTS, NOISE_PX, SMALL_WIDTH, Gre
 from flightdepth.motion import Vector
 
 LEAST_STEP_NS = 30_000_000  # between two pictures; of faster video every second, third, ... is followed
+# Back to which each is followed: over less time a slow turn drowns in the tracking's noise, over more a fast one blurs.
+PAIR_NS = 90_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class ApparentMotion:
-    """Of n pairs of successive pictures; NaN where too few points were followed.
+    """Of n pictures against those a tenth of a second before; NaN where too few points were followed.
 
     stamps_ns  [n]     midway between the two pictures
     turn_rad_s [n, 3]  turn rate, right-down-forward axes of the camera
@@ -37,15 +40,17 @@ def apparent_motion(frames: Iterable[Frame], camera: Camera) -> ApparentMotion:
     height = max(1, round(camera.height * SMALL_WIDTH / camera.width))
     small = camera.resized(SMALL_WIDTH, height)
     stamps, rows = [], []
-    before: tuple[int, Grey] | None = None
+    kept: deque[tuple[int, Grey]] = deque()
     for frame in frames:
-        if before is not None and frame.stamp_ns - before[0] < LEAST_STEP_NS:
+        if kept and frame.stamp_ns - kept[-1][0] < LEAST_STEP_NS:
             continue
-        now = frame.stamp_ns, _small(frame.image, small)
-        if before is not None:
-            stamps.append((before[0] + now[0]) // 2)
-            rows.append(_motion(before[1], now[1], small) * NS_PER_S / (now[0] - before[0]))
-        before = now
+        kept.append((frame.stamp_ns, _small(frame.image, small)))
+        while len(kept) > 2 and frame.stamp_ns - kept[1][0] >= PAIR_NS:
+            kept.popleft()
+        (before_ns, before), (now_ns, now) = kept[0], kept[-1]
+        if len(kept) > 1:
+            stamps.append((before_ns + now_ns) // 2)
+            rows.append(_motion(before, now, small) * NS_PER_S / (now_ns - before_ns))
     table = np.array(rows, dtype=np.float64).reshape(-1, 4)
     return ApparentMotion(np.array(stamps, dtype=np.int64), table[:, :3], table[:, 3])
 

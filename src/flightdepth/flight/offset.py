@@ -27,7 +27,8 @@ OVERLAP_SHARE = 0.5  # of the shorter signal
 LEAST_TURN_RAD_S = 0.02  # deviation over time; less is what tracking makes of a steady camera
 LEAST_SPEED_SHARE = 0.1  # deviation of a speed over its mean
 LEAST_CORRELATION = 0.6
-WORST_RUNNER_UP = 0.85  # of the peak
+WORST_DOUBT = 0.01
+BEST_CORRELATION = 0.98  # more is not believed: the model is not as good as that
 FOOT = 0.7  # of the peak: where another one may begin
 WORST_SIGMA_S = 0.25
 DISAGREEMENT_S = 0.2
@@ -39,7 +40,7 @@ class ClockOffset:
 
     sigma_s      standard deviation of the offset, from the peak's width and height
     correlation  at the peak, -1..1
-    runner_up    highest correlation of any other peak over this one's: near 1 is ambiguous
+    doubt        odds of the next best peak against this one, 0..1: near 1 is ambiguous
     witness      what told it
     reason       why it is not known, empty where it is
     """
@@ -47,7 +48,7 @@ class ClockOffset:
     offset_s: float | None
     sigma_s: float | None
     correlation: float
-    runner_up: float | None
+    doubt: float | None
     witness: Witness
     reason: str = ""
 
@@ -58,11 +59,11 @@ class ClockOffset:
         return abs(self.offset_s - told_s) > max(DISAGREEMENT_S, 4 * self.sigma_s)
 
     def __str__(self) -> str:
-        if self.offset_s is None or self.runner_up is None:
+        if self.offset_s is None or self.doubt is None:
             return f"unknown: {self.reason}"
         return (
             f"{self.offset_s:+.3f} s, give or take {self.sigma_s:.3f} s, by the {self.witness}"
-            f" (correlation {self.correlation:.2f}, next best peak {self.runner_up:.0%} of it)"
+            f" (correlation {self.correlation:.2f}, odds of another offset {self.doubt:.1g})"
         )
 
 
@@ -198,12 +199,18 @@ def _correlations(video: tuple[int, Vector], told: Signal) -> _Curve:
     least = round(max(LEAST_OVERLAP_S / STEP_S, OVERLAP_SHARE * min(len(seen), len(log))))
     lags = np.arange(first - end + least, first + len(seen) - start - least + 1)
     values, samples = np.full(len(lags), np.nan), np.zeros(len(lags), dtype=np.int64)
-    for k, lag in enumerate(lags):
+    whole = _size(seen[np.isfinite(seen).all(axis=1)])
+    for k, lag in enumerate(lags.tolist()):
         low, high = max(first, start + lag), min(first + len(seen), end + lag)
         a, b = seen[low - first : high - first], log[low - lag - start : high - lag - start]
         both = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
         if np.count_nonzero(both) >= least:
-            values[k], samples[k] = _correlation(a[both], b[both], axes=told.axes), np.count_nonzero(both)
+            # A fit with a small part of what the video shows says less than one with all of it.
+            share = min(_size(a[both]) / whole, 1.0)
+            values[k], samples[k] = (
+                share * _correlation(a[both], b[both], axes=told.axes),
+                np.count_nonzero(both),
+            )
     return _Curve(lags, values, samples)
 
 
@@ -217,6 +224,11 @@ def _correlation(a: Vector, b: Vector, *, axes: bool) -> float:
     return float((np.trace(product) if axes else np.linalg.norm(product, "nuc")) / size)
 
 
+def _size(values: Vector) -> float:
+    """Length of a signal [n, c] without its mean."""
+    return float(np.linalg.norm(values - values.mean(axis=0)))
+
+
 def _judged(witness: Witness, curve: _Curve, video: Vector) -> ClockOffset:
     """The peak between its steps, and whether it can be believed."""
     values = np.where(np.isfinite(curve.values), curve.values, -1.0)
@@ -227,16 +239,21 @@ def _judged(witness: Witness, curve: _Curve, video: Vector) -> ClockOffset:
     before, after = values[top - 1], values[top + 1]
     bend = max(2 * peak - before - after, 1e-12)
     offset_s = (curve.lags[top] + (after - before) / 2 / bend) * STEP_S
-    runner_up = _runner_up(values, top) / peak
     # A correlation c that bends by c'' is off by sqrt((1 - c^2) / (n c'')), n the independent samples.
     independent = max(curve.samples[top] * STEP_S / _memory_s(video), 1.0)
-    sigma_s = float(np.sqrt(max(1 - peak**2, 1e-6) / (independent * bend / STEP_S**2)))
+    sigma_s = float(np.sqrt(_unexplained(peak) / (independent * bend / STEP_S**2)))
+    doubt = float((_unexplained(peak) / _unexplained(_runner_up(values, top))) ** (independent / 2))
     reason = ""
-    if runner_up > WORST_RUNNER_UP:
-        reason = f"another offset fits {runner_up:.0%} as well"
+    if doubt > WORST_DOUBT:
+        reason = f"another offset fits nearly as well (odds {doubt:.2g})"
     elif sigma_s > WORST_SIGMA_S:
         reason = f"the peak is too wide ({sigma_s:.2f} s)"
-    return ClockOffset(None if reason else float(offset_s), sigma_s, peak, runner_up, witness, reason)
+    return ClockOffset(None if reason else float(offset_s), sigma_s, peak, doubt, witness, reason)
+
+
+def _unexplained(correlation: float) -> float:
+    """The share of a signal's variance that a fit leaves: the likelihood of n samples goes with its power -n / 2."""
+    return 1 - min(correlation, BEST_CORRELATION) ** 2
 
 
 def _runner_up(values: Vector, top: int) -> float:

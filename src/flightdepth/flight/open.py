@@ -169,9 +169,8 @@ def open_flight(
         clock = None
         if log is not None and telemetry_offset_s == AUTO:
             log, clock = synchronised(video, chosen.camera, log)
-        return Flight(
-            video, chosen, log, speed_m_s or 0.0, clock, clock_warnings(clock, inside=telemetry is None)
-        )
+        told = clock_warnings(clock, inside=telemetry is None)
+        return Flight(video, chosen, log, speed_m_s or 0.0, clock=clock, clock_warnings=told)
     except BaseException:
         video.close()
         raise

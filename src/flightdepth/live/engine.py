@@ -16,7 +16,7 @@ from typing import Protocol
 
 from flightdepth.errors import BadInput
 from flightdepth.live.depth_stage import DepthStage, Staged
-from flightdepth.live.health import HealthMonitor
+from flightdepth.live.health import HealthMonitor, Limits
 from flightdepth.live.meters import Ages, Rate
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.live.range_control import RangeControl
@@ -60,11 +60,13 @@ class Parts:
 class LiveEngine:
     """Runs from `__enter__` to `__exit__`; `run` is the estimator's loop. `status` may be asked by any thread."""
 
-    def __init__(self, parts: Parts, *, say: Callable[[str], None] = lambda text: None) -> None:
+    def __init__(
+        self, parts: Parts, *, say: Callable[[str], None] = lambda text: None, limits: Limits | None = None
+    ) -> None:
         self._stage, self._store, self._parts, self._say = parts.stage, parts.store, parts, say
         self._lock = threading.Lock()
         self._start_ns = time.monotonic_ns()
-        self._monitor = HealthMonitor(self._start_ns)
+        self._monitor = HealthMonitor(self._start_ns, limits)
         self._control = RangeControl(parts.stage.ranges)
         self._pictures, self._results, self._ages = Rate(), Rate(), Ages()
         self._used = 0

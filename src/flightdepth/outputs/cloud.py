@@ -96,11 +96,10 @@ def placed(folder: FlightFolder) -> dict[int, FramePose]:
     """Poses with an attitude, of the segment that holds most of them."""
     known = [pose for pose in folder.poses.values() if pose.attitude != "unknown"]
     if not known:
-        why = "no frame with known position and attitude" if folder.poses else "no poses.csv"
         raise BadInput(
             f"poses of {folder.folder}",
             expected="places where the camera was",
-            got=why,
+            got="no frame with known position and attitude",
             mend="Give `flightdepth run` a log with the camera's attitude, or a network that knows directions.",
         )
     segments = [pose.segment for pose in known]
@@ -149,7 +148,7 @@ def off_edges(depth_m: Map) -> NDArray[np.bool_]:
     known = np.isfinite(depth_m)
     farthest = cv2.dilate(np.where(known, depth_m, np.float32(0)), window)
     nearest = cv2.erode(np.where(known, depth_m, np.float32(np.inf)), window)
-    return np.asarray(known & (farthest <= EDGE_RATIO * nearest))
+    return np.asarray(known & (farthest / np.float32(EDGE_RATIO) <= nearest))
 
 
 def agreed(points_ned: Vector, others: list[View], camera: Camera) -> tuple[NDArray[np.bool_], Vector]:

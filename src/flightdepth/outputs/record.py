@@ -31,7 +31,9 @@ class Source(BaseModel):
     telemetry: str = Field(description="where the velocity comes from")
     camera: Camera
     camera_source: str = Field(default="", description="where the camera comes from, and how sure it is")
-    clock: ClockOffset | None = Field(default=None, description="offset between video and log, where estimated")
+    clock: ClockOffset | None = Field(
+        default=None, description="offset between video and log, where estimated"
+    )
     network: NetworkCard
     settings: dict[str, bool | int | float | str | None] = Field(default_factory=dict)
 

@@ -39,6 +39,8 @@ NEAREST_TO_FOCUS = (
 )
 # Neighbouring tracks err together: measured errors are this many times those of independent points.
 TOGETHER = 2.5
+# Beyond these nothing small is left to mend: the log or the tracks are of something else.
+MOST_SIGMAS, MOST_RAD = 4.0, np.radians(5)
 # Squared deviations (chi^2 of 3 and of 2 parameters, 95 %) from which on an error is taken out.
 CLEAR_ROTATION, CLEAR_DIRECTION = 7.8, 6.0
 
@@ -70,6 +72,11 @@ class Remainder:
         """Whether the direction's error does."""
         return _squares(self.off, self.covariance[3:, 3:]) > CLEAR_DIRECTION
 
+    def is_small(self, direction_sigma_rad: float) -> bool:
+        """Whether it can be what a log and a gimbal leave."""
+        near = float(np.linalg.norm(self.off)) < MOST_SIGMAS * direction_sigma_rad
+        return near and float(np.linalg.norm(self.rotation)) < MOST_RAD
+
 
 class Derotation:
     """Takes out of each pair what its two pictures show of unreported motion."""
@@ -89,7 +96,7 @@ class Derotation:
             return pair
         sigma_rad = LOG_SIGMA_RAD if pair.directed else SEEN_SIGMA_RAD
         left = remainder(now, before, direction, self._camera.fx, direction_sigma_rad=sigma_rad)
-        if left is None:
+        if left is None or not left.is_small(sigma_rad):
             return pair
         pair = turned_by(pair, left.rotation) if left.turns else pair
         wrong = known and left.heads_elsewhere
@@ -111,7 +118,7 @@ class Derotation:
 def derotated(previous: Image, current: Image, displacement: Vector, camera: Camera) -> tuple[Image, Vector]:
     """One pair of an ideal pinhole with the clear errors of its motion taken out: `previous` and displacement (3,)."""
     left = remainder(*tracked_rays(previous, current, camera), displacement, camera.fx)
-    if left is None:
+    if left is None or not left.is_small(LOG_SIGMA_RAD):
         return previous, displacement
     if left.turns:
         previous = turned(previous, np.asarray(cv2.Rodrigues(left.rotation)[0]), camera)
@@ -144,7 +151,7 @@ def remainder(
         seen = before @ cv2.Rodrigues(state[:3])[0].T
         seen = seen / seen[:, 2:]
         matrix, side = _normal_equations(now, seen, unit, aside, focal_px)
-        covariance = np.linalg.inv(matrix + np.diag(prior))
+        covariance: Vector = np.linalg.inv(matrix + np.diag(prior)).astype(np.float64)
         step = covariance @ (side - prior * state)
         state = state + step
         if np.abs(step).max() < CLOSE_ENOUGH_RAD:

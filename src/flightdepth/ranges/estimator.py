@@ -215,7 +215,7 @@ class MultiRangeEstimator:
             except OutOfMemory as error:
                 if len(pairs) > 1:
                     pairs = pairs[:-1]
-                    self._give_up(error, len(pairs), f"{len(pairs)} frame pairs at a time")
+                    self._give_up(error, len(pairs), f"at most {len(pairs)} of a frame's pairs")
                 elif isinstance(self._network, Movable) and self._network.move_to_cpu():
                     self._give_up(error, MAX_RANGES + 1, "on the CPU")
                 else:

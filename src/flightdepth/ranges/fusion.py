@@ -130,7 +130,7 @@ def fuse(
     w = np.where(said.measured, trust, np.float32(0))
     total = w.sum(axis=0)
     unknown = total == 0
-    share = w / np.where(unknown, np.float32(1), total)
+    share = np.asarray(w / np.where(unknown, np.float32(1), total), dtype=np.float32)
     depth = _mean(share, np.where(said.measured, depths_m, np.float32(0)), unknown)
     sigma = (
         None if sigma_m is None else _mean(share, np.where(said.measured, sigma_m, np.float32(0)), unknown)

@@ -17,7 +17,7 @@ HANGS_NS = 300_000_000
 
 
 class Repeats:
-    """Tells new pictures from repeated ones; give it every picture, in the order of time."""
+    """Tells new pictures from repeated ones; give it every picture, in the order of time. One of another size is new."""
 
     def __init__(self) -> None:
         self._image: Image | None = None
@@ -34,8 +34,9 @@ class Repeats:
         return self._shown_ns
 
     def add(self, stamp_ns: int, image: Image) -> None:
-        """Compare a picture, uint8 [H, W, 3] of one size, with the one before."""
-        same = self._image is not None and difference(self._image, image) < SAME_LEVELS
+        """Compare a picture, uint8 [H, W, 3], with the one before."""
+        before = self._image
+        same = before is not None and before.shape == image.shape and difference(before, image) < SAME_LEVELS
         hangs = self.repeated and stamp_ns - self._shown_ns >= HANGS_NS
         refreshed = hangs and not same and not self._changed_once
         self._changed_once = refreshed

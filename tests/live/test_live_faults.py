@@ -1,0 +1,81 @@
+"""Faults that need a machine of their own to show: a slow estimator, lost packets, Ctrl-C, no camera at all."""
+
+import signal
+import subprocess
+import time
+
+import pytest
+from live_peers import SAMPLE, Autopilot, RtspServer, encode, free_port, live_command, until
+from live_runs import running
+
+from flightdepth.flight.decoding import BUILT_ON_DAMAGE
+from flightdepth.flight.telemetry import read_telemetry
+from flightdepth.live.status import State
+from flightdepth.live.video_input import NOT_TAKEN
+from flightdepth.runtimes.network import load_network
+
+
+@pytest.fixture
+def network(save_difference_network):
+    return load_network(save_difference_network(), device="cpu", threads=1)
+
+
+class Slowed:
+    """A network that takes its time: 60 ms for each pair."""
+
+    def __init__(self, network):
+        self._network = network
+
+    def __getattr__(self, name):
+        return getattr(self._network, name)
+
+    def predict(self, previous_n, *arguments):
+        time.sleep(0.06 * len(previous_n))
+        return self._network.predict(previous_n, *arguments)
+
+
+def test_a_slow_estimator_gives_up_ranges_and_drops_pictures_but_does_not_fall_behind(network, tmp_path):
+    clip = encode(tmp_path / "flight.mp4", seconds=12)
+    log = read_telemetry(SAMPLE / "telemetry.csv")
+    with running(Slowed(network), str(clip), telemetry=log, ranges=4) as run:
+        until(lambda: run.engine.status().ranges == 1)
+        until(lambda: run.engine.status().frames.dropped.get(NOT_TAKEN, 0) > 5)
+        status = run.engine.status()
+    assert status.age_ms < 1500  # it would be many seconds if pictures queued
+    assert status.frames.used < status.frames.received
+
+
+def stopped(process):
+    """What a process says after Ctrl-C, and its exit code."""
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    return out, err, process.returncode
+
+
+def test_ctrl_c_ends_a_run_that_finds_no_camera(save_difference_network):
+    arguments = ["--video", f"rtsp://127.0.0.1:{free_port()}/none", "--hfov", "80", "--network"]
+    command = live_command(
+        *arguments, str(save_difference_network()), "--mavlink", f"udpin:127.0.0.1:{free_port()}"
+    )
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert "LOST" in process.stdout.readline()
+        out, err, code = stopped(process)
+    assert code == 0
+    assert "0 of 0 pictures used" in out
+    assert "Connection refused" in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.slow
+def test_lost_packets_give_fewer_pictures_and_no_damaged_ones(network, tmp_path):
+    clip, port = encode(tmp_path / "flight.mp4", size=(320, 180), seconds=60), free_port()
+    with (
+        RtspServer(clip, "--loss", "0.03") as server,
+        Autopilot(port),
+        running(network, server.url.replace("rtsp", "rtsp+udp"), port=port) as run,
+    ):
+        until(lambda: len(run.results) > 20, 60)
+        until(
+            lambda: sum(run.engine.status().frames.dropped.get(why, 0) for why in (BUILT_ON_DAMAGE,)) > 5, 60
+        )
+        run.until(State.OK, within_s=60)
