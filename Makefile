@@ -8,7 +8,7 @@
 
 PYTHON ?= python3
 TORCH_INDEX ?=
-EXTRAS := test,train,ort,cluster,px4,ardupilot,ros,report,view,clouds,browser
+EXTRAS := test,train,ort,cluster,px4,ardupilot,ros,report,view,clouds,browser,live
 
 BIN := .venv/bin
 DEMO_BIN := .venv-demo/bin

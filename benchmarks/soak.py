@@ -31,6 +31,7 @@ SAMPLE = Path(sys.modules["flightdepth"].__file__ or "").parent / "sample"
 PASS_NS = 13_000_000_000  # from one beginning of the sample to the next: nothing is integrated across the cut
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 FLAT_MIB_AN_HOUR = 20.0
+WARM_UP = 300  # frames: the buffer holds those of four seconds
 
 
 def resident_mib() -> float:
@@ -71,17 +72,19 @@ def soak(network: Network, minutes: float, every_s: float) -> tuple[list[tuple[f
     camera = flight.camera
     estimator = MultiRangeEstimator(network, camera)
     source = Source(flight="sample", telemetry="sample", camera=camera, network=network.card)
-    taken: list[tuple[float, float]] = []
-    began = time.monotonic()
+    taken: list[tuple[float, float]] = []  # once the buffer of frames is full and all sizes are compiled
+    began = next_look = time.monotonic()
     preview = Preview(camera.width, camera.height)
     with TemporaryDirectory() as folder, FlightWriter(Path(folder) / "out", source, preview) as writer:
         for frames, (frame, result) in enumerate(depths(flight, estimator), start=1):  # type: ignore[arg-type]
             writer.add(frame, result)
             throw_away(Path(folder), frame.index)
-            if time.monotonic() - began >= every_s * (len(taken) + 1):
+            if time.monotonic() >= next_look:
+                next_look = time.monotonic() + every_s
                 gc.collect()
-                taken.append((time.monotonic() - began, resident_mib()))
-                print(f"{taken[-1][0]:7.0f} s {frames:7d} frames {taken[-1][1]:9.1f} MiB", flush=True)
+                look = time.monotonic() - began, resident_mib()
+                print(f"{look[0]:7.0f} s {frames:7d} frames {look[1]:9.1f} MiB", flush=True)
+                taken += [look] if frames > WARM_UP else []
     return taken, frames
 
 
@@ -91,9 +94,9 @@ def throw_away(folder: Path, index: int) -> None:
         path.unlink()
 
 
-def slope(taken: list[tuple[float, float]], warm_up_s: float) -> tuple[float, float]:
-    """MiB an hour after `warm_up_s`, and its standard error."""
-    seconds, mib = np.array([each for each in taken if each[0] >= warm_up_s]).T
+def slope(taken: list[tuple[float, float]]) -> tuple[float, float]:
+    """MiB an hour, and its standard error."""
+    seconds, mib = np.array(taken).T
     hours = seconds / 3600
     (per_hour, _), covariance = np.polyfit(hours, mib, 1, cov=True)
     return float(per_hour), float(np.sqrt(covariance[0, 0]))
@@ -108,7 +111,9 @@ def main() -> None:
     arguments = parser.parse_args()
     network = load_network(arguments.network)
     taken, frames = soak(network, arguments.minutes, arguments.every)
-    per_hour, error = slope(taken, warm_up_s=min(60.0, 20 * arguments.minutes))
+    if len(taken) < 4:
+        raise SystemExit(f"{frames} frames are too few: {WARM_UP} are warm-up; give more --minutes")
+    per_hour, error = slope(taken)
     per_frame = per_hour * 2**20 / max(1, frames / (taken[-1][0] / 3600))
     print(f"{network.card.name}, {network.runtime.description}, {platform.machine()}")
     print(f"{frames} frames in {taken[-1][0]:.0f} s, {taken[0][1]:.0f} to {taken[-1][1]:.0f} MiB")

@@ -11,8 +11,8 @@ from typing import Annotated
 import typer
 
 from flightdepth import __version__
-from flightdepth.commands.convert import convert
 from flightdepth.commands.cameras import cameras
+from flightdepth.commands.convert import convert
 from flightdepth.commands.demo import demo
 from flightdepth.commands.evaluate import evaluate
 from flightdepth.commands.export import export

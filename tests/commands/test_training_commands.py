@@ -146,7 +146,7 @@ def test_photos_are_counted(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["train", "nothing"], "recipe: expected a .toml file or one of depthnet-256"),
+        (["train", "nothing"], "recipe: expected a .toml file or one of clamped-256, depthnet-256"),
         (["train", "small.toml", "--textures", "nowhere"], "--textures: expected a folder of images"),
         (["train", "small.toml", "--procedural", "0"], "--procedural: expected at least 1"),
         (["export", "nowhere"], "checkpoint nowhere"),

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from functools import partial
 from pathlib import Path
 
@@ -171,6 +172,23 @@ def test_the_second_time_nothing_is_trained_or_measured_again(world, capsys):
     assert len(before) == len(paper.ROWS)
     assert cli.main([*COMMAND, "--train", "--samples", "8"]) == 0
     assert {path: path.stat().st_mtime_ns for path in before} == before
+
+
+@pytest.mark.slow
+def test_every_command_of_the_page_runs(world, capsys):
+    """After the whole table was trained with other numbers: another folder."""
+    text = (Path(__file__).parents[2] / "docs" / "table.md").read_text(encoding="utf-8")
+    commands = [
+        shlex.split(line)[1:]
+        for block in re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
+        for line in block.splitlines()
+    ]
+    Path("networks").mkdir()
+    for command in commands:
+        small = ["8" if word == "20000" else word for word in command] + ["--scenes", "1"]
+        made = ["--procedural", "2"] if "table" in command else []
+        assert cli.main([*small, *made]) == 0, capsys.readouterr().err
+    assert {path.name for path in Path("networks").iterdir()} == {"depthnet-256.md", "depthnet-256.jpg"}
 
 
 def test_a_run_in_the_folder_fills_its_row(world, capsys):

@@ -191,7 +191,7 @@ def test_fault_19_a_training_killed_at_a_random_moment_goes_on_to_the_same_weigh
         assert (work / "killed/small" / name).read_bytes() == (work / "whole/small" / name).read_bytes()
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.99])
+@pytest.mark.parametrize("share", [0.3, 0.99])
 def test_fault_19_half_a_checkpoint_is_refused(tmp_path, share):
     torch = pytest.importorskip("torch")
     from safetensors.torch import save

@@ -83,7 +83,7 @@ def growth_bytes(network, frames):
 
     Ten pictures a second, so that the buffer is full after forty.
     """
-    estimator, half = MultiRangeEstimator(network, Camera.from_fov(64, 64, 90)), []
+    estimator, half = MultiRangeEstimator(network, Camera.from_fov(64, 64, 90), derotate=False), []
     pictures = [view(2 * phase, 64, 64) for phase in range(40)]
     tracemalloc.start()
     try:

@@ -80,6 +80,7 @@ def test_rtsp_and_an_autopilot_and_the_server_killed_and_restarted(network, clip
         assert not any("127.0.0.1" in text for text in run.said if text.startswith("video"))
 
 
+@pytest.mark.slow
 def test_the_senders_clock_is_used_where_it_is_trusted(network, clip):
     port = free_port()
     with (
@@ -91,6 +92,7 @@ def test_the_senders_clock_is_used_where_it_is_trusted(network, clip):
         assert 0 <= run.engine.status().age_ms < 2000
 
 
+@pytest.mark.slow
 def test_mpeg_ts_over_udp_and_another_size(network, clip, tmp_path):
     video, port = free_port(), free_port()
     other = encode(tmp_path / "other.mp4", size=(128, 96), seconds=10)
@@ -103,6 +105,7 @@ def test_mpeg_ts_over_udp_and_another_size(network, clip, tmp_path):
     assert run.results[-1].depth.depth_m.shape == (96, 128)
 
 
+@pytest.mark.slow
 def test_telemetry_stops_and_the_autopilot_reboots(network, clip):
     port = free_port()
     with (
@@ -122,6 +125,7 @@ def test_telemetry_stops_and_the_autopilot_reboots(network, clip):
         assert abs(run.results[-1].boot_ns) < 60e9
 
 
+@pytest.mark.slow
 def test_a_sink_that_fails_and_one_that_hangs_stop_nothing(network, clip):
     hold = threading.Event()
 

@@ -16,7 +16,7 @@ from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.training import learner, loop
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.export import deployed, to_onnx
-from flightdepth.training.learner import Learner
+from flightdepth.training.learner import Learner, mixed_precision
 from flightdepth.training.loop import train
 from flightdepth.training.pictures import normalised
 from flightdepth.training.run_folder import read_trained
@@ -261,9 +261,10 @@ def seen_by_layers():
     return seen[0]
 
 
-def test_layers_compute_in_bf16(seen_by_layers):
+def test_layers_compute_in_what_the_machine_is_fastest_in(seen_by_layers):
     layer, given, out = seen_by_layers
-    assert (given.dtype, out.dtype, layer.weight.dtype) == (torch.bfloat16, torch.bfloat16, torch.float32)
+    computed = {"bf16": torch.bfloat16, "no": torch.float32}[mixed_precision()]
+    assert (given.dtype, out.dtype, layer.weight.dtype) == (computed, computed, torch.float32)
 
 
 def test_layers_keep_channels_last(seen_by_layers):

@@ -140,8 +140,13 @@ def written_by(card: NetworkCard, result: Mapping[str, Any]) -> str:
     """Where the figures come from."""
     return (
         f"Written by `flightdepth evaluate network {card.name} --report DIR`: {result['runtime']},"
-        f" weights {result['weights_sha256'][:16]}, commit {result['commit'] or 'unknown'}, seed {result['seed']}."
+        f" weights {result['weights_sha256'][:16]}, commit {short(result['commit'])}, seed {result['seed']}."
     )
+
+
+def short(commit: str | None) -> str:
+    """A commit as people write it, with a mark where files differ from it."""
+    return "unknown" if commit is None else commit[:12] + ("+changes" if "+" in commit else "")
 
 
 def markdown(headings: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

@@ -35,15 +35,20 @@ class SoundPictures:
         self._waiting = True  # for a key frame
         self._damaged = False  # since the last picture given
         self._damage_pts: int | None = None
-        if stream.codec_context is not None and stream.codec_context.name in STOP_AT_DAMAGE:
-            stream.codec_context.options = {"err_detect": "explode"}
+        self._ahead_pts: int | None = None  # of a damaged packet whose picture is still in the decoder
+        decoder = stream.codec_context
+        self._leaning = False  # whether pictures lean on others: not where each packet is a key frame
+        self._hold = REORDERED if decoder is None or decoder.codec.reorder else 0
+        if decoder is not None and decoder.name in STOP_AT_DAMAGE:
+            decoder.options = {"err_detect": "explode"}
 
     def __iter__(self) -> Iterator[tuple[Any, bool]]:
         read = given = 0
         for packet in self._packets():
             read += packet.size > 0
+            self._leaning |= packet.size > 0 and not packet.is_keyframe
             if packet.is_corrupt:
-                self._damage(packet.pts)
+                self._ahead_pts = packet.pts if self._ahead_pts is None else self._ahead_pts
             try:
                 pictures = packet.decode()
             except FFmpegError:
@@ -58,17 +63,18 @@ class SoundPictures:
             self._count_lost(read, given)
 
     def _judged(self, picture: Any) -> Iterator[tuple[Any, bool]]:
+        if None not in (self._ahead_pts, picture.pts) and picture.pts >= self._ahead_pts:
+            self._damage_shown(self._ahead_pts)
+            self._ahead_pts = None
         if picture.is_corrupt:
             self._counts["damaged frames"] += 1
-            self._counts[BUILT_ON_DAMAGE] += len(self._held)
-            self._held.clear()
-            self._damage(picture.pts)
+            self._damage_shown(picture.pts)
         elif self._waiting and not self._begins_afresh(picture):
             self._counts[BUILT_ON_DAMAGE if self._damaged else NO_KEY_FRAME_YET] += 1
         else:
             self._held.append((picture, self._damaged))
             self._waiting = self._damaged = False
-        while len(self._held) > REORDERED:
+        while len(self._held) > self._hold:
             yield self._held.popleft()
 
     def _begins_afresh(self, picture: Any) -> bool:
@@ -76,8 +82,15 @@ class SoundPictures:
         later = self._damage_pts is None or picture.pts is None or picture.pts > self._damage_pts
         return bool(picture.key_frame) and later
 
+    def _damage_shown(self, pts: int | None) -> None:
+        """Damage in the order of display: what is held back may be built on it."""
+        if self._held:
+            self._counts[BUILT_ON_DAMAGE] += len(self._held)
+            self._held.clear()
+        self._damage(pts)
+
     def _damage(self, pts: int | None) -> None:
-        self._waiting = self._damaged = True
+        self._damaged, self._waiting = True, self._leaning
         if pts is not None:
             self._damage_pts = pts if self._damage_pts is None else max(self._damage_pts, pts)
 

@@ -133,11 +133,11 @@ class HealthMonitor:
             (velocity_ns is None, NO_TELEMETRY),
             (late_ns > limits.late_ns, f"{LATE}: no velocity for {late_ns / NS_PER_S:.1f} s"),
             (now_ns - self._depth_ns > limits.no_depth_ns, self._no_depth),
-            (self._age_ms > limits.old_ms, f"{OLD}: {self._age_ms:.0f} ms"),
             (
                 0 < results_hz < min(limits.slow_hz, pictures_hz / 2),
                 f"{SLOW}: {results_hz:.1f} results a second of {pictures_hz:.0f} pictures",
             ),
+            (self._age_ms > limits.old_ms, f"{OLD}: {self._age_ms:.0f} ms"),
         )
         return next((reason for counts, reason in troubles if counts and reason is not None), None)
 

@@ -71,7 +71,8 @@ class MultiRangeEstimator:
         self._derotate = derotate
         self._look_through(self._grid.camera)
         self._repeats = Repeats()
-        self._most_pairs = MAX_RANGES + 1  # and one scout; fewer once the network's device has no memory for them
+        # And one scout; fewer once the network's device has no memory for them.
+        self._most_pairs = MAX_RANGES + 1
         self._asked = ranges
         self._memory_notes: tuple[str, ...] = ()
         self._buffer = FrameBuffer(buffer_s)

@@ -23,7 +23,7 @@ LARGEST_RETURN_PX = 0.25  # a track that does not come back to within this is lo
 
 
 class Tracker:
-    """Tracks of pairs that share their current picture, of an ideal pinhole; 1.5 ms, and 1.5 a pair at 256 px."""
+    """Tracks of pairs that share their current picture, of an ideal pinhole; 1.3 ms, and 3.5 a pair at 256 px."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
