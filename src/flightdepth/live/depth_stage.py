@@ -19,6 +19,7 @@ from flightdepth.flight.steadiness import MAX_TURN_RAD, PAIR_NS, Steadiness
 from flightdepth.live.health import FROZEN
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.ranges.estimator import MultiRangeEstimator
+from flightdepth.ranges.repeats import Repeats
 from flightdepth.ranges.result import RangedDepth
 from flightdepth.runtimes.network import Network
 
@@ -77,8 +78,7 @@ class DepthStage:
         self._network, self._lens, self._store, self._fixed = network, lens, store, fixed
         self._ranges = self._most = ranges
         self._camera: Camera | None = None
-        self._last: Image | None = None
-        self._changed_ns = 0
+        self._repeats = Repeats()
         self._newest_ns = 0
 
     @property
@@ -103,7 +103,7 @@ class DepthStage:
         assert self._camera is not None
         self._newest_ns = stamp_ns
         changed = self._is_new(stamp_ns, image)
-        if not changed and stamp_ns - self._changed_ns < FROZEN_NS:
+        if not changed and stamp_ns - self._repeats.shown_ns < FROZEN_NS:
             self.counts["the same picture again"] += 1
             return None
         self._feed_motion()
@@ -117,16 +117,12 @@ class DepthStage:
         grid = self._network.grid(camera)
         self._network.warm_up(grid.camera, self._most + 1)  # one more for a scout
         self._estimator = MultiRangeEstimator(self._network, camera, ranges=self._ranges)
-        self._steadiness = Steadiness(camera)
-        self._camera, self._last = camera, None
+        self._steadiness = Steadiness(camera, max_turn_rad=self._estimator.max_turn_rad)
+        self._camera = camera
 
     def _is_new(self, stamp_ns: int, image: Image) -> bool:
-        seen = image[::LOOKED_AT, ::LOOKED_AT].copy()
-        new = self._last is None or not np.array_equal(seen, self._last)
-        self._last = seen
-        if new:
-            self._changed_ns = stamp_ns
-        return new
+        self._repeats.add(stamp_ns, image[::LOOKED_AT, ::LOOKED_AT].copy())
+        return not self._repeats.repeated
 
     def _feed_motion(self) -> None:
         for sample in self._store.take_new():

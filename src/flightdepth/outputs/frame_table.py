@@ -61,20 +61,22 @@ def csv_bytes(rows: Sequence[FrameRow]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
-    for row in rows:
-        writer.writerow(
-            [
-                row.index,
-                row.stamp_ns,
-                " ".join(map(str, row.shifts)),
-                " ".join(f"{length:.4f}" for length in row.displacements_m),
-                " ".join(f"{depth:.3f}" for depth in row.centroids_m),
-                f"{row.valid_fraction:.4f}",
-                f"{row.latency_ms:.2f}",
-                row.reason,
-            ]
-        )
+    writer.writerows(map(cells_of, rows))
     return text.getvalue().encode()
+
+
+def cells_of(row: FrameRow) -> list[object]:
+    """What stands in the table for one frame."""
+    return [
+        row.index,
+        row.stamp_ns,
+        " ".join(map(str, row.shifts)),
+        " ".join(f"{length:.4f}" for length in row.displacements_m),
+        " ".join(f"{depth:.3f}" for depth in row.centroids_m),
+        f"{row.valid_fraction:.4f}",
+        f"{row.latency_ms:.2f}",
+        row.reason,
+    ]
 
 
 def rows_from_csv(text: str) -> list[FrameRow]:

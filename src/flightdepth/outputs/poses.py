@@ -123,12 +123,16 @@ def csv_of_poses(poses: Iterable[FramePose]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
-    for pose in poses:
-        known = pose.attitude != "unknown"
-        position = [f"{metres:.4f}" for metres in pose.position_ned]
-        quaternion = [f"{part:.9f}" if known else "" for part in pose.world_from_camera]
-        writer.writerow([pose.index, pose.stamp_ns, pose.segment, *position, *quaternion, pose.attitude])
+    writer.writerows(map(pose_cells, poses))
     return text.getvalue().encode()
+
+
+def pose_cells(pose: FramePose) -> list[object]:
+    """What stands in the table for one frame."""
+    known = pose.attitude != "unknown"
+    position = [f"{metres:.4f}" for metres in pose.position_ned]
+    quaternion = [f"{part:.9f}" if known else "" for part in pose.world_from_camera]
+    return [pose.index, pose.stamp_ns, pose.segment, *position, *quaternion, pose.attitude]
 
 
 def poses_from_csv(text: str) -> dict[int, FramePose]:

@@ -25,10 +25,12 @@ from flightdepth.outputs.encoding import (
     rounded_centimetres,
 )
 from flightdepth.outputs.film import Film
-from flightdepth.outputs.frame_table import FrameRow, csv_bytes
-from flightdepth.outputs.poses import FramePose, csv_of_poses
+from flightdepth.outputs.frame_table import COLUMNS, FrameRow, cells_of, rows_from_csv
+from flightdepth.outputs.poses import COLUMNS as POSE_COLUMNS
+from flightdepth.outputs.poses import FramePose, pose_cells
 from flightdepth.outputs.preview import Preview
 from flightdepth.outputs.record import Counts, DepthFormat, DepthScaleNote, FlightRecord, Source, Summary
+from flightdepth.outputs.table_file import TableFile
 from flightdepth.ranges.result import RangedDepth
 
 DEPTH, CONFIDENCE, SIGMA = "depth", "confidence", "sigma"
@@ -61,8 +63,6 @@ class FlightWriter:
     ) -> None:
         refuse_foreign_folder(target)
         self._target, self._source, self._preview, self._format = target, source, preview, depth_format
-        self._rows: list[FrameRow] = []
-        self._poses: list[FramePose] = []
         self._notes: dict[str, None] = {}  # a set in order
         self._dropped: dict[str, int] = {}
         self._saturated_pixels = 0
@@ -73,6 +73,8 @@ class FlightWriter:
             for name in (DEPTH, CONFIDENCE):
                 (self._folder / name).mkdir()
             self._film = Film(self._folder / PREVIEW, *self._preview.size)
+            self._rows = TableFile(self._folder / TABLE, COLUMNS)
+            self._poses = TableFile(self._folder / POSES, POSE_COLUMNS)
             self._threads = (
                 Background(self._write_maps, name="depth files"),
                 Background(self._write_picture, name="preview"),
@@ -95,13 +97,14 @@ class FlightWriter:
 
     @property
     def summary(self) -> Summary:
-        """Figures of what was added so far."""
-        return Summary.of(self._rows, self._counts(), tuple(self._notes))
+        """Figures of the whole flight, once it is written."""
+        return self._summary
 
     def add(self, frame: Frame, result: RangedDepth, pose: FramePose | None = None) -> None:
         """Write one frame; its arrays must not change afterwards."""
-        self._rows.append(FrameRow.of(frame, result))
-        self._poses += [] if pose is None else [pose]
+        self._rows.add(cells_of(FrameRow.of(frame, result)))
+        if pose is not None:
+            self._poses.add(pose_cells(pose))
         self._notes.update(dict.fromkeys(result.notes))
         for thread in self._threads:
             thread.put(Item(frame, result))
@@ -136,13 +139,16 @@ class FlightWriter:
         for thread in self._threads:
             thread.finish()
         self._film.close()
-        write_atomic(self._folder / TABLE, csv_bytes(self._rows))
-        write_atomic(self._folder / POSES, csv_of_poses(self._poses))
+        self._rows.finish()
+        self._poses.finish()
+        rows = rows_from_csv((self._folder / TABLE).read_text(encoding="utf-8"))
+        counts = Counts.of(rows, self._dropped, self._saturated_pixels)
+        self._summary = Summary.of(rows, counts, tuple(self._notes))
         record = FlightRecord(
             flightdepth=version("flightdepth"),
             source=self._source,
             depth=DepthScaleNote(format=self._format),
-            counts=self._counts(),
+            counts=counts,
             notes=tuple(self._notes),
         )
         write_atomic(self._folder / RECORD, (record.model_dump_json(indent=2) + "\n").encode())
@@ -150,10 +156,9 @@ class FlightWriter:
     def _abandon(self) -> None:
         for thread in self._threads:
             thread.abandon()
-        self._film.abandon()
-
-    def _counts(self) -> Counts:
-        return Counts.of(self._rows, self._dropped, self._saturated_pixels)
+        self._rows.abandon()
+        self._poses.abandon()
+        self._film.abandon()  # the last: on a full disk it fails once more
 
 
 def npz(**maps: Map) -> bytes:

@@ -2,8 +2,8 @@
 
 A static point on the rays x1 (now) and x2 (before) obeys d . (x1 x R x2) = 0 with d the displacement and R the
 rotation that no log reported (Hartley and Zisserman, 9.6). For a small one, R x2 = x2 + w x x2, this is linear:
-d . (x1 x x2) + w . (d (x1 . x2) - x1 (d . x2)) = 0. A few Gauss-Newton steps with Cauchy weights give w and two
-angles of d together. Where the points say little about one of them (flying sideways past things of one depth
+d . (x1 x x2) + w . (d (x1 . x2) - x1 (d . x2)) = 0. Least squares with Cauchy weights, made linear anew where they
+lead far, give w and two angles of d together. Where the points say little about one of them (flying sideways past things of one depth
 looks like turning), a prior of small errors holds it near zero.
 """
 
@@ -30,8 +30,9 @@ FEWEST_POINTS = 12
 ROTATION_SIGMA_RAD = np.radians(0.3)  # what a gimbal and a log's attitude leave in a pair
 LOG_SIGMA_RAD = np.radians(4)  # of a direction that a log and a camera's mount tell
 SEEN_SIGMA_RAD = np.radians(10)  # of one seen in pictures that were taken not to turn
-STEPS = 15  # 4 degrees need as many, a tenth of a degree needs 5
-CLOSE_ENOUGH_RAD = 2e-5
+MOST_LINEARISATIONS, MOST_WEIGHINGS = 5, 10
+STRAIGHT_RAD = np.radians(0.2)  # what is linear at the start stays so that far
+CLOSE_ENOUGH = 0.01  # the square of a tenth of a deviation
 CAUCHY = 2.0  # a point this many deviations off has half the weight
 LEAST_NOISE_PX = 0.05
 NEAREST_TO_FOCUS = (
@@ -43,6 +44,8 @@ TOGETHER = 2.5
 MOST_SIGMAS, MOST_RAD = 4.0, np.radians(5)
 # Squared deviations (chi^2 of 3 and of 2 parameters, 95 %) from which on an error is taken out.
 CLEAR_ROTATION, CLEAR_DIRECTION = 7.8, 6.0
+# The matrix of e_k x ... for each axis, (3, 3, 3).
+CROSS = np.stack([np.cross(axis, np.eye(3)).T for axis in np.eye(3)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,51 +149,74 @@ def remainder(
     aside = _aside(given)
     prior = 1 / np.array([ROTATION_SIGMA_RAD] * 3 + [direction_sigma_rad] * 2) ** 2
     state = np.zeros(5)  # the rotation vector, and the direction's two angles
-    for _ in range(STEPS):
-        unit = _tilted(given, aside, state[3:])
-        seen = before @ cv2.Rodrigues(state[:3])[0].T
-        seen = seen / seen[:, 2:]
-        matrix, side = _normal_equations(now, seen, unit, aside, focal_px)
-        covariance: Vector = np.linalg.inv(matrix + np.diag(prior)).astype(np.float64)
-        step = covariance @ (side - prior * state)
+    for _ in range(MOST_LINEARISATIONS):
+        seen = np.asarray(cv2.Rodrigues(state[:3])[0] @ before.T)
+        lines_px = focal_px * _lines(now.T, seen / seen[2], _tilted(given, aside, state[3:]), aside)
+        step, information = _least_squares(lines_px, prior, state)
         state = state + step
-        if np.abs(step).max() < CLOSE_ENOUGH_RAD:
+        if np.abs(step).max() < STRAIGHT_RAD:
             break
+    covariance: Vector = np.linalg.inv(information).astype(np.float64)
     unit = _tilted(given, aside, state[3:])
     return Remainder(state[:3], unit, covariance * TOGETHER**2, state[3:], len(now))
 
 
-def _normal_equations(
-    now: Vector, before: Vector, unit: Vector, aside: Vector, focal_px: float
-) -> tuple[Vector, Vector]:
-    """Information matrix (5, 5) and right side (5,) of the points' distances from their epipolar lines.
+def _least_squares(lines_px: Vector, prior: Vector, state: Vector) -> tuple[Vector, Vector]:
+    """The step (5,) from a state (5,), and its information matrix (5, 5), of `_lines` in pixels (6, 2 N).
 
     A point that moved against the parallax has no depth at all, and counts by how far it did.
     """
-    towards = unit[:2] - now[:, :2] * unit[2]
-    reach = np.maximum(np.hypot(*towards.T), NEAREST_TO_FOCUS)
-    planes = np.cross(now, before)
-    off_px = planes @ unit / reach * focal_px
-    turn_rows = unit * (now * before).sum(axis=1, keepdims=True) - now * (before @ unit)[:, None]
-    rows = np.hstack([turn_rows, planes @ aside]) / reach[:, None] * focal_px
-    noise_px = max(1.4826 * float(np.median(np.abs(off_px))), LEAST_NOISE_PX)
-    against_px, against_rows = _against_parallax(now, before, towards / reach[:, None], focal_px)
-    rows, off_px = np.vstack([rows, against_rows]), np.concatenate([off_px, against_px])
-    weights = 1 / (1 + (off_px / (CAUCHY * noise_px)) ** 2) / noise_px**2
-    weighted = rows * weights[:, None]
-    return weighted.T @ rows, -weighted.T @ off_px
+    columns, off_px, points = lines_px[:5], lines_px[5], lines_px.shape[1] // 2
+    left_px, step = off_px, np.zeros(5)
+    for _ in range(MOST_WEIGHINGS):
+        noise_px = max(1.4826 * _median(np.abs(left_px[:points])), LEAST_NOISE_PX)
+        weights = 1 / (noise_px**2 + (left_px / CAUCHY) ** 2)
+        weights[points:] *= left_px[points:] < 0
+        weighted = columns * weights
+        information = weighted @ columns.T + np.diag(prior)
+        last, step = step, np.linalg.solve(information, -weighted @ off_px - prior * state)
+        if (step - last) @ information @ (step - last) < CLOSE_ENOUGH:
+            break
+        left_px = off_px + step @ columns
+    return step, information
 
 
-def _against_parallax(now: Vector, before: Vector, along: Vector, focal_px: float) -> tuple[Vector, Vector]:
-    """How far points moved along their lines [M] the way that no depth allows, and the rows (M, 5) for it."""
-    moved_px = ((before - now)[:, :2] * along).sum(axis=1) * focal_px
-    wrong = moved_px < 0
-    x, y = before[wrong, :2].T
+def _lines(now: Vector, before: Vector, unit: Vector, aside: Vector) -> Vector:
+    """Points' distances from their epipolar lines, then how far along them they moved, on the plane z = 1 (6, 2 N).
+
+    The rows: what three turns and two angles of the direction add to the distance, and the distance.
+    """
+    towards = unit[:2, None] - now[:2] * unit[2]
+    reach = np.maximum(np.hypot(*towards), NEAREST_TO_FOCUS)
+    products = (before[:, None] * now).reshape(9, -1)
+    return np.hstack([_forms(unit, aside) @ products / reach, _along(now, before, towards / reach)])
+
+
+def _forms(unit: Vector, aside: Vector) -> Vector:
+    """Matrices M, flat (6, 9): before . M now is a point's row of `_lines`, but for the reach.
+
+    M = [d]x for the distance, [e_k]x^T [d]x for a turn about axis k.
+    """
+    across = (np.vstack([aside.T, unit]) @ CROSS.reshape(3, 9)).reshape(3, 3, 3)
+    return np.concatenate([-CROSS @ across[2], across]).reshape(6, 9)
+
+
+def _along(now: Vector, before: Vector, along: Vector) -> Vector:
+    """How far points moved along their lines the way that a depth allows, and what turns add to it (6, N)."""
+    (x, y), (along_x, along_y) = before[:2], along
+    moved = (x - now[0]) * along_x + (y - now[1]) * along_y
     # What a rotation adds to x and to y of a ray with z = 1: (w x ray) brought back to z = 1.
-    along_x = np.stack([-x * y, 1 + x * x, -y], axis=1)
-    along_y = np.stack([-(1 + y * y), x * y, x], axis=1)
-    turn_rows = (along_x * along[wrong, :1] + along_y * along[wrong, 1:]) * focal_px
-    return moved_px[wrong], np.hstack([turn_rows, np.zeros((len(turn_rows), 2))])
+    about_x = -x * y * along_x - (1 + y * y) * along_y
+    about_y = (1 + x * x) * along_x + x * y * along_y
+    about_z = x * along_y - y * along_x
+    nothing = np.zeros_like(x)
+    return np.stack([about_x, about_y, about_z, nothing, nothing, moved])
+
+
+def _median(values: Vector) -> float:
+    """The upper one of an even number; `np.median` takes ten times as long."""
+    middle = len(values) // 2
+    return float(np.partition(values, middle)[middle])
 
 
 def _aside(unit: Vector) -> Vector:

@@ -17,16 +17,14 @@ HANGS_NS = 300_000_000
 
 
 class Repeats:
-    """Tells new pictures from repeated ones; give it every picture, in the order of time. One of another size is new."""
+    """Tells new pictures from repeated ones; give it every picture in the order of time. Another size is new."""
 
     def __init__(self) -> None:
         self._image: Image | None = None
         self._shown_ns = 0
         self._changed_once = False
         self.repeated = False
-        self.frozen = (
-            False  # set by who knows that the camera moved meanwhile; holds until a new picture comes
-        )
+        self.frozen = False  # set by who knows that the camera moved meanwhile; until a new picture comes
 
     @property
     def shown_ns(self) -> int:
