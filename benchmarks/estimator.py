@@ -2,7 +2,11 @@
 
 Without --network a stand-in answers at once with the depth of flat ground under a sky, so that everything
 but the network is timed. With one, its outputs on noise choose the pairs; only the times mean something.
-Times are the process's processor time, all its threads summed up: what else runs on the machine does not count.
+Times are the process's processor time on one thread: what else runs on the machine counts little.
+
+The flight is told its attitude, and goes sideways past noise. With --wobble every second picture is turned by
+that many degrees and no log says so: then each pair is turned back. Without --attitude the direction of motion is
+seen in the pictures.
 """
 
 from __future__ import annotations
@@ -13,13 +17,16 @@ import platform
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
-from flightdepth.ranges import MultiRangeEstimator
+from flightdepth.ranges import MultiRangeEstimator, derotation, estimator
+from flightdepth.ranges.turning import turned
 from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.network import load_network
 from flightdepth.runtimes.prediction import Prediction
@@ -27,6 +34,7 @@ from flightdepth.weights.card import NetworkCard
 
 FRAME_NS = 33_366_667
 SPEED_M_S = (5.0, 0.0, 0.0)
+NORTH = (1.0, 0.0, 0.0, 0.0)  # an attitude that leaves world axes the camera's
 VELOCITIES_PER_FRAME = 2
 WARM_UP = 150
 
@@ -69,10 +77,10 @@ class StandIn:
 
 
 class Stages:
-    """Milliseconds by stage, one entry a frame."""
+    """Milliseconds by stage, summed over the calls of each frame."""
 
     def __init__(self) -> None:
-        self.ms: dict[str, list[float]] = defaultdict(list)
+        self.frames: list[dict[str, float]] = []
 
     def watch(self, owner: object, method: str, stage: str) -> None:
         """Time every call of `owner.method`."""
@@ -81,32 +89,54 @@ class Stages:
         def timed(*args: Any, **kwargs: Any) -> Any:
             started = time.process_time()
             result = call(*args, **kwargs)
-            self.ms[stage].append((time.process_time() - started) * 1e3)
+            self.frames[-1][stage] += (time.process_time() - started) * 1e3
             return result
 
         setattr(owner, method, timed)
 
 
-def measure(network: Any, camera: Camera, ranges: int, frames: int) -> dict[str, list[float]]:
-    """Fly `frames` frames of noise sideways and return ms by stage; the first WARM_UP are left out."""
-    estimator = MultiRangeEstimator(network, camera, ranges=ranges)
+def measure(network: Any, camera: Camera, ranges: int, options: argparse.Namespace) -> dict[str, np.ndarray]:
+    """Fly past noise and return ms by stage, one entry a frame; the first WARM_UP are left out."""
+    flight = MultiRangeEstimator(network, camera, ranges=ranges, derotate=options.derotate)
     stages = Stages()
-    stages.watch(estimator, "add_frame", "all")
-    stages.watch(estimator._grid, "image", "resample")
-    stages.watch(estimator, "_pairs", "integrate, pairs")
-    stages.watch(estimator, "_predict", "predict")
-    stages.watch(estimator, "_fuse", "fusion")
-    stages.watch(estimator._planner, "learn", "k-means, plan")
-    stages.watch(estimator, "_result", "upsample")
+    with ExitStack() as undo:
+        for owner, method, stage in (
+            (flight, "add_frame", "all"),
+            (flight._grid, "image", "resample"),
+            (flight, "_pairs", "integrate, pairs"),
+            (flight._derotation, "of", "derotation"),
+            (flight._derotation, "_rays", "  corners, tracks"),
+            (derotation, "remainder", "  solution"),
+            (estimator, "turned", "turned pictures"),
+            (flight, "_predict", "predict"),
+            (flight, "_fuse", "fusion"),
+            (flight._planner, "learn", "k-means, plan"),
+            (flight, "_result", "upsample"),
+        ):
+            undo.callback(setattr, owner, method, getattr(owner, method))
+            stages.watch(owner, method, stage)
+        fly(flight, camera, WARM_UP + options.frames, options, stages)
+    measured = [frame for frame in stages.frames[WARM_UP:] if "predict" in frame]
+    names = dict.fromkeys(name for frame in measured for name in frame)
+    ms = {name: np.array([frame.get(name, 0.0) for frame in measured]) for name in names}
+    return ms | {"all but predict": ms["all"] - ms["predict"]}
+
+
+def fly(
+    flight: MultiRangeEstimator, camera: Camera, frames: int, options: argparse.Namespace, stages: Stages
+) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (camera.height, camera.width, 3), dtype=np.uint8)
-    for index in range(WARM_UP + frames):
+    noise = np.asarray(cv2.GaussianBlur(noise, (0, 0), 1.5 * camera.width / 256), dtype=np.uint8)
+    wobble = np.asarray(cv2.Rodrigues(np.radians([0.0, options.wobble, 0.0]))[0])
+    for index in range(frames):
         stamp_ns = index * FRAME_NS
         for part in range(VELOCITIES_PER_FRAME):
-            estimator.add_velocity(stamp_ns + part * FRAME_NS // VELOCITIES_PER_FRAME, SPEED_M_S)
-        estimator.add_frame(stamp_ns, np.roll(noise, index, axis=1))
-    ms = {stage: taken[-frames:] for stage, taken in stages.ms.items()}
-    predict = np.array(ms["predict"])
-    return ms | {"all but predict": list(np.array(ms["all"]) - predict)}
+            flight.add_velocity(stamp_ns + part * FRAME_NS // VELOCITIES_PER_FRAME, SPEED_M_S)
+        if options.attitude:
+            flight.add_attitude(stamp_ns, NORTH)
+        image = np.roll(noise, index, axis=1)
+        stages.frames.append(defaultdict(float))
+        flight.add_frame(stamp_ns, turned(image, wobble, camera) if index % 2 and options.wobble else image)
 
 
 def cpu() -> str:
@@ -124,7 +154,11 @@ def main() -> None:
     parser.add_argument("--ranges", type=int, nargs="+", default=[1, 2, 4])
     parser.add_argument("--frames", type=int, default=300)
     parser.add_argument("--json", type=Path, help="also write the figures here")
+    parser.add_argument("--derotate", action=argparse.BooleanOptionalAction, default=True)
+    parser.add_argument("--attitude", action=argparse.BooleanOptionalAction, default=True)
+    parser.add_argument("--wobble", type=float, default=0.0, help="degrees")
     arguments = parser.parse_args()
+    cv2.setNumThreads(1)
     network = load_network(arguments.network) if arguments.network else StandIn()
     # The field of view that fills a 256 px wide grid at the network's focal length.
     fov_deg = 2 * float(np.degrees(np.arctan(128 / network.card.focal_px)))
@@ -134,7 +168,7 @@ def main() -> None:
     print(f"source {camera.width}x{camera.height}, grid {grid.width}x{grid.height}")
     figures = {}
     for ranges in arguments.ranges:
-        ms = measure(network, camera, ranges, arguments.frames)
+        ms = measure(network, camera, ranges, arguments)
         figures[ranges] = {s: [float(np.median(t)), float(np.percentile(t, 95))] for s, t in ms.items()}
         print(f"ranges {ranges}: ms a frame, median and p95 of {arguments.frames}")
         for stage, (median, p95) in figures[ranges].items():

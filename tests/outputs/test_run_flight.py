@@ -8,6 +8,7 @@ from output_samples import HEIGHT, SOURCE, WIDTH, known
 
 from flightdepth.camera import Camera
 from flightdepth.flight import AttitudeSample, Frame, VelocitySample
+from flightdepth.flight.steadiness import MAX_TURN_RAD
 from flightdepth.outputs import FlightFolder, FlightWriter, Preview, run_flight
 
 FRAME_NS = 33_366_667
@@ -16,6 +17,8 @@ TEXTURE = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (HEIGHT, 60
 
 class Recorder:
     """An estimator that writes down what it was given."""
+
+    max_turn_rad = MAX_TURN_RAD
 
     def __init__(self):
         self.calls = []

@@ -28,11 +28,11 @@ def baselines(
     flight: Annotated[Path, typer.Argument(metavar="FLIGHT", help="Stabilised video.")],
     *,
     telemetry: Annotated[Path | None, typer.Option(metavar="LOG", help="Velocity log.")] = None,
-    camera: Annotated[Path | None, typer.Option(metavar="FILE", help="Calibration.")] = None,
+    camera: Annotated[Path | None, typer.Option(metavar="FILE|NAME", help="As of `run`.")] = None,
     hfov: Annotated[float | None, typer.Option(metavar="DEG", help="Instead of --camera.")] = None,
     network: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Several stand side by side. Default: the nearest."),
+        typer.Option(metavar="NAME", help="Several stand side by side. Default: as `run`."),
     ] = None,
     baselines: Annotated[
         str, typer.Option(metavar="M,M,...", help="Metres flown between the two pictures of a pair.")

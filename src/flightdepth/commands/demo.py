@@ -39,7 +39,8 @@ NETWORK, PEER = "network", "classical"
 def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Output folder.")] = Path("flightdepth-demo"),
     network: Annotated[
-        str | None, typer.Option(metavar="NAME", help="See `flightdepth networks`. Default: the nearest.")
+        str | None,
+        typer.Option(metavar="NAME", help="See `flightdepth networks`. Default: one for any lens."),
     ] = None,
 ) -> None:
     """Run the sample flight that ships with the package: ten rendered seconds whose true depth is known.

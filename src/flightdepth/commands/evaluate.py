@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 PICTURES = 16  # sheets that --pictures writes
 SHOWN = 3  # on the page of --report
 
-evaluate = typer.Typer(no_args_is_help=True, help="Measure a network, or the renderer.")
+evaluate = typer.Typer(no_args_is_help=True, help="Measure a network, depth on a flight, or the renderer.")
 
 
 @evaluate.callback()
 def evaluations() -> None:
-    """Measure a network, or the renderer."""
+    """Measure a network, depth on a flight, or the renderer."""
 
 
 evaluate.command("tracks")(tracks)

@@ -46,7 +46,8 @@ def live(
         bool, typer.Option("--sender-clock", help="Camera and this machine are set by NTP or PTP: use RTCP.")
     ] = False,
     network: Annotated[
-        str | None, typer.Option(metavar="NAME", help="See `flightdepth networks`. Default: the nearest.")
+        str | None,
+        typer.Option(metavar="NAME", help="See `flightdepth networks`. Default: one for any lens."),
     ] = None,
     ranges: Annotated[int, typer.Option(metavar="N", help="Frame pairs a frame at most, 1 to 4.")] = 2,
     out: Annotated[

@@ -8,8 +8,8 @@ from flightdepth.commands.terminal import say
 def networks() -> None:
     """List the networks that ship with this build.
 
-    A network fits a camera whose focal length in pixels is near to the one it was trained at: video is scaled
-    to that focal length first. `flightdepth run` takes the nearest by itself.
+    `flightdepth run` takes one for any lens by itself; its focal length is what its nominal displacement goes with.
+    Any other fits a camera whose focal length in pixels is near to its own: video is scaled to that first.
     """
     from rich.console import Console
     from rich.table import Table
@@ -22,7 +22,8 @@ def networks() -> None:
     for name in shipped_networks():
         card = read_card(find_network(name))
         depth = f"{card.depth_min_m:g} to {card.depth_max_m:g}"
-        table.add_row(name, f"{card.focal_px:g}", depth, f"{card.D0_m:g}", f"{card.samples:,}")
+        focal = f"any ({card.focal_px:g})" if card.any_lens else f"{card.focal_px:g}"
+        table.add_row(name, focal, depth, f"{card.D0_m:g}", f"{card.samples:,}")
     if table.row_count:
         Console().print(table)
     else:

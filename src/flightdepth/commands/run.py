@@ -89,13 +89,13 @@ def run(
     network: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="See `flightdepth networks`; or an ONNX file. Default: the nearest."
+            metavar="NAME", help="See `flightdepth networks`; or an ONNX file. Default: one for any lens."
         ),
     ] = None,
     ranges: Annotated[int, typer.Option(metavar="N", help="Frame pairs a frame, 1 to 4.")] = 2,
     speed: Annotated[
         float | None,
-        typer.Option(metavar="M_S", help="Constant speed straight ahead, where there is no log."),
+        typer.Option(metavar="M_S", help="Constant speed, any direction, where there is no log."),
     ] = None,
     start: Annotated[
         float | None, typer.Option(metavar="S", help="First second of the video to use.")

@@ -36,7 +36,7 @@ def view(
         int, typer.Option(metavar="N", min=1, help="Show at most so many frames' pictures, evenly spread.")
     ] = 500,
 ) -> None:
-    """Look at a flight: video, depth with metres under the cursor, confidence, graphs, and the cloud in 3D.
+    r"""Look at a flight: video, depth with metres under the cursor, confidence, graphs, and the cloud in 3D.
 
       flightdepth view out
 
@@ -44,7 +44,7 @@ def view(
 
       flightdepth view out --save flight.rrd
 
-    Needs the extra `view`: pip install 'flightdepth[view]'.
+    Needs the extra `view`: pip install 'flightdepth\[view]'.
     """
     from flightdepth.outputs import FlightFolder
 

@@ -3,8 +3,8 @@
 A static point on the rays x1 (now) and x2 (before) obeys d . (x1 x R x2) = 0 with d the displacement and R the
 rotation that no log reported (Hartley and Zisserman, 9.6). For a small one, R x2 = x2 + w x x2, this is linear:
 d . (x1 x x2) + w . (d (x1 . x2) - x1 (d . x2)) = 0. Least squares with Cauchy weights, made linear anew where they
-lead far, give w and two angles of d together. Where the points say little about one of them (flying sideways past things of one depth
-looks like turning), a prior of small errors holds it near zero.
+lead far, give w and two angles of d together. Where the points say little about one of them (flying sideways past
+things of one depth looks like turning), a prior of small errors holds it near zero.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from flightdepth.motion import rotation_angle_rad
 from flightdepth.ranges.direction import direction_of
 from flightdepth.ranges.network import Image
 from flightdepth.ranges.pairs import Frame, Pair
-from flightdepth.ranges.tracks import Tracker, tracked_rays
+from flightdepth.ranges.tracks import Tracker, in_grey, tracked_rays
 from flightdepth.ranges.turning import is_visible, turned
 
 Vector = NDArray[np.float64]
@@ -113,7 +113,7 @@ class Derotation:
         """Rays [N, 3] of corners now, and before in the current orientation as far as that is reported."""
         turn, image = pair.current_from_previous, pair.previous.image
         if is_visible(pair.turn_rad, self._camera):
-            return self._tracker.rays(turned(image, turn, self._camera), current.image)
+            return self._tracker.rays(turned(in_grey(image), turn, self._camera), current.image)
         now, before = self._tracker.rays(image, current.image)
         return now, before @ turn.T
 

@@ -108,7 +108,7 @@ def _consensus(normals: Vector, now: Vector, focal_px: float) -> Vector:
 
 
 def _off_line(d: Vector, normals: Vector, now: Vector) -> Vector:
-    """Distances [..., N] of earlier points from their epipolar lines d x now, on the plane z = 1, for each d [..., 3]."""
+    """Distances [..., N] of earlier points from their epipolar lines d x now, on the plane z = 1; d is [..., 3]."""
     return np.asarray(d @ normals.T / np.maximum(_reach(d, now), 1e-6))
 
 

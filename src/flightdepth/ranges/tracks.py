@@ -14,16 +14,17 @@ from flightdepth.ranges.network import Image
 Vector = NDArray[np.float64]
 Rays = tuple[Vector, Vector]  # now and before, [N, 3] each, z = 1
 
-MOST_POINTS = 200
+MOST_POINTS = 200  # half as much rotation again is left with 120
 QUALITY = 0.005  # of the best corner's
 # A wide window holds the edge of a near thing and what lies behind it: half the error at 11 px than at 21.
 WINDOW_PX = 11
 LEVELS = 3
+STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)  # steps, and px below which they end
 LARGEST_RETURN_PX = 0.25  # a track that does not come back to within this is lost
 
 
 class Tracker:
-    """Tracks of pairs that share their current picture, of an ideal pinhole; 1.3 ms, and 3.5 a pair at 256 px."""
+    """Tracks of pairs that share their current picture, of an ideal pinhole; 1.1 ms, and 1.9 a pair at 256 px."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
@@ -32,7 +33,7 @@ class Tracker:
         self._found: list[tuple[Image, Rays]] = []
 
     def rays(self, previous: Image, current: Image) -> Rays:
-        """Rays (x, y, 1) of corners of `current` and of the same points in `previous`; uint8 RGB [H, W, 3]."""
+        """Rays (x, y, 1) of corners of `current` and of the same points in `previous`; uint8, RGB or grey."""
         if self._corners is None or self._current is not current:
             self._current, self._corners, self._found = current, Corners(current, self._camera), []
         known = next((rays for image, rays in self._found if image is previous), None)
@@ -47,7 +48,7 @@ class Corners:
 
     def __init__(self, image: Image, camera: Camera) -> None:
         self._camera = camera
-        self._grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        self._grey = in_grey(image)
         spacing = max(5, camera.width // 32)
         self._points = cv2.goodFeaturesToTrack(self._grey, MOST_POINTS, QUALITY, spacing)
 
@@ -55,9 +56,10 @@ class Corners:
         """Rays (x, y, 1) of the corners that are found in `previous`, now and there, [N, 3] each."""
         if self._points is None:
             return np.empty((0, 3)), np.empty((0, 3))
-        grey = cv2.cvtColor(previous, cv2.COLOR_RGB2GRAY)
+        grey = in_grey(previous)
         there, found = _tracked(self._grey, grey, self._points)
-        back, found_back = _tracked(grey, self._grey, there)
+        # A right track returns to where it began, so that is where the way back is looked for.
+        back, found_back = _tracked(grey, self._grey, there, near=self._points)
         returned = np.linalg.norm((back - self._points)[:, 0], axis=1) < LARGEST_RETURN_PX
         kept = found & found_back & returned
         return _rays(self._points[kept, 0], self._camera), _rays(there[kept, 0], self._camera)
@@ -68,12 +70,24 @@ def tracked_rays(previous: Image, current: Image, camera: Camera) -> Rays:
     return Corners(current, camera).rays(previous)
 
 
+def in_grey(image: Image) -> Image:
+    """A picture [H, W, 3] RGB as [H, W]; one that is grey already as it is."""
+    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+
 def _tracked(
-    start: NDArray[Any], end: NDArray[Any], points: NDArray[Any]
+    start: NDArray[Any], end: NDArray[Any], points: NDArray[Any], *, near: NDArray[Any] | None = None
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Where points [N, 1, 2] of one grey picture are in another (Lucas-Kanade), and whether they were found."""
-    window = {"winSize": (WINDOW_PX, WINDOW_PX), "maxLevel": LEVELS}
-    there, found, _ = cv2.calcOpticalFlowPyrLK(start, end, points, None, **window)  # type: ignore[call-overload]
+    """Where points [N, 1, 2] of one grey picture are in another (Lucas-Kanade), and whether they were found.
+
+    `near` [N, 1, 2]: where they are but for a pixel or two, which needs no coarser picture.
+    """
+    window: dict[str, Any] = {"winSize": (WINDOW_PX, WINDOW_PX), "criteria": STOP}
+    if near is None:
+        window |= {"maxLevel": LEVELS}
+    else:
+        near, window = near.copy(), window | {"maxLevel": 0, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+    there, found, _ = cv2.calcOpticalFlowPyrLK(start, end, points, near, **window)  # type: ignore[call-overload]
     return np.asarray(there, dtype=np.float32), np.asarray(found)[:, 0] == 1
 
 

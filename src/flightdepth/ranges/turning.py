@@ -26,7 +26,7 @@ def is_visible(angle_rad: float, camera: Camera) -> bool:
 
 
 def turned(image: Image, current_from_previous: Vector, camera: Camera) -> Image:
-    """`image` [H, W, 3] of an ideal pinhole, seen in the current orientation; edges replicated."""
+    """`image` [H, W, 3] or [H, W] of an ideal pinhole, seen in the current orientation; edges replicated."""
     warp = homography(current_from_previous, camera)
     size = (image.shape[1], image.shape[0])
     border = cv2.BORDER_REPLICATE
