@@ -1,8 +1,9 @@
 """A long flight, and what it does to memory: python benchmarks/soak.py --minutes 30.
 
-The sample flight again and again as one: decoded, its velocities given, depth estimated, files encoded and thrown
-away. Every few seconds the resident memory is read (after a collection); its slope after warm-up is fitted, with its
-standard error. What leaks leaks by the frame: --shrink makes the pictures smaller and the frames more.
+The sample flight again and again in one film, through all of `flightdepth run`: decoded, its velocities given, depth
+estimated, files encoded (and thrown away). Every few seconds the resident memory is read, after a collection; its
+slope after warm-up is fitted, with its standard error. What leaks leaks by the frame: --shrink makes the pictures
+smaller and the frames more.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import argparse
 import gc
 import json
+import math
 import os
 import platform
 import sys
@@ -19,17 +21,21 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import av
 import cv2
 import numpy as np
 
 from flightdepth.flight import AttitudeSample, Flight, Frame, VelocitySample, open_flight
+from flightdepth.flight.telemetry_csv import read_csv, write_csv
 from flightdepth.outputs import FlightWriter, Preview, Source
 from flightdepth.outputs.run import depths
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.runtimes.network import Network, load_network
 
 SAMPLE = Path(sys.modules["flightdepth"].__file__ or "").parent / "sample"
+SAMPLE_FRAMES = 300
 PASS_NS = 13_000_000_000  # from one beginning of the sample to the next: nothing is integrated across the cut
+FASTEST = 40.0  # frames/s that the film must be long enough for
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 FLAT_MIB_AN_HOUR = 20.0
 WARM_UP = 300  # frames: the buffer holds those of four seconds
@@ -40,57 +46,69 @@ def resident_mib() -> float:
     return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_BYTES / 2**20
 
 
-class EndlessFlight:
-    """The sample flight over and over until `seconds` of wall time have passed; looks like a Flight."""
+def write_long_flight(folder: Path, passes: int) -> tuple[Path, Path]:
+    """The sample's packets and velocities `passes` times over: a film and its log."""
+    film, log = folder / "flight.mp4", folder / "telemetry.csv"
+    with av.open(str(SAMPLE / "flight.mp4")) as source, av.open(str(film), "w") as target:
+        stream = source.streams.video[0]
+        out = target.add_stream_from_template(stream)
+        for number in range(passes):
+            source.seek(0)
+            later = round(number * PASS_NS * 1e-9 / stream.time_base)
+            for packet in source.demux(stream):
+                if packet.dts is None:
+                    continue
+                packet.pts, packet.dts, packet.stream = packet.pts + later, packet.dts + later, out
+                target.mux(packet)
+    samples = read_csv(SAMPLE / "telemetry.csv").samples
+    shifts = (number * PASS_NS for number in range(passes))
+    write_csv(log, (replace(each, stamp_ns=each.stamp_ns + shift) for shift in shifts for each in samples))
+    return film, log
 
-    def __init__(self, seconds: float, shrink: int) -> None:
-        self._shrink = shrink
-        self._until = time.monotonic() + seconds
-        self.passes = 0
-        with self._open() as flight:
-            camera, self.gyroscope = flight.camera, flight.gyroscope
-            self.camera = camera.resized(camera.width // shrink, camera.height // shrink)
 
-    def _open(self) -> Flight:
-        return open_flight(SAMPLE / "flight.mp4", SAMPLE / "telemetry.csv", SAMPLE / "camera.json")
+class Shrunk:
+    """A flight with smaller pictures, for `seconds`."""
+
+    def __init__(self, flight: Flight, shrink: int, seconds: float) -> None:
+        camera = flight.camera
+        self._flight, self._until = flight, time.monotonic() + seconds
+        self.camera = camera.resized(camera.width // shrink, camera.height // shrink)
+        self.gyroscope = flight.gyroscope
 
     def __iter__(self) -> Iterator[Frame | VelocitySample | AttitudeSample]:
-        index = 0
-        while True:
-            with self._open() as flight:
-                for event in flight:
-                    if time.monotonic() >= self._until:
-                        return
-                    later = replace(event, stamp_ns=event.stamp_ns + self.passes * PASS_NS)
-                    if isinstance(later, Frame):
-                        image = cv2.resize(later.image, (self.camera.width, self.camera.height))
-                        later = replace(later, index=index, image=image)
-                        index += 1
-                    yield later
-            self.passes += 1
+        for event in self._flight:
+            if time.monotonic() >= self._until:
+                return
+            if isinstance(event, Frame):
+                size = (self.camera.width, self.camera.height)
+                yield replace(event, image=cv2.resize(event.image, size, interpolation=cv2.INTER_AREA))
+            else:
+                yield event
 
 
 def soak(
     network: Network, minutes: float, every_s: float, shrink: int
 ) -> tuple[list[tuple[float, float]], int]:
-    """(seconds, MiB) every `every_s` seconds, and how many frames were flown."""
-    flight = EndlessFlight(60 * minutes, shrink)
-    camera = flight.camera
-    estimator = MultiRangeEstimator(network, camera)
-    source = Source(flight="sample", telemetry="sample", camera=camera, network=network.card)
-    taken: list[tuple[float, float]] = []  # once the buffer of frames is full and all sizes are compiled
-    began = next_look = time.monotonic()
-    preview = Preview(camera.width, camera.height)
-    with TemporaryDirectory() as folder, FlightWriter(Path(folder) / "out", source, preview) as writer:
-        for frames, (frame, result) in enumerate(depths(flight, estimator), start=1):  # type: ignore[arg-type]
-            writer.add(frame, result)
-            throw_away(Path(folder), frame.index)
-            if time.monotonic() >= next_look:
-                next_look = time.monotonic() + every_s
-                gc.collect()
-                look = time.monotonic() - began, resident_mib()
-                print(f"{look[0]:7.0f} s {frames:7d} frames {look[1]:9.1f} MiB", flush=True)
-                taken += [look] if frames > WARM_UP else []
+    """(seconds, MiB) every `every_s` seconds once warmed up, and how many frames were flown."""
+    taken: list[tuple[float, float]] = []
+    passes = math.ceil(60 * minutes * FASTEST / SAMPLE_FRAMES) * shrink
+    with TemporaryDirectory() as name:
+        film, log = write_long_flight(Path(name), passes)
+        with open_flight(film, log, SAMPLE / "camera.json") as whole:
+            flight = Shrunk(whole, shrink, 60 * minutes)
+            camera, began, next_look = flight.camera, time.monotonic(), 0.0
+            source = Source(flight="sample", telemetry="sample", camera=camera, network=network.card)
+            estimator = MultiRangeEstimator(network, camera)
+            with FlightWriter(Path(name) / "out", source, Preview(camera.width, camera.height)) as writer:
+                for frames, (frame, result) in enumerate(depths(flight, estimator), start=1):  # type: ignore[arg-type]
+                    writer.add(frame, result)
+                    throw_away(Path(name), frame.index)
+                    if time.monotonic() >= next_look:
+                        next_look = time.monotonic() + every_s
+                        gc.collect()
+                        look = time.monotonic() - began, resident_mib()
+                        print(f"{look[0]:7.0f} s {frames:7d} frames {look[1]:9.1f} MiB", flush=True)
+                        taken += [look] if frames > WARM_UP else []
     return taken, frames
 
 
@@ -103,8 +121,7 @@ def throw_away(folder: Path, index: int) -> None:
 def slope(taken: list[tuple[float, float]]) -> tuple[float, float]:
     """MiB an hour, and its standard error."""
     seconds, mib = np.array(taken).T
-    hours = seconds / 3600
-    (per_hour, _), covariance = np.polyfit(hours, mib, 1, cov=True)
+    (per_hour, _), covariance = np.polyfit(seconds / 3600, mib, 1, cov=True)
     return float(per_hour), float(np.sqrt(covariance[0, 0]))
 
 
@@ -123,7 +140,7 @@ def main() -> None:
     if len(taken) < 4:
         raise SystemExit(f"{frames} frames are too few: {WARM_UP} are warm-up; give more --minutes")
     per_hour, error = slope(taken)
-    per_frame = per_hour * 2**20 / max(1, frames / (taken[-1][0] / 3600))
+    per_frame = per_hour * 2**20 / (3600 * frames / taken[-1][0])
     print(f"{network.card.name}, {network.runtime.description}, {platform.machine()}")
     print(f"{frames} frames in {taken[-1][0]:.0f} s, {taken[0][1]:.0f} to {taken[-1][1]:.0f} MiB")
     print(f"slope {per_hour:.1f} +- {error:.1f} MiB an hour, {per_frame:.0f} bytes a frame")

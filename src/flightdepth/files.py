@@ -12,6 +12,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from flightdepth.errors import BadInput
+
 try:
     import fcntl
 except ImportError:  # Windows
@@ -40,6 +42,13 @@ def file_in_progress(path: Path) -> Iterator[BinaryIO]:
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+
+
+def make_folder(option: str, path: Path) -> None:
+    """The folder that an option of the command line names, made where it is missing."""
+    if path.exists() and not path.is_dir():
+        raise BadInput(option, expected="a folder", got=f"the file {path}")
+    path.mkdir(parents=True, exist_ok=True)
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -66,15 +66,19 @@ class Decoder(nn.Module):
     deconv4: nn.Sequential
     deconv3: nn.Sequential
     deconv2: nn.Sequential
-    predict_depth6: nn.Conv2d
-    predict_depth5: nn.Conv2d
-    predict_depth4: nn.Conv2d
-    predict_depth3: nn.Conv2d
-    predict_depth2: nn.Conv2d
-    upsampled_depth6_to_5: nn.ConvTranspose2d
-    upsampled_depth5_to_4: nn.ConvTranspose2d
-    upsampled_depth4_to_3: nn.ConvTranspose2d
-    upsampled_depth3_to_2: nn.ConvTranspose2d
+
+    def add_heads(self, base_width: int) -> None:
+        """Depth at five scales, and its upsampling between them."""
+        w = base_width
+        self.predict_depth6 = predict_depth(16 * w)
+        self.predict_depth5 = predict_depth(16 * w + 1)
+        self.predict_depth4 = predict_depth(12 * w + 1)
+        self.predict_depth3 = predict_depth(6 * w + 1)
+        self.predict_depth2 = predict_depth(3 * w + 1)
+        self.upsampled_depth6_to_5 = double_depth()
+        self.upsampled_depth5_to_4 = double_depth()
+        self.upsampled_depth4_to_3 = double_depth()
+        self.upsampled_depth3_to_2 = double_depth()
 
     def decoded(self, skip2: Tensor, skip3: Tensor, skip4: Tensor) -> tuple[list[Tensor], Tensor]:
         """From the features at 1/4, 1/8 and 1/16: depths before the activation, finest first, [B, 1, h, w] each,
@@ -117,15 +121,7 @@ class Trunk(Decoder):
         self.deconv4 = deconv(16 * w + 1, 4 * w)
         self.deconv3 = deconv(12 * w + 1, 2 * w)
         self.deconv2 = deconv(6 * w + 1, w)
-        self.predict_depth6 = predict_depth(16 * w)
-        self.predict_depth5 = predict_depth(16 * w + 1)
-        self.predict_depth4 = predict_depth(12 * w + 1)
-        self.predict_depth3 = predict_depth(6 * w + 1)
-        self.predict_depth2 = predict_depth(3 * w + 1)
-        self.upsampled_depth6_to_5 = double_depth()
-        self.upsampled_depth5_to_4 = double_depth()
-        self.upsampled_depth4_to_3 = double_depth()
-        self.upsampled_depth3_to_2 = double_depth()
+        self.add_heads(w)
         he_normal(self)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from torch import Tensor, nn
 
-from flightdepth.architectures.depthnet import Activation, Decoder, activated, double_depth, predict_depth
+from flightdepth.architectures.depthnet import Activation, Decoder, activated
 
 SLOPE = 0.1  # of LeakyReLU below 0
 
@@ -56,15 +56,7 @@ class FlowNetS(Decoder):
         self.deconv4 = leaky_deconv(16 * w + 1, 4 * w)
         self.deconv3 = leaky_deconv(12 * w + 1, 2 * w)
         self.deconv2 = leaky_deconv(6 * w + 1, w)
-        self.predict_depth6 = predict_depth(16 * w)
-        self.predict_depth5 = predict_depth(16 * w + 1)
-        self.predict_depth4 = predict_depth(12 * w + 1)
-        self.predict_depth3 = predict_depth(6 * w + 1)
-        self.predict_depth2 = predict_depth(3 * w + 1)
-        self.upsampled_depth6_to_5 = double_depth()
-        self.upsampled_depth5_to_4 = double_depth()
-        self.upsampled_depth4_to_3 = double_depth()
-        self.upsampled_depth3_to_2 = double_depth()
+        self.add_heads(w)
         he_normal_leaky(self)
 
     def forward(self, images: Tensor) -> list[Tensor]:

@@ -16,6 +16,7 @@ from flightdepth.commands.table import paper_table
 from flightdepth.commands.terminal import counted, say
 from flightdepth.commands.tracks import tracks
 from flightdepth.errors import BadInput
+from flightdepth.files import make_folder
 
 if TYPE_CHECKING:
     from flightdepth.runtimes.network import Network
@@ -78,8 +79,8 @@ def evaluate_network_command(
     from flightdepth.runtimes.network import load_network
 
     for option, target in (("--json", json and json.parent), ("--pictures", pictures), ("--report", report)):
-        if target is not None and not target.is_dir():
-            raise BadInput(option, expected="an existing folder", got=str(target))
+        if target is not None:
+            make_folder(option, target)
     opened = load_network(network, "openvino", precision="f32")
     own = None if textures is None else textures_from_folder(textures)
     if outdoor and (own is not None or fov != 90):

@@ -10,6 +10,7 @@ import typer
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.terminal import counted, say
 from flightdepth.errors import BadInput
+from flightdepth.files import make_folder
 
 if TYPE_CHECKING:
     from flightdepth.runtimes.contract import Precision
@@ -52,8 +53,7 @@ def export(
         from flightdepth.training.run_folder import read_trained
     run = read_trained(trained)
     card = card_of(run, name or run.recipe.name)
-    if not out.is_dir():
-        raise BadInput("--out", expected="an existing folder", got=str(out))
+    make_folder("--out", out)
     pairs = rendered(fixed_set(card, scenes=scenes))
     path = write_network(run, card, pairs, out, full_precision=full_precision)
     say(f"next: flightdepth evaluate network {path}")

@@ -111,7 +111,7 @@ class Flight:
         """A line saying where the velocity comes from."""
         if self._telemetry is not None:
             return self._telemetry.name
-        return f"constant speed of {self._speed_m_s:g} m/s straight ahead"
+        return f"constant speed of {self._speed_m_s:g} m/s, any direction"
 
     @property
     def gyroscope(self) -> GyroscopeTrack | None:
@@ -156,7 +156,7 @@ def open_flight(
     camera     a Camera, a calibration file, a photograph with EXIF tags or a name of the table of lenses;
                None takes `hfov_deg`, the horizontal field of view, or what the file tells for certain
     mount_pitch_deg  the camera is screwed to the drone and looks up by so many degrees, -90 is down
-    speed_m_s  constant speed straight ahead, for flights without a log
+    speed_m_s  constant speed in any direction, for flights without a log
     start_s, end_s  part of the video, seconds since its first picture
     """
     if telemetry is not None and speed_m_s is not None:

@@ -87,7 +87,7 @@ def _tracked(
         window |= {"maxLevel": LEVELS}
     else:
         near, window = near.copy(), window | {"maxLevel": 0, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
-    there, found, _ = cv2.calcOpticalFlowPyrLK(start, end, points, near, **window)  # type: ignore[call-overload]
+    there, found, _ = cv2.calcOpticalFlowPyrLK(start, end, points, near, **window)  # type: ignore[arg-type]
     return np.asarray(there, dtype=np.float32), np.asarray(found)[:, 0] == 1
 
 
