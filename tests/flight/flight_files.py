@@ -84,6 +84,38 @@ def gyro_payload(rates, scale=1000) -> bytes:
     )
 
 
+def gps5_payload(rows, *, fix=3) -> bytes:
+    """A HERO5's payload: rows of (latitude, longitude, height, speed over ground, speed in space)."""
+    scale = [10**7, 10**7, 1000, 1000, 100]
+    raw = np.round(np.asarray(rows) * scale).astype(">i4")
+    return nest(
+        "DEVC",
+        klv("DVNM", "c", 1, 6, b"Camera"),
+        nest(
+            "STRM",
+            klv("GPSF", "L", 4, 1, struct.pack(">L", fix)),
+            klv("SCAL", "l", 4, 5, struct.pack(">5l", *scale)),
+            klv("GPS5", "l", 20, len(raw), raw.tobytes()),
+        ),
+    )
+
+
+def gps9_payload(rows) -> bytes:
+    """A HERO11's payload: GPS5's columns, then days since 2000, seconds, dilution of precision, fix."""
+    scale = [10**7, 10**7, 1000, 1000, 100, 1, 1000, 100, 1]
+    raw = [np.round(np.asarray(row) * scale).astype(int).tolist() for row in rows]
+    return nest(
+        "DEVC",
+        klv("DVNM", "c", 1, 6, b"Camera"),
+        nest(
+            "STRM",
+            klv("TYPE", "c", 1, 9, b"lllllllSS"),
+            klv("SCAL", "l", 4, 9, struct.pack(">9l", *scale)),
+            klv("GPS9", "?", 32, len(raw), b"".join(struct.pack(">7l2H", *row) for row in raw)),
+        ),
+    )
+
+
 def box(kind: str, *parts: bytes) -> bytes:
     data = b"".join(parts)
     return struct.pack(">L4s", len(data) + 8, kind.encode()) + data

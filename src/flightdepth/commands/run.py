@@ -131,7 +131,7 @@ def run(
     Each output folder holds depth/, confidence/, sigma/, frames.csv, poses.csv, flight.json
     and preview.mp4. It appears when all of it stands; after an error there is none.
 
-    A video that carries its own telemetry (GoPro on a Karma):
+    A video that carries its own telemetry (GoPro):
 
       flightdepth run flight.mp4 --hfov 64.4
 

@@ -73,13 +73,17 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """A sensor's samples in one payload: `values` [n, columns], scaled; a unit a column, "" if unknown."""
+    """A sensor's samples in one payload: `values` [n, columns], scaled; a unit a column, "" if unknown.
+
+    `fix`: dimensions that a GPS knows its place in (GPSF: 0, 2, 3), where it says so beside its samples.
+    """
 
     device: str
     key: str
     name: str
     units: tuple[str, ...]
     values: Vector
+    fix: int | None = None
 
 
 def records(data: bytes) -> Iterator[Record]:
@@ -127,7 +131,8 @@ def _stream(device: str, nest: Record, keys: frozenset[str]) -> Iterator[Stream]
         if record.key in keys and record.repeat:
             values = _scaled(record, described)
             name = described["STNM"].text() if "STNM" in described else record.key
-            yield Stream(device, record.key, name, _units(described, values.shape[1]), values)
+            units = _units(described, values.shape[1])
+            yield Stream(device, record.key, name, units, values, _fix(described))
 
 
 def _scaled(record: Record, described: dict[str, Record]) -> Vector:
@@ -146,6 +151,11 @@ def _units(described: dict[str, Record], columns: int) -> tuple[str, ...]:
     if len(units) == 1:
         units *= columns
     return tuple(units) if len(units) == columns else ("",) * columns
+
+
+def _fix(described: dict[str, Record]) -> int | None:
+    told = described["GPSF"].numbers().ravel() if "GPSF" in described else np.zeros(0)
+    return int(told[0]) if told.size and np.isfinite(told[0]) else None
 
 
 def _dtype(kind: str, size: int) -> np.dtype[np.void]:

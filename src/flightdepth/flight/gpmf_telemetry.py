@@ -1,7 +1,8 @@
-"""Telemetry from the GPMF track inside a video: a Karma drone's velocity, the camera's gyroscope."""
+"""Telemetry from the GPMF track inside a video: a Karma drone's velocity or a GoPro's GPS; the gyroscope."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from fractions import Fraction
@@ -15,10 +16,11 @@ from av.stream import Discard
 from flightdepth.errors import BadInput
 from flightdepth.flight.autopilot import Gate, Velocity
 from flightdepth.flight.clock import Interval, Stamps, on_video_clock, spread
+from flightdepth.flight.gopro_gps import gps_velocities
 from flightdepth.flight.gpmf import GpmfError, Stream, streams
+from flightdepth.flight.positions import Velocities
 from flightdepth.flight.records import NS_PER_S, GyroscopeTrack, Telemetry
 from flightdepth.flight.video import open_container
-from flightdepth.motion import Vector
 
 TimedStream = tuple[Interval, Stream]
 GYROSCOPE = "GYRO"
@@ -37,9 +39,9 @@ def read_gpmf(path: Path) -> Telemetry | None:
             continue
         for stream in parsed:
             found.setdefault(stream.key, []).append((interval, stream))
-    for key, read_velocity in VELOCITIES.items():
+    for key, read_velocities in VELOCITIES.items():
         if key in found:
-            return _telemetry(found[key], read_velocity, found.get(GYROSCOPE, []), counts)
+            return _telemetry(found[key], read_velocities, found.get(GYROSCOPE, []), counts)
     return None
 
 
@@ -75,21 +77,25 @@ def _interval(packet: Any, zero: Fraction) -> Interval:
 
 
 def _telemetry(
-    parts: list[TimedStream],
-    read: Callable[[Stream], Vector],
-    gyroscope: list[TimedStream],
-    counts: Counter[str],
+    parts: list[TimedStream], read: Reader, gyroscope: list[TimedStream], counts: Counter[str]
 ) -> Telemetry:
     first = parts[0][1]
-    stamps = sample_times(parts)
-    velocities = np.concatenate([read(stream) for _, stream in parts])
+    found = read([stream for _, stream in parts], sample_times(parts), counts)
     gate = Gate(counts)
-    for stamp_ns, velocity in zip(stamps.tolist(), velocities, strict=True):
-        gate.take(stamp_ns, Velocity(velocity))
+    for stamp_ns, velocity, sigma in zip(
+        found.stamps_ns.tolist(), found.velocity_ned, found.sigma.tolist(), strict=True
+    ):
+        gate.take(stamp_ns, Velocity(velocity, None if math.isnan(sigma) else sigma))
     kept = gate.velocities
     name = f"GPMF in the video: {first.name} of {first.device}, {len(kept)} velocities"
     if not kept:
-        raise BadInput(name, expected="at least one velocity that is a number", got="none")
+        why = "; ".join(f"{count} {what}" for what, count in counts.items())
+        raise BadInput(
+            name,
+            expected="at least one velocity that is a number",
+            got=why or "none",
+            mend="Give --telemetry LOG or --speed M_S.",
+        )
     return Telemetry(name, tuple(kept), dict(+counts), _gyroscope(gyroscope))
 
 
@@ -110,10 +116,12 @@ def _gyroscope(parts: list[TimedStream]) -> GyroscopeTrack | None:
     return GyroscopeTrack(sample_times(sound), np.concatenate([stream.values for _, stream in sound]))
 
 
-def local_position_ned(stream: Stream) -> Vector:
-    """Velocity [n, 3] north-east-down, m/s, of LNED: time, position (3), velocity (3)."""
-    return stream.values[:, -3:]
+def local_position_ned(streams: list[Stream], stamps: Stamps, counts: Counter[str]) -> Velocities:
+    """Velocity north-east-down of LNED: time, position (3), velocity (3); its error is not told."""
+    velocity = np.concatenate([stream.values[:, -3:] for stream in streams])
+    return Velocities(stamps, velocity, np.full(len(velocity), np.nan))
 
 
-# A source of velocity more is a key and a function more.
-VELOCITIES: dict[str, Callable[[Stream], Vector]] = {"LNED": local_position_ned}
+Reader = Callable[[list[Stream], Stamps, Counter[str]], Velocities]
+# The best first. A source of velocity more is a key and a function more.
+VELOCITIES: dict[str, Reader] = {"LNED": local_position_ned, "GPS9": gps_velocities, "GPS5": gps_velocities}

@@ -19,12 +19,13 @@ QUALITY = 0.005  # of the best corner's
 # A wide window holds the edge of a near thing and what lies behind it: half the error at 11 px than at 21.
 WINDOW_PX = 11
 LEVELS = 3
+LEVELS_BACK = 1  # with none, wrong tracks return too, and steady pairs seem to turn
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)  # steps, and px below which they end
 LARGEST_RETURN_PX = 0.25  # a track that does not come back to within this is lost
 
 
 class Tracker:
-    """Tracks of pairs that share their current picture, of an ideal pinhole; 1.1 ms, and 1.9 a pair at 256 px."""
+    """Tracks of pairs that share their current picture, of an ideal pinhole; 1.1 ms, and 2.5 a pair at 256 px."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
@@ -80,13 +81,13 @@ def _tracked(
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Where points [N, 1, 2] of one grey picture are in another (Lucas-Kanade), and whether they were found.
 
-    `near` [N, 1, 2]: where they are but for a pixel or two, which needs no coarser picture.
+    `near` [N, 1, 2]: where they are but for a few pixels, which needs no picture coarser than LEVELS_BACK.
     """
     window: dict[str, Any] = {"winSize": (WINDOW_PX, WINDOW_PX), "criteria": STOP}
     if near is None:
         window |= {"maxLevel": LEVELS}
     else:
-        near, window = near.copy(), window | {"maxLevel": 0, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+        near, window = near.copy(), window | {"maxLevel": LEVELS_BACK, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
     there, found, _ = cv2.calcOpticalFlowPyrLK(start, end, points, near, **window)  # type: ignore[arg-type]
     return np.asarray(there, dtype=np.float32), np.asarray(found)[:, 0] == 1
 

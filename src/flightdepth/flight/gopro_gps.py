@@ -1,0 +1,55 @@
+"""Velocity from a GoPro's own GPS: GPS5 (HERO5 to HERO10) and GPS9 (HERO11 on) of its GPMF track.
+
+Columns after GoPro's public description (github.com/gopro/gpmf-parser, README): latitude, longitude in degrees,
+height in metres, speed over ground and in space in m/s; GPS9 goes on with days, seconds, dilution of precision and
+fix (0 none, 2 or 3 dimensions), which stands beside GPS5 as GPSF. The direction comes from the positions, the speed
+from the receiver, which measures it by the Doppler shift and so better than positions tell.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.flight.gpmf import Stream
+from flightdepth.flight.positions import Velocities, local_ned, velocities, without_jumps
+from flightdepth.motion import Vector
+
+LEAST_FIX = 2
+FIX_COLUMN, SPEED_COLUMN = 8, 4
+STEPS_M = (0.011, 0.001)  # 1e-7 degrees, and millimetres
+SLOWEST_M_S = 0.5  # below it the receiver's speed is not spread over a direction that positions hardly tell
+NO_FIX = "GPS samples without a fix"
+
+
+def gps_velocities(streams: list[Stream], stamps_ns: NDArray[np.int64], counts: Counter[str]) -> Velocities:
+    """Velocity north-east-down at the fixes of streams whose samples have `stamps_ns`; none where none has a fix."""
+    values = np.concatenate([stream.values for stream in streams])
+    good = np.concatenate([_has_fix(stream) for stream in streams]) & np.isfinite(values).all(axis=1)
+    good &= np.r_[True, np.diff(stamps_ns) > 0]
+    if not good.all():
+        counts[NO_FIX] += int((~good).sum())
+    if not good.any():
+        return Velocities(stamps_ns[:0], np.zeros((0, 3)), np.zeros(0))
+    stamps_ns, values = stamps_ns[good], values[good]
+    ned = local_ned(values[:, 0], values[:, 1], values[:, 2])
+    kept = without_jumps(ned)
+    found = velocities(stamps_ns[kept], ned[kept], steps_m=STEPS_M)
+    speed = np.interp(found.stamps_ns, stamps_ns, values[:, SPEED_COLUMN])
+    return replace(found, velocity_ned=_at_speed(found.velocity_ned, speed))
+
+
+def _has_fix(stream: Stream) -> NDArray[np.bool_]:
+    if stream.values.shape[1] > FIX_COLUMN:
+        return np.asarray(stream.values[:, FIX_COLUMN] >= LEAST_FIX)
+    return np.full(len(stream.values), stream.fix is None or stream.fix >= LEAST_FIX)
+
+
+def _at_speed(velocity: Vector, speed: Vector) -> Vector:
+    """Velocities [n, 3] brought to the receiver's speed [n] where positions tell their direction."""
+    length = np.linalg.norm(velocity, axis=1)
+    told = (length > SLOWEST_M_S) & (speed > SLOWEST_M_S)
+    return np.asarray(velocity * np.where(told, speed / np.maximum(length, SLOWEST_M_S), 1.0)[:, None])
