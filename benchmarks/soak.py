@@ -91,7 +91,7 @@ def soak(
 ) -> tuple[list[tuple[float, float]], int]:
     """(seconds, MiB) every `every_s` seconds once warmed up, and how many frames were flown."""
     taken: list[tuple[float, float]] = []
-    passes = math.ceil(60 * minutes * FASTEST / SAMPLE_FRAMES) * shrink
+    passes = math.ceil(60 * minutes * FASTEST / SAMPLE_FRAMES) * min(shrink, 2)
     with TemporaryDirectory() as name:
         film, log = write_long_flight(Path(name), passes)
         with open_flight(film, log, SAMPLE / "camera.json") as whole:
