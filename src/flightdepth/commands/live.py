@@ -27,7 +27,8 @@ def live(
         float, typer.Option(metavar="S", help="Seconds added to the log's times.")
     ] = 0.0,
     camera: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Calibration: OpenCV, ROS or JSON.")
+        Path | None,
+        typer.Option(metavar="FILE|NAME", help="Calibration, or a name of `flightdepth cameras`."),
     ] = None,
     hfov: Annotated[
         float | None, typer.Option(metavar="DEG", help="Horizontal field of view, instead of --camera.")

@@ -40,7 +40,7 @@ from flightdepth.runtimes.network import Network, load_network, nearest_network
 LEAD_NS = 300_000_000
 LINE_EVERY_S = 5.0
 LOOK_S = 0.2
-NOMINAL_SIZE = (640, 480)  # stands for the pictures before the first has come
+NOMINAL_SIZE = (640, 360)  # stands for the pictures before the first has come
 
 
 class Session:

@@ -14,6 +14,8 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.camera_file import read_camera
 from flightdepth.flight.cameras import NO_CAMERA, camera_of_size
+from flightdepth.flight.lenses import Lens as KnownLens
+from flightdepth.flight.lenses import find_lens
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, VelocitySample
 from flightdepth.flight.steadiness import MAX_TURN_RAD, PAIR_NS, Steadiness
 from flightdepth.live.health import FROZEN
@@ -35,10 +37,11 @@ LOOKED_AT = 4  # every so-many-th pixel tells whether a picture changed
 
 @dataclass(frozen=True)
 class Lens:
-    """What the user said of the camera: a calibration, or the horizontal field of view."""
+    """What the user said of the camera: a calibration, the horizontal field of view, or a lens of the table."""
 
     camera: Camera | None = None
     hfov_deg: float | None = None
+    known: KnownLens | None = None
 
     @classmethod
     def given(cls, camera: Path | None, hfov_deg: float | None) -> Lens:
@@ -46,12 +49,18 @@ class Lens:
         if (camera is None) == (hfov_deg is None):
             got = "neither" if camera is None else "both"
             raise BadInput("--camera and --hfov", expected="one of them", got=got, mend=NO_CAMERA)
-        return cls(None if camera is None else read_camera(camera), hfov_deg)
+        if camera is None:
+            return cls(hfov_deg=hfov_deg)
+        if not camera.exists() and camera.suffix == "":
+            return cls(known=find_lens(camera.name))
+        return cls(read_camera(camera))
 
     def at(self, width: int, height: int) -> Camera:
         """The camera of pictures of this size."""
         if self.camera is not None:
             return camera_of_size(self.camera, width, height)
+        if self.known is not None:
+            return self.known.seen(width, height)
         assert self.hfov_deg is not None
         return Camera.from_fov(width, height, self.hfov_deg)
 
