@@ -49,12 +49,14 @@ def test_an_unfinished_flight_is_done(run, work):
     assert len(FlightFolder(work / "out/two").rows) == 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", [("--ranges", "3"), ("--end", "0.5"), ("--depth-format", "npz")])
 def test_other_settings_are_another_result(run, option):
     run()
     assert "2 flights: 2 done" in run(*option)[1]
 
 
+@pytest.mark.slow
 def test_another_video_of_the_same_name_is_run(run, work):
     run()
     make_video(work / "one.mp4", frames=10)

@@ -44,6 +44,7 @@ def test_figures_and_page(tmp_path, capsys):
     assert "data:image/jpeg" in page
 
 
+@pytest.mark.slow
 def test_quick_is_less(tmp_path):
     assert call("--out", tmp_path, "--scenes", 1, "--frames", 33, "--quick") == 0
     assert len(json.loads((tmp_path / "ranges.json").read_text())["trials"]) == 1
@@ -61,6 +62,7 @@ def test_a_file_for_a_folder_is_refused(tmp_path, capsys):
     assert "expected a folder" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_of_the_docs_runs(command, tmp_path, monkeypatch):
     """With one sequence of few frames: the last of options given twice counts."""

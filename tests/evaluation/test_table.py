@@ -191,6 +191,7 @@ def test_every_command_of_the_page_runs(world, capsys):
     assert {path.name for path in Path("networks").iterdir()} == {"depthnet-256.md", "depthnet-256.jpg"}
 
 
+@pytest.mark.slow
 def test_a_run_in_the_folder_fills_its_row(world, capsys):
     """The first stage of the chain alone: one row, and those of its other stages stay untrained."""
     assert (

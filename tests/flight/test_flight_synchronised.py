@@ -92,6 +92,7 @@ def test_an_offset_that_is_given_is_taken(video, tmp_path):
         assert min(item.stamp_ns for item in flight if isinstance(item, VelocitySample)) == -6_750_000_000
 
 
+@pytest.mark.slow
 def test_run_shows_it(video, tmp_path, capsys):
     log = log_of(tmp_path / "log.csv", off_s=-0.7)
     given = ["--telemetry", str(log), "--hfov", "70", "--end", "8", "--telemetry-offset", "auto"]

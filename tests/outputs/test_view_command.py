@@ -83,7 +83,7 @@ def address(folder):
             pytest.fail("it ended without an address")
     finally:
         served.send_signal(signal.SIGINT)
-        assert served.wait(30) == 130
+        assert served.wait(120) == 130
         served.stdout.close()
 
 

@@ -125,6 +125,7 @@ def flownets():
     return Deployed(network, *RANGE_M).eval()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("storage", ["exact", "half"])
 def test_flownets_goes_the_same_way(flownets, storage):
     exact = to_onnx(flownets)
