@@ -218,6 +218,7 @@ def test_training_scenes_are_drawn_again_in_the_same_textures_only(tmp_path):
     assert not same_textures(tmp_path, Textures.procedural(2, 1))
 
 
+@pytest.mark.slow
 def test_the_last_scenes_are_those_of_the_stream(world):
     if not Path("one").exists():
         pytest.skip("needs the run of the test before")
