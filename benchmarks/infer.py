@@ -26,9 +26,10 @@ from rich.table import Table
 from flightdepth.camera import Camera
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.files import write_json
+from flightdepth.processor import cpu_name, cpu_runs_bf16
 from flightdepth.runtimes.contract import Arrays, Runtime
 from flightdepth.runtimes.inputs import paired_inputs, swept_inputs
-from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime, cpu_name, cpu_runs_bf16
+from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 from flightdepth.runtimes.onnx_ort import OnnxRuntime
 from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.store import StoredNetwork, read_network, shipped_networks

@@ -27,7 +27,7 @@ from flightdepth.evaluation.network import evaluate_network
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.evaluation.table import parameters, whole_set
 from flightdepth.files import write_json
-from flightdepth.runtimes.onnx_openvino import cpu_name
+from flightdepth.processor import cpu_name
 from flightdepth.scenes import Textures
 from flightdepth.training import Recipe
 from flightdepth.training.checkpoint import read_weights

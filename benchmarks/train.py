@@ -19,8 +19,8 @@ from pathlib import Path
 import torch
 
 from flightdepth.evaluation.provenance import source_commit
+from flightdepth.processor import cpu_name
 from flightdepth.renderers.raycast import VERSION
-from flightdepth.runtimes.onnx_openvino import cpu_name
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import Batch, PairStream
 from flightdepth.stillbox.stream import CHUNK

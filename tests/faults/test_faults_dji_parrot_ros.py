@@ -1,7 +1,6 @@
 """Faults 1 to 4 of logs, for DJI subtitles, Parrot metadata and ROS recordings: a file that is nothing of the
 kind, cut off anywhere, damaged anywhere, or that declares lengths it does not hold."""
 
-import random
 import shutil
 import struct
 import time
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from trash import trashed
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import VelocitySample
@@ -163,24 +163,6 @@ def test_fault_2_a_bag_that_was_never_closed_is_read(tmp_path):
     telemetry = read_telemetry(bag)
     assert len(velocities(telemetry)) == 12
     assert telemetry.counts == {"recordings cut off": 1}
-
-
-def trashed(data, seed):
-    """Some bytes overwritten, doubled or lost."""
-    rng = random.Random(seed)
-    out = bytearray(data)
-    for _ in range(rng.choice([1, 3, 20])):
-        at = rng.randrange(len(out))
-        change = rng.randrange(4)
-        if change == 0:
-            out[at] ^= 1 << rng.randrange(8)
-        elif change == 1:
-            out[at : at + 4] = rng.choice([b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", bytes(4)])
-        elif change == 2:
-            out[at:at] = out[at : at + rng.randrange(1, 64)]
-        else:
-            del out[at : at + rng.randrange(1, 64)]
-    return bytes(out)
 
 
 def test_fault_3_trash_is_refused_or_counted(whole, tmp_path):

@@ -1,6 +1,5 @@
 """Faults 1 to 4, 10, 12 and 14 of the track inside a GoPro's video, and of the CSV that people write themselves."""
 
-import random
 import struct
 import time
 import tracemalloc
@@ -13,6 +12,7 @@ import pytest
 from flight_files import add_gpmf, klv, lned_payload, make_video, nest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from trash import trashed
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.gpmf import GpmfError, streams
@@ -126,24 +126,6 @@ def test_fault_2_a_csv_cut_at_any_byte_gives_what_came_before(tmp_path):
 
 
 # Fault 3
-
-
-def trashed(data, seed):
-    """Some bytes overwritten, doubled or lost."""
-    chance = random.Random(seed)
-    out = bytearray(data)
-    for _ in range(chance.choice([1, 3, 20])):
-        at = chance.randrange(len(out))
-        change = chance.randrange(4)
-        if change == 0:
-            out[at] = chance.randrange(256)
-        elif change == 1:
-            out[at : at + 4] = chance.choice([b"\xff\xff\xff\xff", b"\x7f\xff\xff\xff", bytes(4)])
-        elif change == 2:
-            out[at:at] = out[at : at + chance.randrange(1, 64)]
-        else:
-            del out[at : at + chance.randrange(1, 64)]
-    return bytes(out)
 
 
 def test_fault_3_500_trashed_payloads_are_refused_or_counted_in_under_twice_the_time(tmp_path):

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from flightdepth.errors import BadInput
+from flightdepth.processor import cpu_runs_bf16
 from flightdepth.runtimes.contract import Runtime
 from flightdepth.runtimes.devices import BF16_COST, best_precision, open_runtime
-from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime, cpu_runs_bf16
+from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 from flightdepth.runtimes.onnx_ort import OnnxRuntime
 from tests_networks import difference_card, difference_onnx
 

@@ -56,8 +56,14 @@ def he_normal(network: nn.Module) -> None:
 
 
 class Decoder(nn.Module):
-    """The way back from features at 1/16: FlowNetS has it, and DepthNet from there; what the layers are differs."""
+    """The order of the layers, which FlowNetS and DepthNet share; what the layers are differs."""
 
+    conv1: nn.Sequential
+    conv2: nn.Sequential
+    conv3: nn.Sequential
+    conv3_1: nn.Sequential
+    conv4: nn.Sequential
+    conv4_1: nn.Sequential
     conv5: nn.Sequential
     conv5_1: nn.Sequential
     conv6: nn.Sequential
@@ -96,6 +102,14 @@ class Decoder(nn.Module):
             features = torch.cat((skip, up(features), double(raw[-1])), dim=1)
             raw.append(predict(features))
         return raw[::-1], features
+
+    def depths_of(self, images: Tensor, activation: Activation) -> list[Tensor]:
+        """Depths, finest first, of a network that takes nothing but a pair of pictures [B, 6, H, W]."""
+        skip2 = self.conv2(self.conv1(images))
+        skip3 = self.conv3_1(self.conv3(skip2))
+        skip4 = self.conv4_1(self.conv4(skip3))
+        raw, _ = self.decoded(skip2, skip3, skip4)
+        return [activated(depth, activation) for depth in raw]
 
 
 class Trunk(Decoder):
@@ -143,8 +157,4 @@ class DepthNet(Trunk):
 
         [B, H/4, W/4], [B, H/8, W/8] ... [B, H/64, W/64]; H and W are multiples of 64.
         """
-        skip2 = self.conv2(self.conv1(images))
-        skip3 = self.conv3_1(self.conv3(skip2))
-        skip4 = self.conv4_1(self.conv4(skip3))
-        raw, _ = self.decoded(skip2, skip3, skip4)
-        return [activated(depth, self.activation) for depth in raw]
+        return self.depths_of(images, self.activation)

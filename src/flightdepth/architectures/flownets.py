@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from torch import Tensor, nn
 
-from flightdepth.architectures.depthnet import Activation, Decoder, activated
+from flightdepth.architectures.depthnet import Activation, Decoder
 
 SLOPE = 0.1  # of LeakyReLU below 0
 
@@ -64,8 +64,4 @@ class FlowNetS(Decoder):
 
         [B, H/4, W/4], [B, H/8, W/8] ... [B, H/64, W/64]; H and W are multiples of 64.
         """
-        skip2 = self.conv2(self.conv1(images))
-        skip3 = self.conv3_1(self.conv3(skip2))
-        skip4 = self.conv4_1(self.conv4(skip3))
-        raw, _ = self.decoded(skip2, skip3, skip4)
-        return [activated(depth, self.activation) for depth in raw]
+        return self.depths_of(images, self.activation)

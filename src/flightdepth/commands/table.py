@@ -171,7 +171,7 @@ def facts(network: Network) -> Found:
     """Size, training and time of a network."""
     from flightdepth.evaluation.provenance import source_commit
     from flightdepth.evaluation.table import median_ms, parameters
-    from flightdepth.runtimes.onnx_openvino import cpu_name
+    from flightdepth.processor import cpu_name
 
     card = network.card
     return {

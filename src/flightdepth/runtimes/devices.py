@@ -6,9 +6,10 @@ import logging
 from typing import get_args
 
 from flightdepth.errors import BadInput
+from flightdepth.processor import cpu_runs_bf16
 from flightdepth.runtimes.contract import Precision, Runtime
 from flightdepth.runtimes.memory import OutOfMemory
-from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime, cpu_runs_bf16
+from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 from flightdepth.runtimes.onnx_ort import PROVIDERS, OnnxRuntime
 from flightdepth.weights.card import NetworkCard
 

@@ -98,13 +98,3 @@ def describe(port: Any) -> str:
     """'type rank' of a graph's input or output."""
     type_name = port.element_type.get_type_name()
     return f"{TYPE_NAMES.get(type_name, type_name)} {port.partial_shape.rank}"
-
-
-def cpu_runs_bf16() -> bool:
-    """Whether this CPU computes bf16 itself (AVX-512 BF16 or AMX); elsewhere it would be emulated, slowly."""
-    return "BF16" in ov.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES")
-
-
-def cpu_name() -> str:
-    """Name of this machine's CPU, to stand beside every time that was measured on it."""
-    return str(ov.Core().get_property("CPU", "FULL_DEVICE_NAME"))

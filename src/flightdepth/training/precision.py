@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-import openvino
 import torch
+
+from flightdepth.processor import cpu_runs_bf16
 
 
 def mixed_precision() -> Literal["bf16", "no"]:
@@ -13,6 +14,4 @@ def mixed_precision() -> Literal["bf16", "no"]:
 
     Elsewhere it is emulated, and a step takes twice as long as in float32.
     """
-    if torch.accelerator.is_available():
-        return "bf16"
-    return "bf16" if "BF16" in openvino.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES") else "no"
+    return "bf16" if torch.accelerator.is_available() or cpu_runs_bf16() else "no"
