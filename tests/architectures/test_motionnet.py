@@ -28,7 +28,7 @@ def parameters(network):
 
 @pytest.mark.parametrize("width", [16, 32])
 def test_parameters_are_depthnets_but_for_the_inputs_and_the_spread(width):
-    """Nine weights for each map that a layer takes more than DepthNet's, and the head of the spread."""
+    """Nine weights for each map that a layer takes more than DepthNet's; the head of the spread; the second look."""
     more = [
         (3 - 6, width),
         (FINE + HALF + 2 * 3, 2 * width),
@@ -36,12 +36,20 @@ def test_parameters_are_depthnets_but_for_the_inputs_and_the_spread(width):
         (QUARTER + 2 * 5, 8 * width),
     ]
     expected = sum(9 * taken * given for taken, given in more) + 9 * (3 * width + 1) + 1
-    assert parameters(MotionNet(width)) - parameters(DepthNet(width)) == expected
+    second_look = 16 * (3 * width + 2) + 9 * 32 * (14 + 16 + 32 + 32) + 3 * 2 * 32 + (9 * 32 + 1) * 8
+    assert parameters(MotionNet(width)) - parameters(DepthNet(width)) == expected + second_look
 
 
-def test_depths_come_at_five_scales_and_the_spread_at_the_finest(small):
+def test_depths_come_refined_and_at_five_scales_and_the_spread_at_the_finest(small):
     depths, spread = small(*inputs())
-    assert [tuple(depth.shape[1:]) for depth in depths] == [(16, 32), (8, 16), (4, 8), (2, 4), (1, 2)]
+    assert [tuple(depth.shape[1:]) for depth in depths] == [
+        (16, 32),
+        (16, 32),
+        (8, 16),
+        (4, 8),
+        (2, 4),
+        (1, 2),
+    ]
     assert spread.shape == depths[0].shape
     assert (spread >= 0).all()
 

@@ -15,6 +15,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from flightdepth.architectures.depthnet import Trunk, activated, he_normal, predict_depth
+from flightdepth.architectures.refinement import Difference, Refinement
 from flightdepth.sweep import LEVELS
 
 CONTRAST = 20 / 255  # a difference of grey that counts as one
@@ -26,24 +27,30 @@ LARGEST_CORRECTION = 2.0  # in distances between the hypotheses on either side
 
 
 class MotionNet(Trunk):
-    """Sweeps to depth and its spread. `base_width` as of DepthNet: 32, or 16 for the tiny one."""
+    """Sweeps to depth and its spread.
 
-    def __init__(self, base_width: int = 32) -> None:
+    base_width            as of DepthNet: 32, or 16 for the tiny one
+    shift_px_m, largest_m  of `Refinement`
+    """
+
+    def __init__(self, base_width: int = 32, *, shift_px_m: float = 38.4, largest_m: float = 100.0) -> None:
         fine, half, quarter = (len(level.shifts_px) for level in LEVELS)
         more = [2 * len(corrected) for corrected in CORRECTED]
         taken = (3, fine + half + more[0], half + quarter + 2 + more[1], quarter + more[2])
         super().__init__(base_width, taken)
         self.predict_spread2 = predict_depth(3 * base_width + 1)
         he_normal(self.predict_spread2)
+        self.refinement = Refinement(3 * base_width + 1, shift_px_m, largest_m)
 
     def forward(
         self, current: Tensor, fine: Tensor, half: Tensor, quarter: Tensor, field: Tensor
     ) -> tuple[list[Tensor], Tensor]:
-        """Depths in metres at D0 and the reference focal length, finest first, as DepthNet's; then their spread.
+        """Depths in metres at D0 and the reference focal length, the refined one, then finest first as DepthNet's.
 
         current [B, 3, H, W], fine [B, k, H, W], half [B, k, H/2, W/2], quarter [B, k, H/4, W/4]: 0..1;
-        field [B, 2, H/4, W/4]. The spread, [B, H/4, W/4] in metres, is of the finest depth.
+        field [B, 2, H/4, W/4]. Then the spread, [B, H/4, W/4] in metres, of the refined one.
         """
+        earlier = fine[:, 0:1]  # not shifted
         grey = GREY[0] * current[:, 0:1] + GREY[1] * current[:, 1:2] + GREY[2] * current[:, 2:3]
         fine, half, quarter = (
             (swept - functional.avg_pool2d(grey, scale) if scale > 1 else swept - grey) / CONTRAST
@@ -57,7 +64,10 @@ class MotionNet(Trunk):
         raw, features = self.decoded(skip2, skip3, skip4)
         depths = [activated(depth, "elu+1") for depth in raw]
         share = functional.softplus(self.predict_spread2(features)[:, 0].float())
-        return depths, share * depths[0].detach()
+        spread = share * depths[0].detach()
+        difference = Difference(earlier / CONTRAST, grey / CONTRAST, field)
+        refined, spread = self.refinement(depths[0], spread, features, difference)
+        return [refined, *depths], spread
 
 
 def corrections(difference: Tensor, level: int) -> Tensor:

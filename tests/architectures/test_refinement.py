@@ -1,0 +1,106 @@
+"""The second look: its warp is the sweep's, and where pictures tell, it finds parts of a pixel."""
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from flightdepth.architectures.refinement import Difference, Refinement
+from flightdepth.camera import Camera
+from flightdepth.sweep import LEVELS, motion_field, sweep, unit_direction, warp_matrix
+
+CAMERA = Camera(128, 64, 100.0, 100.0, 60.0, 35.0)
+MOVES = [(0.3, 0.0, 0.0), (0.1, -0.05, 0.3), (0.0, 0.2, -0.2)]
+SHIFT_PX_M = 38.4
+
+
+def texture(seed=0):
+    """Grey picture with detail of a few pixels, RGB uint8 [H, W, 3]."""
+    noise = np.random.default_rng(seed).uniform(0, 255, (CAMERA.height, CAMERA.width)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.0)
+    spread = (smooth - smooth.min()) / (smooth.max() - smooth.min()) * 255
+    return np.repeat(spread.astype(np.uint8)[..., None], 3, axis=2)
+
+
+def planes(image):
+    return torch.from_numpy(image[..., 0].astype(np.float32))[None, None]
+
+
+def difference(previous, current, move):
+    field = torch.from_numpy(motion_field(unit_direction(move), CAMERA))[None]
+    return Difference(planes(previous), planes(current), field)
+
+
+def flat(value, hypotheses=1):
+    return torch.full((1, hypotheses, CAMERA.height // 4, CAMERA.width // 4), float(value))
+
+
+@pytest.mark.parametrize("move", MOVES)
+@pytest.mark.parametrize("level_0", [1, 4, 6])
+def test_the_warp_is_that_of_the_plane_sweep(move, level_0):
+    """OpenCV's affine warp of the same hypothesis, which interpolates in steps of 1/32 pixel."""
+    previous, current = texture(1), texture(2)
+    shift_px = LEVELS[0].shifts_px[level_0]
+    swept = sweep(previous, current, move, CAMERA).swept[0][level_0].astype(np.float32)
+    left, inside = difference(previous, current, move)(flat(shift_px))
+    whole = (
+        cv2.erode(
+            np.kron(inside[0, 0].numpy(), np.ones((4, 4))),
+            np.ones((9, 9)),
+            borderType=cv2.BORDER_CONSTANT,
+            borderValue=0,
+        )
+        > 0
+    )
+    ours = left[0, 0].numpy() + current[..., 0]
+    assert whole.sum() > 3000
+    assert np.abs(ours - swept)[whole].max() < 3.0  # the texture has slopes of 60 grey levels a pixel
+
+
+def test_each_pixel_has_a_shift_of_its_own():
+    previous, current = texture(1), texture(2)
+    seen = difference(previous, current, MOVES[1])
+    near, far = seen(flat(4.0))[0], seen(flat(1.0))[0]
+    mixed = flat(1.0)
+    mixed[..., 10:] = 4.0
+    found = seen(mixed)[0]
+    assert torch.allclose(found[..., :40], far[..., :40])
+    assert torch.allclose(found[..., 40:], near[..., 40:])
+
+
+def test_what_the_earlier_picture_does_not_hold_is_said():
+    """Sideways by 40 px: what was seen 40 px to the right is gone in the last 10 columns of 4."""
+    _, inside = difference(texture(), texture(), (0.3, 0.0, 0.0))(flat(40.0))
+    assert inside[0, 0].sum(0).tolist() == [16.0] * 22 + [0.0] * 10
+
+
+@pytest.mark.parametrize("off", [0.88, 1.12])
+def test_untrained_it_corrects_by_parts_of_a_pixel(off):
+    """A wall at 10 m, seen at shift 3.84 px; the guess is 12 % off."""
+    torch.manual_seed(0)
+    previous, move = texture(3), (0.3, 0.0, 0.0)
+    matrix = warp_matrix(SHIFT_PX_M / 10, unit_direction(move), CAMERA)
+    size = (CAMERA.width, CAMERA.height)
+    current = cv2.warpAffine(previous, matrix, size, flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
+    refine = Refinement(5, SHIFT_PX_M, 100.0).eval()
+    field = torch.from_numpy(motion_field(unit_direction(move), CAMERA))[None]
+    contrast = Difference(planes(previous) / 20, planes(current) / 20, field)
+    with torch.no_grad():
+        found, spread = refine(flat(10.0 * off)[:, 0], flat(1.0)[:, 0], flat(0.0, 5), contrast)
+    inner = found[:, 2:-2, 4:-4]
+    assert (inner - 10.0).abs().median() < 0.4 * abs(off - 1) * 10
+    assert (spread > 0).all()
+
+
+def test_nothing_is_learnt_through_the_warp():
+    """Of the depth that comes in, no gradient: what is sampled where is a choice, not a function to descend."""
+    depth = flat(10.0)[:, 0].requires_grad_()
+    features = flat(0.1, 5).requires_grad_()
+    seen = difference(texture(1), texture(2), MOVES[0])
+    torch.manual_seed(0)
+    refine = Refinement(5, SHIFT_PX_M, 100.0)
+    torch.nn.init.normal_(refine.head.weight, 0, 0.1)
+    refine(depth, flat(1.0)[:, 0], features, seen)[0].sum().backward()
+    assert depth.grad is None
+    assert features.grad is not None
+    assert features.grad.abs().sum() > 0
