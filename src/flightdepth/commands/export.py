@@ -122,6 +122,7 @@ def write_network(
     from flightdepth.weights.store import save_network
 
     onnx, storage = stored(run, card, pairs, full_precision=full_precision)
+    card = with_sigma_scale(card, onnx, len(pairs))
     card = card.model_copy(update={"metrics": measured(card, onnx, pairs)})
     path = save_network(out, card, onnx)
     say(f"{path}: {len(onnx) / 1e6:.1f} MB, {storage}, {card.samples:,} training pairs")
@@ -152,6 +153,18 @@ def stored(
     if cost is None or cost > HALF_COST_LIMIT:
         return exact, f"float32 (half precision would cost {said})"
     return half, f"half precision (costs {said})"
+
+
+def with_sigma_scale(card: NetworkCard, onnx: bytes, scenes: int) -> NetworkCard:
+    """The card of a network that tells its error bar, with what that is multiplied by; any other as it is."""
+    if not card.knows_direction:
+        return card
+    from flightdepth.evaluation.sigma_scale import calibration_set, fitted_sigma_scale
+
+    pairs = rendered(calibration_set(card, scenes=scenes))
+    scale = fitted_sigma_scale(running(card, onnx), pairs)
+    say(f"sigma_m is {scale:.3f} times what the weights say: then 68 % of the errors are inside it in flight")
+    return card.model_copy(update={"sigma_scale": round(scale, 4)})
 
 
 def measured(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> dict[str, float]:

@@ -87,7 +87,8 @@ class Network:
         beta = output[DEPTH] / np.float32(self.card.depth_max_m)
         alpha = self.card.at_focal(grid.camera.fx).alpha
         metres = np.where(lengths_m > 0, alpha * lengths_m, np.nan).astype(np.float32)[:, None, None]
-        sigma_m = output[SIGMA] / np.float32(self.card.depth_max_m) * metres if SIGMA in output else None
+        scale = np.float32(self.card.sigma_scale / self.card.depth_max_m)
+        sigma_m = output[SIGMA] * scale * metres if SIGMA in output else None
         return Prediction(beta, beta * metres, sigma_m, grid.valid)
 
     def at_focal(self, focal_px: float) -> Network:
