@@ -62,17 +62,22 @@ def calls_of(stored: StoredNetwork, size: int, batch: int) -> dict[str, Call]:
         return paired_inputs(earlier, current)
 
     made, found = inputs(), {"inputs": inputs}
-    opened = {name: partial(runtime, made) for name, runtime in runtimes(stored.onnx).items()}
+    opened = {
+        name: partial(runtime, made)
+        for name, runtime in runtimes(stored.onnx, tuple(stored.card.int8_ranges.items())).items()
+    }
     if find_spec("torch"):
         opened["PyTorch f32"] = pytorch(stored.card, made)
     return found | opened
 
 
 @lru_cache
-def runtimes(onnx: bytes) -> dict[str, Runtime]:
+def runtimes(onnx: bytes, ranges: tuple[tuple[str, tuple[float, float]], ...]) -> dict[str, Runtime]:
     found: dict[str, Runtime] = {"OpenVINO f32": OpenVinoRuntime(onnx)}
     if cpu_runs_bf16():
         found["OpenVINO bf16"] = OpenVinoRuntime(onnx, precision="bf16")
+    if ranges:
+        found["OpenVINO int8"] = OpenVinoRuntime(onnx, precision="int8", ranges=dict(ranges))
     if find_spec("onnxruntime"):
         found["ONNX Runtime f32"] = OnnxRuntime(onnx)
     return found

@@ -1,9 +1,13 @@
-"""Age and memory of a live run: python benchmarks/live.py [--seconds 60] [--network motion-tiny] [--ranges 2].
+"""Age, drops, processor time and memory of a live run: python benchmarks/live.py [--seconds 20 | --minutes 60].
 
-The sample flight is sent again and again as MPEG-TS over UDP by a process of its own, at 30 frames/s, encoded
-without delay as a camera would; its velocities are fed at 20 Hz. Printed: age from reception to result (p50, p95, of
-each quarter of the run), pictures dropped, ranges in use, and memory at each quarter. Everything shares the cores
-that this process may use: `taskset -c 0,1 python benchmarks/live.py` is a computer with two.
+The sample flight comes again and again at 30 frames/s, as H.264 in RTP (or MPEG-TS) over UDP, from a process of
+its own that encoded it beforehand, since a companion computer does not encode; what the sender costs is printed.
+Velocities are fed at 20 Hz and no attitude, so direction and rotation must be seen in the pictures: the most work.
+Ages count from the moment when the sender sent (RTCP; both clocks are this machine's), or with --transport ts
+from reception. Everything shares the cores that this process may use: `taskset -c 0,1 python benchmarks/live.py`
+is a computer with two.
+
+--seconds: one table, and the time by stage. --minutes: a line a minute, and how age and memory rise by the hour.
 """
 
 from __future__ import annotations
@@ -14,8 +18,13 @@ import multiprocessing
 import os
 import threading
 import time
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
@@ -24,62 +33,211 @@ from estimator import cpu
 
 import flightdepth
 from flightdepth.flight.records import Telemetry, VelocitySample
+from flightdepth.flight.steadiness import Steadiness
 from flightdepth.flight.video import Video
 from flightdepth.live.depth_stage import DepthStage, Lens
 from flightdepth.live.engine import LiveEngine, Parts
 from flightdepth.live.log_player import LogPlayer
 from flightdepth.live.motion_store import MotionStore
+from flightdepth.live.page import Page, PageServer
+from flightdepth.live.sound_decoder import SoundDecoder
 from flightdepth.live.status import LiveResult
 from flightdepth.live.video_address import video_address
 from flightdepth.live.video_input import VideoInput
-from flightdepth.runtimes.network import load_network
+from flightdepth.live.video_stream import Picture
+from flightdepth.ranges.derotation import Derotation
+from flightdepth.ranges.estimator import MultiRangeEstimator
+from flightdepth.ranges.plan import Planner
+from flightdepth.runtimes.network import Network, load_network
 
 SAMPLE = Path(flightdepth.__file__).parent / "sample" / "flight.mp4"
 RATE_HZ = 30
+GROUP = 30  # pictures from one key frame to the next
 WARM_UP_S = 5.0
 SPEED_M_S = 5.7
 FOV_DEG = 75.0
+PAGE_MIB = os.sysconf("SC_PAGE_SIZE") / 2**20
+MOST_A_MINUTE = 70 * RATE_HZ
+# What a picture goes through, in order; a stage that is part of another stands below it.
+STAGES: tuple[tuple[str, Any, str], ...] = (
+    ("decode", SoundDecoder, "decode"),
+    ("to RGB", Picture, "rgb"),
+    ("turning?", Steadiness, "add"),
+    ("pairs", MultiRangeEstimator, "_pairs"),
+    ("derotate", Derotation, "of"),
+    ("network", MultiRangeEstimator, "_predict"),
+    ("  its inputs", Network, "_inputs"),
+    ("fuse", MultiRangeEstimator, "_fuse"),
+    ("plan", Planner, "learn"),
+    ("result", MultiRangeEstimator, "_result"),
+    ("estimator, all", MultiRangeEstimator, "add_frame"),
+    ("publish", LiveEngine, "_publish"),
+)
 
 
-def send(address: str, size: tuple[int, int], seconds: float) -> None:
-    """The sample's first five seconds, forth and back, to `address`, as fast as a camera would."""
+def encoded(size: tuple[int, int]) -> list[bytes]:
+    """The sample's first five seconds, forth and back, each picture as H.264; the first is a key frame."""
     with Video(SAMPLE, end_s=5.0) as video:
         forth = [cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA) for frame in video.frames()]
-    pictures = forth + forth[-2:0:-1]
-    output = av.open(address, "w", format="mpegts")
-    stream = output.add_stream(
-        "libx264", rate=RATE_HZ, options={"preset": "ultrafast", "tune": "zerolatency"}
-    )
+    encoder = av.CodecContext.create("libx264", "w")
+    encoder.width, encoder.height, encoder.pix_fmt = *size, "yuv420p"
+    encoder.time_base, encoder.framerate, encoder.gop_size = Fraction(1, RATE_HZ), Fraction(RATE_HZ), GROUP
+    encoder.options = {"preset": "ultrafast", "tune": "zerolatency"}
+    packets: list[bytes] = []
+    for i, image in enumerate(forth + forth[-2:0:-1]):
+        picture = av.VideoFrame.from_ndarray(image, format="rgb24")
+        picture.pts = i
+        packets += [bytes(packet) for packet in encoder.encode(picture)]
+    return packets
+
+
+def send(target: str, transport: str, size: tuple[int, int], seconds: float, spent: Any) -> None:
+    """Send as fast as a camera would; `spent` gets this process's processor seconds, and how many were sent."""
+    packets = encoded(size)
+    output = av.open(target, "w", format={"rtp": "rtp", "ts": "mpegts"}[transport])
+    stream = output.add_stream("libx264", rate=RATE_HZ)
     stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
-    stream.codec_context.gop_size = RATE_HZ
-    began = time.monotonic()
+    spent[2] = 1.0
+    began, began_cpu_s = time.monotonic(), time.process_time()
     for i in range(round(seconds * RATE_HZ)):
         time.sleep(max(0.0, began + i / RATE_HZ - time.monotonic()))
-        picture = av.VideoFrame.from_ndarray(pictures[i % len(pictures)], format="rgb24")
-        output.mux(stream.encode(picture))
-    output.close()
+        packet = av.Packet(packets[i % len(packets)])
+        packet.stream, packet.time_base, packet.pts, packet.dts = stream, Fraction(1, RATE_HZ), i, i
+        packet.is_keyframe = i % len(packets) % GROUP == 0
+        output.mux(packet)
+        spent[0], spent[1] = time.process_time() - began_cpu_s, i + 1
 
 
 @dataclass(frozen=True)
-class Sample:
-    """One result: when it was ready, how old, how many ranges; memory of the process, MB."""
+class Minute:
+    """One minute, or one run: results and their ages; what the process and its pictures cost."""
 
-    ready_s: float
-    age_ms: float
-    ranges: int
-    rss_mb: float
+    results_a_second: float
+    received_a_second: float
+    age_ms_p50: float
+    age_ms_p95: float
+    age_ms_p99: float
+    ranges_mean: float
+    cpu_ms_a_result: float
+    rss_mib: float
+    from_sender: float
+
+    def line(self) -> str:
+        """For people."""
+        return (
+            f"{self.results_a_second:5.1f} of {self.received_a_second:4.1f}/s   age {self.age_ms_p50:5.1f}"
+            f" {self.age_ms_p95:5.1f} {self.age_ms_p99:5.1f} ms (p50 p95 p99)   n = {self.ranges_mean:.2f}"
+            f"   {self.cpu_ms_a_result:5.1f} ms of processor a result   {self.rss_mib:6.1f} MiB"
+        )
 
 
 class Watch:
-    """A sink that keeps figures only."""
+    """A sink that keeps figures in memory taken beforehand, so that memory measured is not its own."""
 
     def __init__(self) -> None:
-        self.samples: list[Sample] = []
+        self._lock = threading.Lock()
+        self._rows = np.ones((MOST_A_MINUTE, 3), dtype=np.float32)
+        self._count = 0
+        self._since = (0.0, 0.0, 0)
 
     def __call__(self, result: LiveResult) -> None:
-        pages = int(Path("/proc/self/statm").read_text().split()[1])
-        rss_mb = pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-        self.samples.append(Sample(result.ready_ns / 1e9, result.age_ms, result.status.ranges, rss_mb))
+        with self._lock:
+            if self._count < MOST_A_MINUTE:
+                row = result.age_ms, result.status.ranges, result.status.age_from == "sender"
+                self._rows[self._count] = row
+                self._count += 1
+
+    def begin(self, received: int) -> None:
+        """Count from now on; `received`: pictures that the stream gave so far."""
+        with self._lock:
+            self._count = 0
+        self._since = time.monotonic(), time.process_time(), received
+
+    def end(self, received: int) -> Minute:
+        """Figures since `begin`, which is now again."""
+        began_s, began_cpu_s, received_then = self._since
+        seconds, cpu_s = time.monotonic() - began_s, time.process_time() - began_cpu_s
+        with self._lock:
+            rows = self._rows[: self._count].copy()
+        if not len(rows):
+            raise SystemExit("no result came: is the port free?")
+        p50, p95, p99 = np.percentile(rows[:, 0], [50, 95, 99])
+        rss_mib = int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_MIB
+        self.begin(received)
+        return Minute(
+            len(rows) / seconds,
+            (received - received_then) / seconds,
+            float(p50),
+            float(p95),
+            float(p99),
+            float(rows[:, 1].mean()),
+            1e3 * cpu_s / len(rows),
+            rss_mib,
+            float(rows[:, 2].mean()),
+        )
+
+
+def slope_an_hour(minutes: np.ndarray[Any, Any], values: np.ndarray[Any, Any]) -> tuple[float, float]:
+    """Least squares: by how much `values` rise in an hour, and the standard error of that; NaN for fewer than three."""
+    if len(minutes) < 3:
+        return float("nan"), float("nan")
+    hours = np.asarray(minutes, dtype=np.float64) / 60
+    off = hours - hours.mean()
+    spread = float(off @ off)
+    slope = float(off @ values) / spread
+    left = values - values.mean() - slope * off
+    return slope, float(np.sqrt(left @ left / (len(hours) - 2) / spread))
+
+
+class StageTimes:
+    """Wall and processor time of each stage, a call; the processor's is that of the calling thread."""
+
+    def __init__(self) -> None:
+        self.wall_ms: dict[str, list[float]] = defaultdict(list)
+        self.cpu_ms: dict[str, list[float]] = defaultdict(list)
+
+    @contextmanager
+    def taken(self) -> Iterator[None]:
+        """Each of STAGES is timed meanwhile."""
+        before = [(owner, name, getattr(owner, name)) for _, owner, name in STAGES]
+        for (label, owner, name), (_, _, function) in zip(STAGES, before, strict=True):
+            setattr(owner, name, self._timed(label, function))
+        try:
+            yield
+        finally:
+            for owner, name, function in before:
+                setattr(owner, name, function)
+
+    def clear(self) -> None:
+        """Forget what was before."""
+        self.wall_ms.clear()
+        self.cpu_ms.clear()
+
+    def table(self, results: int) -> list[dict[str, Any]]:
+        """A row a stage: wall time p50 and p95 of a call, and processor time a result, ms."""
+        return [
+            {
+                "stage": label,
+                "calls": len(self.wall_ms[label]),
+                "wall_ms_p50": float(np.median(self.wall_ms[label])),
+                "wall_ms_p95": float(np.percentile(self.wall_ms[label], 95)),
+                "thread_cpu_ms_a_result": sum(self.cpu_ms[label]) / results,
+            }
+            for label, _, _ in STAGES
+            if self.wall_ms[label]
+        ]
+
+    def _timed(self, label: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def timed(*arguments: Any, **options: Any) -> Any:
+            wall, own = time.perf_counter(), time.thread_time()
+            found = function(*arguments, **options)
+            if isinstance(found, Iterator):
+                found = list(found)
+            self.wall_ms[label].append(1e3 * (time.perf_counter() - wall))
+            self.cpu_ms[label].append(1e3 * (time.thread_time() - own))
+            return found
+
+        return timed
 
 
 def steady(seconds: float) -> Telemetry:
@@ -91,67 +249,131 @@ def steady(seconds: float) -> Telemetry:
     return Telemetry("constant", tuple(samples))
 
 
-def run(arguments: argparse.Namespace) -> tuple[list[Sample], dict[str, int]]:
-    """Samples after the warm-up, and the pictures dropped."""
+@contextmanager
+def flying(arguments: argparse.Namespace, seconds: float) -> Iterator[tuple[LiveEngine, Watch, Any]]:
+    """An engine at work, its watch, and what the sender spends; begun and warm."""
     network = load_network(arguments.network)
     store, size = MotionStore(), (arguments.size[0], arguments.size[1])
     stage = DepthStage(network, Lens(hfov_deg=FOV_DEG), store, ranges=arguments.ranges, fixed=False)
     stage.prepare(*size)
-    address = video_address(f"udp://127.0.0.1:{arguments.port}")
-    seconds = arguments.seconds + WARM_UP_S
+    rtp, at = arguments.transport == "rtp", f"127.0.0.1:{arguments.port}"
+    address = video_address(f"rtp://{at}" if rtp else f"udp://{at}")
+    telemetry = steady(seconds + 120)
     engine = LiveEngine(
         Parts(
             stage=stage,
             store=store,
-            video=lambda listener: VideoInput(address, listener),
+            video=lambda listener: VideoInput(address, listener, sender_clock=rtp),
             motion=lambda engine: LogPlayer(
-                steady(seconds + 60), store, epoch_ns=time.monotonic_ns(), on_velocity=engine.on_velocity
+                telemetry, store, epoch_ns=time.monotonic_ns(), on_velocity=engine.on_velocity
             ),
         )
     )
     watch = Watch()
     engine.add_sink("watch", watch)
-    target = f"udp://127.0.0.1:{arguments.port}?pkt_size=1316"
-    sender = multiprocessing.get_context("spawn").Process(target=send, args=(target, size, seconds + 30))
+    spawn = multiprocessing.get_context("spawn")
+    spent = spawn.Array("d", 3)
+    target = f"rtp://{at}" if rtp else f"udp://{at}?pkt_size=1316"
+    sender = spawn.Process(target=send, args=(target, arguments.transport, size, seconds + 60, spent))
     sender.start()
-    with engine:
-        engine.run(threading.Event(), seconds)
+    stop = threading.Event()
+    worker = threading.Thread(target=engine.run, args=(stop,))
+    try:
+        while not spent[2]:
+            time.sleep(0.05)
+        with engine:
+            worker.start()
+            time.sleep(WARM_UP_S)
+            if arguments.page:
+                page = Page(engine.status, None)
+                engine.add_sink("page", page.take)
+                with PageServer(page, arguments.page):
+                    yield engine, watch, spent
+            else:
+                yield engine, watch, spent
+            stop.set()
+            worker.join()
+    finally:
+        stop.set()
+        sender.kill()
+        sender.join()
+
+
+def run_once(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The figures of `--seconds`, printed."""
+    stages = StageTimes()
+    with stages.taken(), flying(arguments, arguments.seconds) as (engine, watch, spent):
+        stages.clear()
+        watch.begin(engine.status().frames.received)
+        dropped_then, (sent_cpu_s, sent, _) = dict(engine.status().frames.dropped), tuple(spent)
+        time.sleep(arguments.seconds)
+        frames = engine.status().frames
+        figures = watch.end(frames.received)
+        table = stages.table(round(figures.results_a_second * arguments.seconds))
+        sender_ms = 1e3 * (spent[0] - sent_cpu_s) / max(spent[1] - sent, 1)
+    dropped = {why: n - dropped_then.get(why, 0) for why, n in frames.dropped.items()}
+    print(figures.line())
+    print(f"{'stage':18}{'calls':>6}{'wall p50':>10}{'p95 ms':>8}{'thread cpu, ms a result':>25}")
+    for row in table:
+        walls = f"{row['wall_ms_p50']:10.2f}{row['wall_ms_p95']:8.2f}"
+        print(f"{row['stage']:18}{row['calls']:6}{walls}{row['thread_cpu_ms_a_result']:25.2f}")
+    own = {"stages": table, "dropped": dropped, "sender_cpu_ms_a_picture": sender_ms}
+    print(
+        f"dropped {dropped}; sender {sender_ms:.2f} ms of processor a picture; from the sender's clock"
+        f" {figures.from_sender:.0%}"
+    )
+    return asdict(figures) | own
+
+
+def run_minutes(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The figures of `--minutes`, printed as they come."""
+    found: list[Minute] = []
+    with flying(arguments, 60 * arguments.minutes) as (engine, watch, _):
+        watch.begin(engine.status().frames.received)
+        began = time.monotonic()
+        for minute in range(1, arguments.minutes + 1):
+            time.sleep(max(0.0, began + 60 * minute - time.monotonic()))
+            found.append(watch.end(engine.status().frames.received))
+            print(f"minute {minute:3}  {found[-1].line()}", flush=True)
         dropped = dict(engine.status().frames.dropped)
-    sender.kill()
-    sender.join()
-    began_s = watch.samples[0].ready_s + WARM_UP_S
-    return [sample for sample in watch.samples if sample.ready_s >= began_s], dropped
-
-
-def figures(samples: list[Sample]) -> dict[str, object]:
-    """Of the whole run, and of each quarter."""
-    parts = [list(part) for part in np.array_split(np.array(samples, dtype=object), 4)]
-    ages = np.array([sample.age_ms for sample in samples])
+    age, rss = slopes(found)
+    print(
+        f"age p95 rises by {age[0]:.2f} +- {age[1]:.2f} ms an hour, memory by {rss[0]:.2f} +- {rss[1]:.2f} MiB"
+    )
+    print(f"dropped {dropped}")
     return {
-        "results": len(samples),
-        "results_a_second": len(samples) / max(samples[-1].ready_s - samples[0].ready_s, 1e-9),
-        "age_ms_p50": float(np.median(ages)),
-        "age_ms_p95": float(np.percentile(ages, 95)),
-        "age_ms_p95_by_quarter": [float(np.percentile([s.age_ms for s in part], 95)) for part in parts],
-        "rss_mb_by_quarter": [part[-1].rss_mb for part in parts],
-        "ranges_mean": float(np.mean([sample.ranges for sample in samples])),
+        "minutes": [asdict(minute) for minute in found],
+        "age_p95_ms_an_hour": age,
+        "rss_mib_an_hour": rss,
+        "dropped": dropped,
     }
+
+
+def slopes(found: list[Minute]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Of age p95 (ms an hour) and of memory (MiB an hour), each with its standard error."""
+    minutes = np.arange(len(found))
+    age = slope_an_hour(minutes, np.array([minute.age_ms_p95 for minute in found]))
+    return age, slope_an_hour(minutes, np.array([minute.rss_mib for minute in found]))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--network", default="motion-tiny")
-    parser.add_argument("--ranges", type=int, default=2)
+    parser.add_argument("--network", default="tiny-clamped-256")
+    parser.add_argument("--ranges", type=int, default=2, help="at most")
     parser.add_argument("--size", type=int, nargs=2, default=[256, 192], help="pictures, px")
-    parser.add_argument("--seconds", type=float, default=60)
-    parser.add_argument("--port", type=int, default=5655)
+    parser.add_argument("--seconds", type=float, default=20)
+    parser.add_argument("--minutes", type=int, help="instead of --seconds")
+    parser.add_argument("--transport", choices=["rtp", "ts"], default="rtp")
+    parser.add_argument("--page", metavar="HOST:PORT", help="with the page, for a browser to look at")
+    parser.add_argument("--port", type=int, default=5654)
     parser.add_argument("--json", type=Path, help="also write the figures here")
     arguments = parser.parse_args()
-    samples, dropped = run(arguments)
-    found = figures(samples) | {"dropped": dropped, "cpu": cpu(), "load_average": os.getloadavg()[0]}
-    found |= {"cores": len(os.sched_getaffinity(0)), "network": arguments.network}
-    for name, value in found.items():
-        print(f"{name:24}{value}")
+    found = run_minutes(arguments) if arguments.minutes else run_once(arguments)
+    found |= {"cpu": cpu(), "cores": len(os.sched_getaffinity(0)), "load_average": os.getloadavg()[0]}
+    found |= {"network": arguments.network, "transport": arguments.transport, "size": arguments.size}
+    print(
+        f"{found['cpu']}, {found['cores']} in use, {arguments.network}, {arguments.size}, {arguments.transport}"
+    )
     if arguments.json:
         arguments.json.write_text(json.dumps(found, indent=2))
 

@@ -10,7 +10,7 @@ pytest.importorskip("plotly", reason="needs flightdepth[report]")
 
 from flightdepth import cli
 from flightdepth.evaluation import ranges_study, ranges_trials
-from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Trial
+from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Telemetry, Trial
 from flightdepth.scenes import Textures
 
 TEXT = (Path(__file__).parents[2] / "docs" / "ranges.md").read_text(encoding="utf-8")
@@ -18,10 +18,16 @@ COMMANDS = [line for line in TEXT.splitlines() if line.startswith("flightdepth "
 TRIALS = (Trial(FLOW, 1), Trial(FLOW, 2), Trial(CONSTANT, 0))
 
 
+def few_trials(sweeps=(), *, quick=False):
+    """One more where a sweep is asked for, and the figure alone where time is short."""
+    swept = tuple(Trial(FLOW, 1, telemetry=Telemetry(bias=0.1)) for name in sweeps if name == "speed")
+    return (TRIALS[:1] if quick else TRIALS) + swept
+
+
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """Methods that need no network, and few textures."""
-    monkeypatch.setattr(ranges_trials, "all_trials", lambda *, quick=False: TRIALS[:1] if quick else TRIALS)
+    monkeypatch.setattr(ranges_trials, "all_trials", few_trials)
     monkeypatch.setattr(ranges_study, "test_textures", lambda: Textures.procedural(4, 0))
 
 
@@ -32,6 +38,7 @@ def call(*arguments):
 def test_figures_and_page(tmp_path, capsys):
     assert call("--out", tmp_path, "--scenes", 1, "--frames", 34) == 0
     said = capsys.readouterr().out
+    assert "3 flights of 34 frames and 0 sequences to render: about" in said
     assert "DIS flow, n = 2" in said
     assert "best constant depth" in said
     figures = json.loads((tmp_path / "ranges.json").read_text())
@@ -45,9 +52,18 @@ def test_figures_and_page(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_quick_is_less(tmp_path):
-    assert call("--out", tmp_path, "--scenes", 1, "--frames", 33, "--quick") == 0
-    assert len(json.loads((tmp_path / "ranges.json").read_text())["trials"]) == 1
+@pytest.mark.parametrize(
+    ("sweeps", "rows"),
+    [((), 1), (("--sweep", "speed"), 2), (("--sweep", "all"), 2), (("--sweep", "noise"), 1)],
+)
+def test_quick_is_less_and_a_sweep_is_more(tmp_path, sweeps, rows):
+    assert call("--out", tmp_path, "--scenes", 1, "--frames", 33, "--quick", *sweeps) == 0
+    assert len(json.loads((tmp_path / "ranges.json").read_text())["trials"]) == rows
+
+
+def test_a_sweep_that_is_none_is_refused(tmp_path, capsys):
+    assert call("--out", tmp_path, "--sweep", "weather") == 2
+    assert "telemetry" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("option", "value"), [("--scenes", 0), ("--frames", 32)])

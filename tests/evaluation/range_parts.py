@@ -8,6 +8,7 @@ import numpy as np
 
 from flightdepth.camera import Camera
 from flightdepth.evaluation.ranges_flight import MEASURED_FROM, Tally, fly
+from flightdepth.evaluation.ranges_peers import flow_card
 from flightdepth.evaluation.ranges_sequences import STEP_S, Sequence, Sequences
 from flightdepth.evaluation.ranges_trials import CONSTANT, Trial
 
@@ -29,12 +30,15 @@ def part(trial: Trial, number: int, factor: float) -> dict:
     head = {"sequence": number, "trial": trial.facts, "commit": "c0ffee", "runtime": ""}
     if trial.method == CONSTANT:
         return head | fly(trial, None, flown)
-    tally = Tally(flown)
+    tally = Tally(flown, flow_card(CAMERA.fx))
     for frame in range(MEASURED_FROM, FRAMES):
         sure = np.full_like(flown.truth_m[frame], 0.85)
-        tally.add(
-            frame, flown.truth_m[frame] * np.float32(factor), sure, [3 * k + 3 for k in range(trial.ranges)]
+        depth_m, shifts = (
+            flown.truth_m[frame] * np.float32(factor),
+            [3 * k + 3 for k in range(trial.ranges)],
         )
+        tally.add(frame, depth_m, sure, shifts)
+        tally.add_ranges(frame, depth_m, depth_m[None], np.array([0.5]))
     return (
         head
         | tally.result()

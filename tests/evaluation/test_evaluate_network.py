@@ -12,7 +12,7 @@ from rich.console import Console
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.evaluation.network import bf16_relative_cost, evaluate_network
+from flightdepth.evaluation.network import evaluate_network, relative_cost
 from flightdepth.evaluation.pairs import Task
 from flightdepth.evaluation.pictures import error_picture, sheet, write_sheets
 from flightdepth.evaluation.provenance import source_commit
@@ -118,8 +118,8 @@ def test_a_pair_without_displacement_is_refused() -> None:
 def test_the_cost_of_bf16_is_relative() -> None:
     # Truth 8 m on average off by 2 and by 2.2.
     exact, rounded = Network(CARD, Constant(6.0)), Network(CARD, Constant(5.8))
-    cost = bf16_relative_cost(exact, rounded, [pairs()[2]])
-    assert cost["bf16_relative_cost"] == pytest.approx(0.1, rel=1e-3)
+    cost = relative_cost(exact, rounded, [pairs()[2]])
+    assert cost["relative_cost"] == pytest.approx(0.1, rel=1e-3)
     assert cost["largest_change"] == pytest.approx(0.2 / 6, rel=1e-4)
 
 

@@ -6,8 +6,9 @@ from range_parts import CAMERA, sequence
 
 from flightdepth.camera import Camera
 from flightdepth.evaluation.ranges_confidence import BINS, Reliability, reliability
+from flightdepth.evaluation.ranges_coverage import PLACES, Coverage, coverage
 from flightdepth.evaluation.ranges_flicker import flicker, moved
-from flightdepth.evaluation.ranges_peers import least_relative_m
+from flightdepth.evaluation.ranges_peers import flow_card, least_relative_m
 from flightdepth.evaluation.ranges_sequences import log_of
 
 VIEW = Camera.from_fov(32, 32, 90)
@@ -120,6 +121,38 @@ def test_the_best_constant_scales_with_the_scene_and_needs_one():
     truth_m = np.array([2, 5, np.inf, 30, np.nan], np.float32)
     assert least_relative_m(10 * truth_m) == pytest.approx(10 * least_relative_m(truth_m))
     assert np.isnan(least_relative_m(np.full(3, np.nan, np.float32)))
+
+
+# Where errors come from
+
+
+def covered(depth_m: list, truth_m: list, displacements_m: list) -> dict:
+    """Through a network whose output spans a sixth of its range to all of it, 60 m at 0.5 m flown."""
+    card = flow_card(128.0).model_copy(update={"depth_min_m": 10.0, "depth_max_m": 60.0, "D0_m": 0.5})
+    counts = Coverage(card)
+    maps = (np.array(values, np.float32) for values in (depth_m, truth_m))
+    counts.add(*maps, np.array(displacements_m))
+    return coverage([counts.sums])
+
+
+def test_truth_lies_inside_a_range_nearer_or_beyond():
+    found = covered([1] * 5, [9.9, 10.1, 59.9, 60.1, 119], [0.5])
+    assert [found[place]["share"] for place in PLACES] == pytest.approx([0.4, 0.2, 0.4])
+    found = covered([1] * 5, [9.9, 10.1, 59.9, 60.1, 119], [0.5, 1.0])
+    assert [found[place]["share"] for place in PLACES] == pytest.approx([0.8, 0.2, 0.0])
+
+
+def test_what_lies_between_two_ranges_is_not_nearer():
+    found = covered([1], [70], [0.5, 4.0])  # 10 to 60 m and 80 to 480 m
+    assert found["beyond"]["share"] == 1
+
+
+def test_the_parts_add_up_to_the_error_and_unknown_depth_has_none():
+    found = covered([10, 40, 30, np.nan], [5, 20, 20, 70], [0.5])
+    assert sum(found[place]["part"] for place in PLACES) == pytest.approx((1 + 1 + 0.5) / 3)
+    assert found["nearer"] == {"share": 0.25, "part": pytest.approx(1 / 3), "abs_rel": 1}
+    assert found["inside"]["abs_rel"] == pytest.approx(0.75)
+    assert found["beyond"]["abs_rel"] is None
 
 
 # Logs

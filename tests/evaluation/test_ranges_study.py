@@ -8,13 +8,16 @@ from range_parts import FRAMES, Flown
 
 from flightdepth.errors import BadInput
 from flightdepth.evaluation.ranges_claims import FAILS, HOLDS, LEAST_SCENES, OPEN, claims, verdict
+from flightdepth.evaluation.ranges_flight import fly
+from flightdepth.evaluation.ranges_peers import FlowNetwork
 from flightdepth.evaluation.ranges_result import by_trial, result, shift_figures
-from flightdepth.evaluation.ranges_sequences import STEP_S, Sequences
-from flightdepth.evaluation.ranges_study import Study
+from flightdepth.evaluation.ranges_sequences import STEP_S, KeptSequences, Sequences
+from flightdepth.evaluation.ranges_study import Study, Workload
 from flightdepth.evaluation.ranges_trials import (
     CONSTANT,
     DEPTHNET,
     FLOW,
+    SWEEPS,
     TINY,
     Telemetry,
     Trial,
@@ -50,13 +53,28 @@ def finished(tmp_path_factory, textures):
 
 
 def test_a_trial_survives_json():
-    for trial in all_trials():
+    for trial in all_trials(SWEEPS):
         assert trial_of(json.loads(json.dumps(trial.facts))) == trial
 
 
 def test_every_trial_stands_once():
-    assert len(set(all_trials())) == len(all_trials())
-    assert set(all_trials(quick=True)) < set(all_trials())
+    everything = all_trials(SWEEPS)
+    assert len(set(everything)) == len(everything)
+    assert set(all_trials()) < set(all_trials(SWEEPS, quick=True)) < set(everything)
+
+
+@pytest.mark.parametrize("name", SWEEPS)
+def test_every_sweep_adds_to_the_figure_and_quick_keeps_some_of_it(name):
+    assert set(all_trials()) < set(all_trials([name], quick=True)) <= set(all_trials([name]))
+
+
+def test_sweeps_vary_what_they_say():
+    told = {name: {trial.telemetry for trial in sweep()} for name, sweep in SWEEPS.items()}
+    assert {log.rate_hz for log in told["telemetry"]} == {5, 10, 20, 50}
+    assert {log.bias for log in told["speed"]} == {-0.2, -0.1, 0.0, 0.1, 0.2}
+    assert {trial.noise_rad for trial in SWEEPS["noise"]()} >= {0.0, 0.001, 0.01}
+    assert {trial.ranges for trial in SWEEPS["ranges"]()} == {1, 2, 3, 4, 5, 6}
+    assert {trial.ranges for trial in SWEEPS["shift"]()} == {0}
 
 
 def test_the_papers_figure_is_whole():
@@ -117,6 +135,67 @@ def test_the_papers_fusion_leaves_nothing_out_and_the_default_does(finished):
 def test_flow_sees_depth_where_a_constant_does_not(finished):
     errors = {t: parts[0]["errors"]["all"]["abs_rel"] for t, parts in by_trial(finished.parts()).items()}
     assert errors[Trial(FLOW, 2)] < 1.5 * errors[Trial(CONSTANT, 0)]
+
+
+def test_errors_are_split_by_what_the_pairs_could_see(finished):
+    for trial, (part,) in by_trial(finished.parts()).items():
+        if trial.method == CONSTANT:
+            assert part["coverage"] is None
+            continue
+        pixels, known, error = np.array(part["coverage"]).sum(axis=0)
+        assert error / known == pytest.approx(part["errors"]["all"]["abs_rel"])
+        assert pixels == part["errors"]["all"]["pixels"]
+
+
+def test_the_best_range_in_hindsight_is_no_worse_than_their_fusion(finished):
+    part = by_trial(finished.parts())[Trial(FLOW, 2)][0]
+    assert part["best_abs_rel"]["all"] < part["errors"]["all"]["abs_rel"]
+
+
+def test_a_sequence_is_rendered_once_for_all_trials(finished):
+    (kept,) = (finished.folder / "sequences").iterdir()
+    assert kept.stat().st_size > SMALL.frames * 256 * 256 * 3
+
+
+def test_pictures_come_back_from_the_disk_as_they_were(tmp_path, textures):
+    tiny = Sequences(FRAMES, width=64)
+    rendered = tiny.render(2, 0.001, textures)
+    for _ in range(2):
+        kept = KeptSequences(tmp_path, tiny, lambda: textures, textures.digest).get(2, 0.001)
+        np.testing.assert_array_equal(kept.images, rendered.images)
+        np.testing.assert_array_equal(kept.truth_m, rendered.truth_m)
+        np.testing.assert_array_equal(kept.velocity, rendered.velocity)
+        np.testing.assert_array_equal(kept.stamps_ns, rendered.stamps_ns)
+        assert kept.camera == rendered.camera
+
+
+def test_other_noise_or_textures_are_other_pictures(tmp_path, textures):
+    tiny = Sequences(FRAMES, width=64)
+    plain = KeptSequences(tmp_path, tiny, lambda: textures, "")
+    others = [KeptSequences(tmp_path, Sequences(FRAMES), lambda: textures, ""), plain]
+    paths = {plain.path(0, 0.001), plain.path(1, 0.001), others[0].path(0, 0.001), others[1].path(0, 0.002)}
+    paths.add(KeptSequences(tmp_path, tiny, lambda: textures, "x").path(0, 0.001))
+    assert len(paths) == 5
+
+
+def test_nothing_is_left_of_a_finished_study(finished):
+    assert finished.workload() == Workload(0, 0, 0.0)
+
+
+def test_what_is_left_is_counted_and_timed(finished, textures):
+    more = Study(finished.folder, 2, SMALL, trials=(*TRIALS[:1], Trial(FLOW, 4)), textures=textures)
+    left = more.workload()
+    assert left.flights == 3  # the second scene of the one, both scenes of the other
+    assert left.renders == 0  # the second scene was rendered to time it
+    assert left.seconds > 0
+    assert not any(task.path.exists() for task in more.tasks if task.trial.ranges == 4)
+    more._kept.path(1, 0.001).unlink()
+
+
+def test_more_ranges_than_the_papers_system_has(textures):
+    sequence = Sequences(FRAMES + 3, width=64).render(0, 0.001, textures)
+    part = fly(Trial(FLOW, 6), FlowNetwork(sequence.camera.fx), sequence)
+    assert max(len(frame) for frame in part["shifts"]) > 4
 
 
 def test_a_finished_study_is_not_done_again(finished):

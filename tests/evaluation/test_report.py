@@ -10,7 +10,7 @@ pytest.importorskip("plotly", reason="needs flightdepth[report]")
 from range_parts import Flown
 
 from flightdepth.evaluation.ranges_result import result
-from flightdepth.evaluation.ranges_trials import DEPTHNET, Trial, all_trials
+from flightdepth.evaluation.ranges_trials import DEPTHNET, SWEEPS, Trial, all_trials
 from flightdepth.evaluation.report import page
 from flightdepth.evaluation.report_figures import plots
 from flightdepth.evaluation.report_text import PLOT_TEXTS, name_of
@@ -20,7 +20,7 @@ CHROMIUM = shutil.which("chromium")
 
 @pytest.fixture(scope="module")
 def found():
-    factors = {trial: 1.05 + 0.01 * k for k, trial in enumerate(all_trials())}
+    factors = {trial: 1.05 + 0.01 * k for k, trial in enumerate(all_trials(SWEEPS))}
     return result(Flown(factors), machine="a <machine> & more")
 
 
@@ -45,11 +45,11 @@ def _plain(row):
 
 
 def test_a_study_without_sweeps_has_the_plots_it_has_figures_for(found):
-    quick = {trial.label for trial in all_trials(quick=True)}
+    quick = {trial.label for trial in all_trials()}
     few = [row for row in found["trials"] if row["trial"] == _plain(row) and row["label"] in quick]
     shown = plots(found | {"trials": few})
     assert {"time", "spans", "shifts", "flicker"} <= set(shown)
-    assert not {"noise", "telemetry", "fusion", "confidence"} & set(shown)
+    assert not {"noise", "speed", "telemetry", "pairs", "fusion", "confidence"} & set(shown)
 
 
 def test_every_trial_has_a_name_of_its_own(found):
@@ -80,7 +80,7 @@ def test_it_opens_without_errors_and_every_plot_is_drawn(html, tmp_path):
         )
         tab.on("request", lambda request: asked.append(request.url))
         tab.goto(path.as_uri())
-        tab.wait_for_function("document.querySelectorAll('.js-plotly-plot .main-svg').length >= 9")
+        tab.wait_for_function("document.querySelectorAll('.js-plotly-plot .main-svg').length >= 12")
         drawn = tab.evaluate(
             "[...document.querySelectorAll('.js-plotly-plot')].map(p => [p.id, p.querySelectorAll("
             "'.scatterlayer .trace, .barlayer .trace').length, p.getBoundingClientRect().height])"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flightdepth.evaluation.spread import left_over, spread_summary
+from flightdepth.evaluation.spread import left_over, sigma_scale, spread_summary
 
 
 @pytest.fixture(scope="module")
@@ -45,3 +45,23 @@ def test_left_over_by_hand():
     error = np.array([4.0, 1.0, 2.0, 3.0, 0.0, 5.0, 6.0, 7.0, 8.0, 9.0])
     assert left_over(error, error)[5] == pytest.approx(2.0 / 4.5)
     assert left_over(error, -error)[5] == pytest.approx(7.0 / 4.5)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 3.0])
+def test_scaled_sigmas_hold_the_share(honest, factor):
+    """Fitted on one half of the errors, tested on the other."""
+    error, sigma = honest[0], factor * honest[1]
+    scale = sigma_scale(error[::2], sigma[::2])
+    assert scale == pytest.approx(1 / factor, rel=0.02)
+    assert spread_summary(error[1::2], scale * sigma[1::2])["inside_one"] == pytest.approx(0.683, abs=0.01)
+
+
+def test_pixels_that_tell_nothing_do_not_move_the_scale(honest):
+    error, sigma = (
+        np.concatenate([values, nothing]) for values, nothing in zip(honest, NOTHING, strict=True)
+    )
+    assert sigma_scale(error, sigma) == pytest.approx(sigma_scale(*honest), rel=1e-9)
+    assert sigma_scale(*NOTHING) == 1.0
+
+
+NOTHING = np.array([np.nan, 1.0, 1.0]), np.array([1.0, np.nan, 0.0])

@@ -12,6 +12,7 @@ import pytest
 from fault_flights import FPS, GROUP, film, packets
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from trash import trashed
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.decoding import REORDERED
@@ -120,22 +121,6 @@ def test_fault_2_a_cut_video_gives_what_came_before(name, request, tmp_path):
 
 
 # Fault 3: trash.
-
-
-def trashed(data, seed):
-    """Some bytes overwritten, doubled or lost."""
-    chance = random.Random(seed)
-    out = bytearray(data)
-    for _ in range(chance.choice([1, 5, 20])):
-        at = chance.randrange(len(out))
-        change = chance.randrange(3)
-        if change == 0:
-            out[at] = chance.randrange(256)
-        elif change == 1:
-            out[at : at + 4] = chance.choice([b"\xff\xff\xff\xff", b"\x7f\xff\xff\xff", bytes(4)])
-        else:
-            out[at:at] = out[at : at + chance.randrange(1, 64)]
-    return bytes(out)
 
 
 def outcomes(path, tmp_path, seeds):

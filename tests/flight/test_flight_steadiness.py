@@ -5,7 +5,8 @@ import pytest
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import GyroscopeTrack
-from flightdepth.flight.steadiness import MAX_TURN_RAD, Steadiness, follow, normalised, verdict
+from flightdepth.flight.steadiness import MAX_TURN_RAD, Steadiness, follow, verdict
+from flightdepth.runtimes.lens import undistort
 
 CAMERA = Camera.from_fov(320, 192, 64.0)
 STEP_NS = 33_366_667  # 29.97 frames/s
@@ -136,7 +137,7 @@ def test_corners_are_followed_to_where_they_went():
 @pytest.mark.parametrize("camera", [CAMERA, Camera(320, 192, 250, 251, 150, 99, (-0.2, 0.05, 0.001, 0.0))])
 def test_normalised_points_project_back(camera):
     pixels = np.array([[10.0, 20.0], [160.0, 96.0], [300.0, 150.0]])
-    rays = np.c_[normalised(pixels, camera), np.ones(3)]
+    rays = np.c_[undistort(pixels, camera), np.ones(3)]
     back, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.distortion))
     assert np.allclose(back[:, 0], pixels, atol=1e-2)
 
@@ -144,6 +145,6 @@ def test_normalised_points_project_back(camera):
 def test_normalised_fisheye_points_project_back():
     camera = Camera(320, 192, 150, 150, 159.5, 95.5, (0.05, -0.01, 0.0, 0.0), "fisheye")
     pixels = np.array([[10.0, 20.0], [160.0, 96.0], [300.0, 150.0]])
-    plane = normalised(pixels, camera).reshape(-1, 1, 2)
+    plane = undistort(pixels, camera).reshape(-1, 1, 2)
     back = cv2.fisheye.distortPoints(plane, camera.matrix, np.array(camera.distortion))
     assert np.allclose(back[:, 0], pixels, atol=1e-3)

@@ -47,7 +47,9 @@ def test_the_numbers_are_the_defaults():
     assert (
         said == (1.0, 40.0, 1.5, 1.5) and "100 and 4000 cm" in PAGE and "1.5 m above to 1.5 m below" in PAGE
     )
-    assert SETTINGS.hit_share == 0.05 and SETTINGS.known_share == 0.7 and SETTINGS.memory_s == 1.0
+    assert SETTINGS.hit_share == 0.03 and "nearest 3 % of a sector's rays" in PAGE
+    assert SETTINGS.hit_confidence == 0.25 and "0.25 is enough for an obstacle" in PAGE
+    assert SETTINGS.known_share == 0.7 and SETTINGS.memory_s == 1.0
     assert f"component {COMPONENT} " in PAGE and f"{RATE_HZ:.0f} times a second" in PAGE
 
 

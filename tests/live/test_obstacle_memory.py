@@ -84,6 +84,25 @@ def test_the_newest_result_stands_before_the_memory():
     assert cm(found)[0] == FREE and not found.remembered[0]
 
 
+def test_two_results_in_a_row_count_as_one():
+    """Near and far in turn: the nearer obstacle of both stands, moved by the motion; not for long."""
+    near, far = result(wall(camera_attitude(), 8.0)), result(wall(camera_attitude(), 30.0))
+    for order in ((near, far), (far, near)):
+        obstacles = ObstacleMap(SIGHT)
+        added(obstacles, 0.0, order[0], (1.0, 3.0, 0.0))
+        found = added(obstacles, 0.1, order[1], (1.0, 3.0, 0.0))
+        assert 7.85 <= found.obstacle_m[0] <= 8.01
+    late = ObstacleMap(SIGHT)
+    added(late, 0.0, near, (1.0, 3.0, 0.0))
+    assert added(late, 0.3, far, (1.0, 3.0, 0.0)).obstacle_m[0] == pytest.approx(30.0, abs=0.1)
+
+
+def test_what_one_of_two_results_calls_free_the_other_may_take_back():
+    obstacles = ObstacleMap(SIGHT)
+    added(obstacles, 0.0, result(wall(camera_attitude(), 8.0)), (0.0, 3.0, 0.0))
+    assert cm(added(obstacles, 0.03, nothing(90.0), (0.0, 3.0, 0.0)))[0] == pytest.approx(800, abs=5)
+
+
 def test_the_blind_cone_is_covered_by_what_was_seen_before():
     """A ball ahead seen while flying sideways, then straight at it: only the memory knows it."""
     ball = np.full((CAMERA.height, CAMERA.width), np.nan)

@@ -58,7 +58,7 @@ def live_result(
 
 
 def feed(**options) -> ObstacleFeed:
-    return ObstacleFeed(ObstacleMap(SIGHT), ObstaclePacker(SETTINGS, system=7), **options)
+    return ObstacleFeed(ObstacleMap(SIGHT), ObstaclePacker(SETTINGS, system=lambda: 7), **options)
 
 
 def decoded(messages: list[bytes]) -> list:
@@ -77,7 +77,7 @@ def test_the_numbers_are_those_of_mavlink():
 
 def test_every_field_of_a_message():
     sectors = looked(result(wall(camera_attitude(), 10.0)))
-    message = decoded([ObstaclePacker(SETTINGS, system=7).distances(sectors, 123_456, 0.0)])[0]
+    message = decoded([ObstaclePacker(SETTINGS, system=lambda: 7).distances(sectors, 123_456, 0.0)])[0]
     assert message.get_type() == DISTANCE and message.get_srcSystem() == 7
     assert message.get_srcComponent() == COMPONENT
     assert message.time_usec == 123_456 and message.frame == 12
@@ -85,6 +85,19 @@ def test_every_field_of_a_message():
     assert (message.min_distance, message.max_distance) == (100, 4000)
     assert message.distances == distances_cm(sectors, 0.0, SETTINGS).tolist()
     assert len(message.distances) == SECTORS
+
+
+def test_the_sender_takes_the_vehicles_number_once_it_is_heard():
+    """A vehicle numbered 42 got messages of system 1."""
+    heard: list[int] = []
+    packer = ObstaclePacker(SETTINGS, system=lambda: heard[0] if heard else None)
+    before = packer.heartbeat(usable=True)
+    heard.append(42)
+    messages = decoded(
+        [before, packer.heartbeat(usable=True), packer.distances(looked(nothing(60.0)), 1, 0.0)]
+    )
+    assert [message.get_srcSystem() for message in messages] == [1, 42, 42]
+    assert {message.get_srcComponent() for message in messages} == {COMPONENT}
 
 
 def test_what_ardupilot_and_px4_make_of_it():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -156,8 +157,20 @@ def test_far_depth_with_little_confidence_is_unknown():
     assert cm(looked(result(far, confidence=0.3)))[0] == UNKNOWN
 
 
-def test_a_wall_with_little_confidence_is_unknown():
-    assert cm(looked(result(wall(camera_attitude(), 10.0), confidence=0.3)))[0] == UNKNOWN
+def test_an_obstacle_needs_less_confidence_than_free():
+    """A miss is worse than a false alarm: 0.3 is enough for a wall, and not for clear air behind it."""
+    assert cm(looked(result(wall(camera_attitude(), 10.0), confidence=0.3)))[0] == pytest.approx(1000, abs=2)
+    assert cm(looked(result(wall(camera_attitude(), 10.0), confidence=0.1)))[0] == UNKNOWN
+
+
+def test_at_most_is_an_obstacle():
+    """What is too near for every range was unknown, and the wall behind it was told."""
+    depth = wall(camera_attitude(), 30.0)
+    depth[:, 150:160] = np.nan
+    behind = result(depth)
+    assert cm(looked(behind))[0] == pytest.approx(3000, abs=5)
+    nearer = np.where(np.isnan(depth), np.float32(4.0), np.float32(np.nan))
+    assert cm(looked(replace(behind, nearer_than_m=nearer)))[0] == pytest.approx(400, abs=2)
 
 
 def test_an_unknown_strip_of_a_degree_keeps_a_sector_from_being_free():

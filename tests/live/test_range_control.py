@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -63,6 +64,24 @@ def test_trials_that_fail_become_rare():
     rises = sum(b > a for a, b in pairwise(told))
     assert 2 <= rises <= 12
     assert told.count(2) / len(told) < 0.05
+
+
+def test_ranges_that_nearly_fill_the_time_are_kept():
+    """28 to 33 ms of 33.3: no picture waits, so the second range costs nothing but its own time."""
+    machine = Machine(2)
+    rng = np.random.default_rng(5)
+    told = [n for _ in range(2000) for n in machine.run(0.01, 16 + rng.uniform(-2, 4), 7.0)]
+    assert set(told) == {2}
+
+
+def test_on_the_brink_n_does_not_swing():
+    """One range has room, two do not, and every frame takes another time: at most a trial a minute in the end."""
+    machine = Machine(2)
+    rng = np.random.default_rng(6)
+    told = [n for _ in range(20_000) for n in machine.run(0.01, 16 + rng.uniform(-6, 6), 9.5)]
+    changes = np.flatnonzero(np.diff(told))
+    assert 2 <= len(changes) < 40
+    assert len(changes[changes > len(told) / 2]) <= 12
 
 
 def test_one_slow_frame_changes_nothing():

@@ -72,7 +72,9 @@ def address(folder):
     """Of `flightdepth view --web`, as a user starts it."""
     ports = ["--port", str(free_port()), "--data-port", str(free_port())]
     command = ["view", str(folder), "--web", *ports]
-    script = f"import sys; from flightdepth.cli import main; sys.exit(main({command!r}))"
+    # A shell without job control starts what runs in its background with SIGINT ignored; a terminal does not.
+    hears = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    script = f"{hears}from flightdepth.cli import main; sys.exit(main({command!r}))"
     served = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
     try:
         for line in served.stdout:
@@ -83,7 +85,7 @@ def address(folder):
             pytest.fail("it ended without an address")
     finally:
         served.send_signal(signal.SIGINT)
-        assert served.wait(120) == 130
+        assert served.wait(60) == 130
         served.stdout.close()
 
 

@@ -221,3 +221,15 @@ def test_sigma_can_be_read_from_the_confidence(share: float) -> None:
     found = fused_with_sigma((0.6, 0.2), (20 * share, 20 * share))
     sigma_m = -0.287 * found.depth_m / np.log(1 - np.clip(found.confidence, 0, 0.999))
     np.testing.assert_allclose(sigma_m, found.sigma_m, rtol=1e-3)
+
+
+def test_an_output_just_above_the_lower_end_is_no_measurement_where_a_shorter_pair_saw_nearer() -> None:
+    """Clamped at 10 of 60 m: 1.25 m at 0.025 m, and 24 m at 1 m, where 20 m is the least that can be said."""
+    fused = fuse(one(5 / 12, 0.2), np.array([0.025, 1.0]), CLAMPED)
+    np.testing.assert_allclose(fused.depth_m, 1.25, rtol=1e-5)
+
+
+@given(st.floats(0.27, 0.87))
+def test_an_answer_well_inside_the_range_still_contradicts(beta: float) -> None:
+    fused = fuse(one(0.3, beta), np.array([0.025, 1.0]), CLAMPED)
+    assert np.isnan(fused.depth_m).all()

@@ -116,3 +116,31 @@ def test_fruitless_scouts_go_on_then_start_over(bound: str, step: float, expecte
         reached = step * looked[-1] * (2.25 if bound == "nearer" else 1)
         plan.learn(k * S + 2, fused(100.0, **{bound: reached}), ALL)
     np.testing.assert_allclose(looked, expected)
+
+
+def in_turn() -> Planner:
+    return Planner(CLAMPED, 1, sides=2.0, memory_s=4.0, saturation=True, turns=2)
+
+
+def test_one_range_looks_near_and_far_in_turn() -> None:
+    plan, seen = in_turn(), []
+    # Each look knows its own half of the picture only: 8 m below, or 64 m above.
+    near, far = fused(8.0), fused(8.0)
+    far.depth_m[:] = np.where(np.isnan(near.depth_m), np.float32(64), np.float32(np.nan))
+    plan.learn(0, near, ALL)
+    for i, maps in enumerate((far, near, far, near)):
+        plan.learn(i + 1, maps, ALL)
+        wanted, depths = plan.wanted(i + 1, USABLE)
+        assert len(wanted) == 1
+        seen.append(float(depths[0]))
+    assert seen[:2] == pytest.approx(seen[2:], rel=1e-3)
+    assert sorted(seen[:2]) == pytest.approx([8.0, 64.0], rel=1e-3)
+
+
+def test_several_ranges_take_no_turns() -> None:
+    plan = in_turn()
+    plan.ranges = 2
+    maps = fused(8.0)
+    maps.depth_m[np.isnan(maps.depth_m)] = 64.0
+    plan.learn(0, maps, ALL)
+    np.testing.assert_allclose(plan.wanted(1, USABLE)[1], [8.0, 64.0], rtol=1e-3)

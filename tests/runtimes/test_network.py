@@ -222,6 +222,16 @@ def test_a_motion_network_tells_its_error_in_metres() -> None:
     assert prediction.sigma_m == pytest.approx(0.1 * prediction.depth_m, rel=1e-5)
 
 
+def test_the_cards_scale_multiplies_the_error_bar_and_nothing_else() -> None:
+    pair = [checkers(SQUARE, -2)], checkers(SQUARE), [[2.0, 0.0, 0.0]], SQUARE
+    plain, scaled = (
+        Network(swept_card().model_copy(update={"sigma_scale": scale}), BestHypothesis()).predict(*pair)
+        for scale in (1.0, 0.7)
+    )
+    assert scaled.sigma_m == pytest.approx(0.7 * plain.sigma_m, rel=1e-5)
+    np.testing.assert_array_equal(scaled.depth_m, plain.depth_m)
+
+
 def test_a_motion_network_needs_the_direction() -> None:
     network = Network(swept_card(), BestHypothesis())
     with pytest.raises(BadInput, match=r"expected vectors \[1, 3\]: it needs the direction"):

@@ -5,6 +5,7 @@ import math
 import signal
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -193,10 +194,15 @@ def test_without_the_recipe_before_there_is_no_start(tmp_path):
         run(tmp_path / "child", recipe=small_recipe(name="child", starts_from="small"))
 
 
+@cache
+def exported(folder):
+    trained = read_trained(folder)
+    return trained, to_onnx(deployed(trained.recipe, read_weights(trained.checkpoint, "averaged")))
+
+
 def shipped_after(folder, stages):
     """What an export of the whole run is, with the card's stages given by hand."""
-    trained = read_trained(folder)
-    onnx = to_onnx(deployed(trained.recipe, read_weights(trained.checkpoint, "averaged")))
+    trained, onnx = exported(folder)
     facts = {"width": 64, "height": 64, "focal_px": 32.0, "batch": BATCH, "learning_rate": 1e-3}
     card = NetworkCard(
         **{

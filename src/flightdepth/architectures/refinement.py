@@ -111,7 +111,9 @@ class Difference:
         down = (top + (below - top) / 4 * (row - 1.5)[None])[:, None] * (2 / height)  # [B, 1, H, 1, 1]
         first, second = shift_px.new_tensor((1.0, 0.0)), shift_px.new_tensor((0.0, 1.0))
         moves = across * first + down * second
-        stands = _middles(width, shift_px)[:, None] * first + _middles(height, shift_px)[:, None, None] * second
+        stands = (
+            _middles(width, shift_px)[:, None] * first + _middles(height, shift_px)[:, None, None] * second
+        )
         large = functional.interpolate(scale, scale_factor=4, mode="nearest")[..., None]
         grid = (stands + large * moves).reshape(batch, hypotheses * height, width, 2)
         warped = functional.grid_sample(self.previous, grid, padding_mode="border", align_corners=False)

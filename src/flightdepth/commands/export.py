@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 FLIGHT_FOCAL_PX = (
     256.0  # what a network for any lens scales the pictures of flights to, unless told otherwise
 )
+PRECISIONS: tuple[Precision, ...] = ("bf16", "int8")  # whose cost is measured
+INT8_PAIRS = 64  # whose largest values are the ranges of int8
 HALF_COST_LIMIT = 0.01  # of the test error: half-precision storage must not cost more
 
 
@@ -122,6 +124,9 @@ def write_network(
     from flightdepth.weights.store import save_network
 
     onnx, storage = stored(run, card, pairs, full_precision=full_precision)
+    calibration = calibration_pairs(card, len(pairs))
+    card = with_int8_ranges(card, onnx, calibration)
+    card = with_sigma_scale(card, onnx, calibration)
     card = card.model_copy(update={"metrics": measured(card, onnx, pairs)})
     path = save_network(out, card, onnx)
     say(f"{path}: {len(onnx) / 1e6:.1f} MB, {storage}, {card.samples:,} training pairs")
@@ -138,7 +143,7 @@ def stored(
 ) -> tuple[bytes, str]:
     """The ONNX file, in half precision unless that is not wanted or costs too much, and how it is stored."""
     with extra_packages("flightdepth export", "train"):
-        from flightdepth.evaluation.network import bf16_relative_cost
+        from flightdepth.evaluation.network import relative_cost
         from flightdepth.training.checkpoint import read_weights
         from flightdepth.training.export import deployed, in_half_precision, to_onnx
     model = deployed(run.recipe, read_weights(run.checkpoint, "averaged"))
@@ -147,16 +152,42 @@ def stored(
         return exact, "float32"
     half = in_half_precision(exact)
     networks = (running(card, exact), running(card, half))
-    cost = bf16_relative_cost(*networks, pairs)["bf16_relative_cost"]
+    cost = relative_cost(*networks, pairs)["relative_cost"]
     said = f"{cost:+.3%} of the test error" if cost is not None else "an unknown part of the test error"
     if cost is None or cost > HALF_COST_LIMIT:
         return exact, f"float32 (half precision would cost {said})"
     return half, f"half precision (costs {said})"
 
 
+def calibration_pairs(card: NetworkCard, scenes: int) -> list[TestPair]:
+    """Pairs that neither training nor a test uses."""
+    from flightdepth.evaluation.sigma_scale import calibration_set
+
+    return rendered(calibration_set(card, scenes=scenes))
+
+
+def with_int8_ranges(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> NetworkCard:
+    """The card with what must be known to run the network on bytes."""
+    from flightdepth.evaluation.int8_ranges import fitted_int8_ranges
+
+    ranges = fitted_int8_ranges(card, onnx, pairs[:INT8_PAIRS])
+    return card.model_copy(update={"int8_ranges": ranges})
+
+
+def with_sigma_scale(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> NetworkCard:
+    """The card of a network that tells its error bar, with what that is multiplied by; any other as it is."""
+    if not card.knows_direction:
+        return card
+    from flightdepth.evaluation.sigma_scale import fitted_sigma_scale
+
+    scale = fitted_sigma_scale(running(card, onnx), pairs)
+    say(f"sigma_m is {scale:.3f} times what the weights say: then 68 % of the errors are inside it in flight")
+    return card.model_copy(update={"sigma_scale": round(scale, 4)})
+
+
 def measured(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> dict[str, float]:
-    """The card's metrics; what is not defined is left out, and the cost of bf16 where it can't even be emulated."""
-    from flightdepth.evaluation.network import bf16_relative_cost, evaluate_network
+    """The card's metrics; what is not defined is left out, and the cost of what can't even be emulated."""
+    from flightdepth.evaluation.network import evaluate_network, relative_cost
 
     exact = running(card, onnx)
     found = evaluate_network(exact, pairs, set_name="fixed")
@@ -164,9 +195,10 @@ def measured(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> dict[str,
     metrics |= {key: found["network"][key] for key in ("l1_m", "rmse_m", "abs_rel")}
     metrics["delta_125"] = found["network"]["delta"]
     metrics |= {f"{peer}_l1_m": found[peer]["l1_m"] for peer in ("constant", "classical")}
-    cost = bf16_relative_cost(exact, running(card, onnx, "bf16"), pairs)
-    if cost["largest_change"] > 0:  # without AVX-512 OpenVINO goes on in float32
-        metrics["bf16_relative_cost"] = cost["bf16_relative_cost"]
+    for precision in PRECISIONS:
+        cost = relative_cost(exact, running(card, onnx, precision), pairs)
+        if cost["largest_change"]:  # without AVX-512 OpenVINO goes on in float32
+            metrics[f"{precision}_relative_cost"] = cost["relative_cost"]
     return {key: value for key, value in metrics.items() if value is not None}
 
 
@@ -175,4 +207,4 @@ def running(card: NetworkCard, onnx: bytes, precision: Precision = "f32") -> Net
     from flightdepth.runtimes.network import Network
     from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 
-    return Network(card, OpenVinoRuntime(onnx, precision=precision))
+    return Network(card, OpenVinoRuntime(onnx, precision=precision, ranges=card.int8_ranges))

@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from flightdepth.commands.precision_option import NetworkPrecision, PrecisionOption
+
 
 def live(
     *,
@@ -50,6 +52,7 @@ def live(
         str | None,
         typer.Option(metavar="NAME", help="See `flightdepth networks`. Default: one for any lens."),
     ] = None,
+    precision: PrecisionOption = NetworkPrecision.AUTO,
     ranges: Annotated[int, typer.Option(metavar="N", help="Frame pairs a frame at most, 1 to 4.")] = 2,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Also write what `flightdepth run` writes.")
@@ -106,6 +109,7 @@ def live(
             camera_delay_ms,
             sender_clock,
             network,
+            precision,
             ranges,
             out,
             serve,

@@ -51,10 +51,16 @@ class Session:
         self.address = video_address(settings.video)
         self.lens = Lens.given(settings.camera, settings.hfov)
         self.nominal_camera = self.lens.camera or self.lens.at(*NOMINAL_SIZE)
-        self.network: Network = load_network(settings.network or nearest_network(self.nominal_camera))
+        self.network: Network = load_network(
+            settings.network or nearest_network(self.nominal_camera), precision=settings.precision.chosen
+        )
         fixed = settings.mount is Mount.FIXED
         self.store = MotionStore(body_from_camera(settings.tilt) if fixed else None)
-        stage = DepthStage(self.network, self.lens, self.store, ranges=settings.ranges, fixed=fixed)
+        # Obstacles join two results in a row, so with one range these look near and far in turn.
+        turns = 2 if settings.obstacles or settings.dry_run is not None else 1
+        stage = DepthStage(
+            self.network, self.lens, self.store, ranges=settings.ranges, fixed=fixed, turns=turns
+        )
         if self.address.paced:  # a file must not run on while the network is prepared
             with Video(Path(self.address.target)) as first:
                 stage.prepare(*first.size)
@@ -120,11 +126,15 @@ class Session:
         if not settings.obstacles and settings.dry_run is None:
             return None
         sight = Sight.of(self.network.card, self.network.grid(self.nominal_camera).camera.fx)
-        packer = ObstaclePacker(ObstacleSettings())
+        packer = ObstaclePacker(ObstacleSettings(), system=self._vehicle)
         feed = ObstacleFeed(ObstacleMap(sight), packer, camera_ahead=settings.mount is Mount.FIXED)
         self.engine.add_sink("obstacles", feed.take)
         stack.enter_context(ObstacleSender(feed, self._obstacle_writer(stack)))
         return feed
+
+    def _vehicle(self) -> int | None:
+        """The number of the system whose autopilot was heard."""
+        return None if self.feed is None or self.feed.vehicle is None else self.feed.vehicle.system
 
     def _obstacle_writer(self, stack: ExitStack) -> Callable[[bytes], None]:
         """To the autopilot, or with --dry-run to a file and nowhere else."""

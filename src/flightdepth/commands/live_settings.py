@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 
+from flightdepth.commands.precision_option import NetworkPrecision
 from flightdepth.errors import BadInput
 
 
@@ -32,6 +33,7 @@ class LiveSettings:
     camera_delay_ms: float
     sender_clock: bool
     network: str | None
+    precision: NetworkPrecision
     ranges: int
     out: Path | None
     serve: str | None

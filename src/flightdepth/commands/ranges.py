@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,20 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 FIGURES, PAGE = "ranges.json", "ranges.html"
+SCENES, FRAMES = 12, 300
+QUICK_SCENES, QUICK_FRAMES = 6, 64
+
+
+class Sweep(StrEnum):
+    """What is varied, and everything at once."""
+
+    SHIFT = "shift"
+    NOISE = "noise"
+    SPEED = "speed"
+    TELEMETRY = "telemetry"
+    FUSION = "fusion"
+    RANGES = "ranges"
+    ALL = "all"
 
 
 def ranges(
@@ -22,20 +37,33 @@ def ranges(
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Figures, page and what was done so far.")
     ] = Path("ranges"),
-    scenes: Annotated[int, typer.Option(metavar="N", help="Sequences.")] = 12,
-    frames: Annotated[int, typer.Option(metavar="N", help="Frames of each, 0.033 m apart.")] = 300,
+    sweep: Annotated[
+        list[Sweep] | None,
+        typer.Option(
+            help="What to vary beside the paper's figure: how pairs are chosen (shift), noise and bias of the "
+            "speed, rate of the telemetry, orientation noise, fusion, number of ranges. May be given several times."
+        ),
+    ] = None,
+    scenes: Annotated[
+        int | None, typer.Option(metavar="N", help=f"Sequences; {SCENES}, or {QUICK_SCENES} with --quick.")
+    ] = None,
+    frames: Annotated[
+        int | None,
+        typer.Option(metavar="N", help=f"Of each, 0.033 m apart; {FRAMES}, or {QUICK_FRAMES} with --quick."),
+    ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="The paper's figure and the peers only, no sweeps.")
+        bool, typer.Option("--quick", help="Fewer and shorter sequences, and fewer settings of each sweep.")
     ] = False,
 ) -> None:
     """Depth from several ranges on long flights through noisy scenes, beside peers without a network.
 
     Repeats the paper's last figure (error against time, orientation noise 0.001)
-    and sweeps what it leaves out: the noise, the telemetry, how pairs are chosen.
-    The estimator runs as in flight. Writes ranges.json and ranges.html into DIR.
-    Stopped, it goes on where it was; with more scenes only the new ones are done.
+    and, with --sweep, varies what it leaves as it is. The estimator runs as in
+    flight. Writes ranges.json and ranges.html into DIR, and keeps the rendered
+    pictures there. Stopped, it goes on where it was; with more sweeps or scenes
+    only what is new is done.
 
-      flightdepth evaluate ranges --quick --scenes 4 --frames 120
+      flightdepth evaluate ranges --quick --sweep noise
     """
     with extra_packages("flightdepth evaluate ranges", "train"):
         from flightdepth.evaluation.ranges_sequences import Sequences
@@ -48,9 +76,19 @@ def ranges(
 
     if out.exists() and not out.is_dir():
         raise BadInput("--out", expected="a folder", got=str(out))
-    study = Study(out, scenes, Sequences(frames), trials=all_trials(quick=quick))
+    scenes = (QUICK_SCENES if quick else SCENES) if scenes is None else scenes
+    frames = (QUICK_FRAMES if quick else FRAMES) if frames is None else frames
+    asked = dict.fromkeys(sweep or ())
+    named = [each.value for each in (Sweep if Sweep.ALL in asked else asked) if each is not Sweep.ALL]
+    study = Study(out, scenes, Sequences(frames), trials=all_trials(named, quick=quick))
     for name in study.missing:
         warn(f"{name} is no network of this build: its rows are left out")
+    left = study.workload()
+    if left.flights:
+        say(
+            f"{left.flights} flights of {frames} frames and {left.renders} sequences to render: "
+            f"about {_minutes(left.seconds)} at the speed that this machine has now"
+        )
     for _ in counted(study, "ranges", "flights"):
         pass
     found = result(study, machine=machine())
@@ -58,6 +96,10 @@ def ranges(
     write_atomic(out / PAGE, page(found).encode())
     show(found)
     say(f"figures: {out / FIGURES}; open {out / PAGE} in a browser")
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds / 60:.0f} min" if seconds >= 90 else f"{seconds:.0f} s"
 
 
 def machine() -> str:

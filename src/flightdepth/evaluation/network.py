@@ -107,22 +107,23 @@ def l1_ratios(summaries: dict[str, dict[str, Any]]) -> dict[str, float]:
     return {name: own / l1_m if l1_m > 0 else math.nan for name, l1_m in peers.items()}
 
 
-def bf16_relative_cost(f32: Network, bf16: Network, pairs: Iterable[TruePair]) -> dict[str, Any]:
-    """What bf16 costs: L1 in bf16 over L1 in f32, less 1 (card metric "bf16_relative_cost"), and both L1.
+def relative_cost(exact: Network, rounded: Network, pairs: Iterable[TruePair]) -> dict[str, float | None]:
+    """What a shorter number format costs: L1 with it over L1 without, less 1, and both L1 in metres.
 
-    `largest_change` is the largest |bf16 - f32| / f32 of any pixel.
+    `largest_change` is the largest |rounded - exact| / exact of any pixel.
     """
-    errors: dict[str, list[PictureErrors]] = {"f32": [], "bf16": []}
+    errors: tuple[list[PictureErrors], list[PictureErrors]] = [], []
     largest = 0.0
     for pair in pairs:
-        task = Task.of(pair, f32.card)
-        exact, rounded = (task.ask(network, pair).depth_m[0] for network in (f32, bf16))
-        errors["f32"].append(picture_errors(exact, task.truth_m))
-        errors["bf16"].append(picture_errors(rounded, task.truth_m))
-        largest = max(largest, float((np.abs(rounded - exact) / np.maximum(exact, 1e-3)).max()))
-    l1 = {name: summary(pictures, [])["l1_m"] for name, pictures in errors.items()}
-    cost = l1["bf16"] / l1["f32"] - 1 if l1["f32"] > 0 else math.nan
-    result = {"bf16_relative_cost": cost, "l1_f32_m": l1["f32"], "l1_bf16_m": l1["bf16"]}
+        task = Task.of(pair, exact.card)
+        answers_m = [task.ask(network, pair).depth_m[0] for network in (exact, rounded)]
+        for found, answer_m in zip(errors, answers_m, strict=True):
+            found.append(picture_errors(answer_m, task.truth_m))
+        change = np.abs(answers_m[1] - answers_m[0]) / np.maximum(answers_m[0], 1e-3)
+        largest = max(largest, float(change.max()))
+    exact_m, rounded_m = (summary(pictures, [])["l1_m"] for pictures in errors)
+    cost = rounded_m / exact_m - 1 if exact_m > 0 else math.nan
+    result = {"relative_cost": cost, "l1_exact_m": exact_m, "l1_rounded_m": rounded_m}
     return {key: without_nan(value) for key, value in result.items()} | {"largest_change": largest}
 
 

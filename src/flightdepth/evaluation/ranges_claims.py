@@ -8,7 +8,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from flightdepth.evaluation.baselines import interval
-from flightdepth.evaluation.ranges_trials import CLAMPED, CONSTANT, DEPTHNET, FLOW, MOTION, TINY, Trial
+from flightdepth.evaluation.ranges_trials import (
+    CLAMPED,
+    CONSTANT,
+    DEPTHNET,
+    FLOW,
+    MOTION,
+    NOISE_RAD,
+    NOISES_RAD,
+    TINY,
+    Trial,
+)
 
 Parts = Mapping[Trial, Sequence[Mapping[str, Any]]]
 
@@ -31,26 +41,30 @@ SEVERAL = "several ranges beat one (paper, IV.B)"
 SMALL = "Tiny Clamped with noise beats DepthNet with one range (paper, IV.C)"
 CLAMPING = "clamping helps far objects under noise (paper, IV.C)"
 ADAPTING = "a shift chosen for the depth beats a fixed one (paper, IV.A)"
-DEROTATING = "taking out the rotation that pictures show helps under noise (beyond the paper)"
 BEYOND = "beyond the paper"
 
 COMPARISONS = (
-    *(Comparison(SEVERAL, Trial(DEPTHNET, n), Trial(DEPTHNET, 1)) for n in (2, 3, 4)),
-    *(Comparison(SEVERAL, Trial(TINY, n), Trial(TINY, 1)) for n in (2, 3, 4)),
-    *(Comparison(SEVERAL, Trial(MOTION, n), Trial(MOTION, 1)) for n in (2, 3, 4)),
+    *(
+        Comparison(SEVERAL, Trial(method, n), Trial(method, 1))
+        for method in (DEPTHNET, CLAMPED, TINY, MOTION)
+        for n in range(2, 7)
+    ),
     *(Comparison(SMALL, Trial(TINY, n), Trial(DEPTHNET, 1)) for n in (1, 2, 3, 4)),
+    *(Comparison(SMALL, Trial(TINY, 1), Trial(DEPTHNET, 1), span) for span in ("near", "middle")),
+    *(
+        Comparison(SMALL, Trial(TINY, 1, noise_rad=noise), Trial(DEPTHNET, 1, noise_rad=noise))
+        for noise in NOISES_RAD
+        if noise != NOISE_RAD
+    ),
     *(
         Comparison(CLAMPING, Trial(clamped, 1, noise_rad=noise), Trial(DEPTHNET, 1, noise_rad=noise), "far")
         for clamped in (CLAMPED, TINY)
-        for noise in (0.001, 0.003, 0.01)
+        for noise in NOISES_RAD
     ),
-    *(Comparison(ADAPTING, Trial(method, 1), Trial(method, 0)) for method in (DEPTHNET, TINY, MOTION)),
     *(
-        Comparison(
-            DEROTATING, Trial(method, n, noise_rad=noise, derotate=True), Trial(method, n, noise_rad=noise)
-        )
-        for method, n in ((DEPTHNET, 1), (TINY, 1), (MOTION, 2))
-        for noise in (0.001, 0.003, 0.01)
+        Comparison(ADAPTING, Trial(method, n), Trial(method, 0))
+        for method in (DEPTHNET, TINY, MOTION, FLOW)
+        for n in (1, 2)
     ),
     Comparison(BEYOND, Trial(MOTION, 2), Trial(DEPTHNET, 2)),
     Comparison(BEYOND, Trial(MOTION, 2), Trial(FLOW, 2)),

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from flightdepth.camera import Camera
 from flightdepth.evaluation.flight_errors import RANGES, DepthRange, FlightErrors
 from flightdepth.evaluation.ranges_confidence import Reliability
+from flightdepth.evaluation.ranges_coverage import Coverage
 from flightdepth.evaluation.ranges_flicker import flicker
 from flightdepth.evaluation.ranges_peers import FixedShift, least_relative_m
 from flightdepth.evaluation.ranges_sequences import SPEED_M_S, STEP_S, Sequence, log_of
@@ -22,7 +23,9 @@ from flightdepth.evaluation.ranges_trials import CONSTANT, Trial
 from flightdepth.outputs.encoding import centimetres_from_depth, png
 from flightdepth.ranges import DepthNetwork, FrameGrid, MultiRangeEstimator, RangedDepth
 from flightdepth.ranges.displacement import VelocityFrame
+from flightdepth.ranges.estimator import MAX_RANGES
 from flightdepth.runtimes.prediction import Prediction
+from flightdepth.weights.card import NetworkCard
 
 Image = NDArray[np.uint8]
 Maps = NDArray[np.float32]
@@ -81,12 +84,24 @@ class Estimator(Protocol):
         """The next frame."""
 
 
-class Tally:
-    """What is measured of a trial, frame by frame; from MEASURED_FROM on."""
+class ManyRanges(MultiRangeEstimator):
+    """The estimator with more ranges than the paper's system has: the study asks whether they help."""
 
-    def __init__(self, sequence: Sequence) -> None:
+    def __init__(
+        self, network: DepthNetwork, camera: Camera, *, ranges: int, fusion: str, derotate: bool
+    ) -> None:
+        allowed = min(ranges, MAX_RANGES)
+        super().__init__(network, camera, ranges=allowed, fusion=fusion, derotate=derotate)
+        self._planner.ranges, self._most_pairs = ranges, ranges + 1
+
+
+class Tally:
+    """What is measured of a trial, frame by frame; from MEASURED_FROM on. `card`: the network's at its focal length."""
+
+    def __init__(self, sequence: Sequence, card: NetworkCard | None = None) -> None:
         self._sequence = sequence
         self._errors = FlightErrors((ALL, *RANGES))
+        self._coverage = None if card is None else Coverage(card)
         self._reliability = Reliability()
         self._flickers: list[float] = []
         self._shifts: list[list[int]] = []
@@ -108,12 +123,25 @@ class Tally:
         self._errors.add("", depth_m, truth_m)
         self._before = depth_m
 
+    def add_ranges(self, frame: int, depth_m: Maps, range_depths_m: Maps, displacements_m: Vector) -> None:
+        """What a frame's pairs [n] could see, and the errors of the best of them at each pixel, in hindsight."""
+        truth_m = self._sequence.truth_m[frame]
+        if not len(range_depths_m) or self._coverage is None or depth_m.shape != truth_m.shape:
+            return
+        self._coverage.add(depth_m, truth_m, displacements_m)
+        best = np.abs(range_depths_m - truth_m).argmin(axis=0)
+        self._errors.add("best", np.take_along_axis(range_depths_m, best[None], axis=0)[0], truth_m)
+
     def result(self) -> dict[str, Any]:
         """All figures; NaN where there is nothing to measure."""
-        found = zip(self._errors.ranges, self._errors.result()[""], strict=True)
+        errors = self._errors.result()
+        best = errors.get("best", errors[""])
+        found = zip(self._errors.ranges, errors[""], strict=True)
         known = [value for value in self._flickers if np.isfinite(value)]
         return {
             "errors": {depth_range.name: asdict(errors) for depth_range, errors in found},
+            "best_abs_rel": {r.name: each.abs_rel for r, each in zip(self._errors.ranges, best, strict=True)},
+            "coverage": None if self._coverage is None else self._coverage.sums.tolist(),
             "flicker": float(np.mean(known)) if known else float("nan"),
             "reliability": self._reliability.sums.tolist(),
             "shifts": self._shifts,
@@ -128,7 +156,8 @@ def fly(trial: Trial, network: DepthNetwork | None, sequence: Sequence) -> dict[
         return _constant(sequence)
     watched = Watched(network)
     estimator = _estimator(trial, watched, sequence.camera)
-    tally, whole_ms = Tally(sequence), []
+    card = network.card.at_focal(watched.grid(sequence.camera).camera.fx)
+    tally, whole_ms = Tally(sequence, card), []
     log = log_of(sequence, trial.telemetry.rate_hz, trial.telemetry.noise_m_s, trial.telemetry.bias)
     axes: VelocityFrame = "camera" if trial.telemetry.directed else "world"
     for frame, stamp_ns in enumerate(sequence.stamps_ns.tolist()):
@@ -139,6 +168,7 @@ def fly(trial: Trial, network: DepthNetwork | None, sequence: Sequence) -> dict[
         whole_ms.append((time.process_time() - started) * 1e3)
         if frame >= MEASURED_FROM:
             tally.add(frame, found.depth_m, found.confidence, found.shifts.tolist())
+            tally.add_ranges(frame, found.depth_m, found.range_depths_m, found.displacements_m)
     return tally.result() | {
         "predict_ms": _median(watched.predict_ms[-len(whole_ms) + MEASURED_FROM :]),
         "whole_ms": _median(whole_ms[MEASURED_FROM:]),
@@ -147,9 +177,7 @@ def fly(trial: Trial, network: DepthNetwork | None, sequence: Sequence) -> dict[
 
 def _estimator(trial: Trial, network: DepthNetwork, camera: Camera) -> Estimator:
     if trial.ranges:
-        return MultiRangeEstimator(
-            network, camera, ranges=trial.ranges, fusion=trial.fusion, derotate=trial.derotate
-        )
+        return ManyRanges(network, camera, ranges=trial.ranges, fusion=trial.fusion, derotate=trial.derotate)
     card = network.card.at_focal(camera.fx)
     return FixedShift(network, camera, round(card.D0_m / (SPEED_M_S * STEP_S)))
 

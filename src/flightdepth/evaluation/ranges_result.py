@@ -12,6 +12,7 @@ from flightdepth.evaluation.baselines import interval
 from flightdepth.evaluation.network import without_nan
 from flightdepth.evaluation.ranges_claims import claims
 from flightdepth.evaluation.ranges_confidence import reliability
+from flightdepth.evaluation.ranges_coverage import coverage
 from flightdepth.evaluation.ranges_flight import MEASURED_FROM
 from flightdepth.evaluation.ranges_study import Study
 from flightdepth.evaluation.ranges_trials import CONSTANT, Trial, trial_of
@@ -53,10 +54,14 @@ def row(trial: Trial, parts: Sequence[Part]) -> dict[str, Any]:
     """One trial: means over its sequences with 95 % bootstrap intervals, shifts, times, confidence."""
     shifts = [frame for part in parts for frame in part["shifts"]]
     sums = np.sum([part["reliability"] for part in parts], axis=0)
+    spans = parts[0]["errors"]
+    sums_of_places = [np.array(part["coverage"]) for part in parts if part["coverage"] is not None]
     return {
         "trial": trial.facts,
         "label": trial.label,
-        "errors": {name: errors_of(name, parts) for name in parts[0]["errors"]},
+        "errors": {name: errors_of(name, parts) for name in spans},
+        "best_abs_rel": {name: over_scenes([part["best_abs_rel"][name] for part in parts]) for name in spans},
+        "coverage": coverage(sums_of_places) if sums_of_places else None,
         "flicker": over_scenes([part["flicker"] for part in parts]),
         "predict_ms": least([part["predict_ms"] for part in parts]),
         "whole_ms": least([part["whole_ms"] for part in parts]),

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +16,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.evaluation.metrics import pooled
+from flightdepth.files import file_in_progress
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures, chance
 from flightdepth.scenes.config import SET_VERSION
@@ -45,6 +50,11 @@ class Sequence:
     velocity: Vector
     stamps_ns: NDArray[np.int64]
 
+    def first(self, frames: int) -> Sequence:
+        """Its beginning."""
+        cut = {name: getattr(self, name)[:frames] for name in ("images", "truth_m", "velocity", "stamps_ns")}
+        return replace(self, **cut)
+
 
 @dataclass(frozen=True)
 class Sequences:
@@ -62,10 +72,7 @@ class Sequences:
             rendered = render(scene, textures, drawn.camera, executor=executor)
         shape = (self.width // 4, self.width // 4)
         truth_m = np.stack([pooled(depth_m, shape) for depth_m in rendered.depth_m])
-        stamps = np.arange(self.frames, dtype=np.int64) * round(STEP_S * NS_PER_S)
-        # The world has the axes of the first camera without noise, and nothing turns on purpose.
-        velocity = drawn.velocity(number)
-        return Sequence(number, drawn.camera, rendered.images, truth_m, velocity, stamps)
+        return replace(self.empty(number, noise_rad), images=rendered.images, truth_m=truth_m)
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -79,6 +86,14 @@ class Sequences:
             "config": self.config(0.0).model_dump(mode="json"),
         }
 
+    def empty(self, number: int, noise_rad: float) -> Sequence:
+        """The sequence's camera, velocity and stamps, without any picture."""
+        drawn = SceneSet(self.config(noise_rad), self.width, self.width, self.seed)
+        stamps = np.arange(self.frames, dtype=np.int64) * round(STEP_S * NS_PER_S)
+        images, truth_m = np.empty((0, 0, 0, 3), np.uint8), np.empty((0, 0, 0), np.float32)
+        # The world has the axes of the first camera without noise, and nothing turns on purpose.
+        return Sequence(number, drawn.camera, images, truth_m, drawn.velocity(number), stamps)
+
     def config(self, noise_rad: float) -> StillBoxConfig:
         """How the scenes are drawn."""
         return StillBoxConfig(
@@ -89,6 +104,36 @@ class Sequences:
             objects_ahead_of="path",
             orientation_noise_rad=noise_rad,
         )
+
+
+class KeptSequences:
+    """Sequences on the disk: each is rendered once, whatever asks for it later.
+
+    `textures` are made when the first is rendered; `digest` is theirs, empty for those of the fixed test sets.
+    """
+
+    def __init__(
+        self, folder: Path, sequences: Sequences, textures: Callable[[], Textures], digest: str
+    ) -> None:
+        self._folder, self._sequences, self._textures, self._digest = folder, sequences, textures, digest
+
+    def path(self, number: int, noise_rad: float) -> Path:
+        """The file of a sequence; its name changes with all that its pictures follow from."""
+        facts = self._sequences.facts | {"noise_rad": noise_rad, "textures": self._digest}
+        digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:12]
+        return self._folder / f"{number:03d}_{digest}.npz"
+
+    def get(self, number: int, noise_rad: float) -> Sequence:
+        """From the disk, or rendered and then kept."""
+        path = self.path(number, noise_rad)
+        if not path.exists():
+            rendered = self._sequences.render(number, noise_rad, self._textures())
+            self._folder.mkdir(parents=True, exist_ok=True)
+            with file_in_progress(path) as file:
+                np.savez(file, images=rendered.images, truth_m=rendered.truth_m)
+        with np.load(path) as kept:
+            found = self._sequences.empty(number, noise_rad)
+            return replace(found, images=kept["images"], truth_m=kept["truth_m"])
 
 
 def cores() -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,8 +15,8 @@ from flightdepth.evaluation.network import without_nan
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.evaluation.ranges_flight import MEASURED_FROM, fly
 from flightdepth.evaluation.ranges_peers import FLOW_D0_M, FlowNetwork
-from flightdepth.evaluation.ranges_sequences import Sequence, Sequences
-from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, NOISE_RAD, Trial, all_trials
+from flightdepth.evaluation.ranges_sequences import KeptSequences, Sequence, Sequences
+from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Telemetry, Trial, all_trials
 from flightdepth.files import write_json
 from flightdepth.ranges import DepthNetwork
 from flightdepth.runtimes.network import load_network, networks
@@ -23,7 +24,7 @@ from flightdepth.scenes import Textures
 from flightdepth.stillbox.testset import test_textures
 from flightdepth.weights.store import SHIPPED, read_card
 
-PARTS = "parts"
+PARTS, PICTURES = "parts", "sequences"
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,19 @@ class Task:
     path: Path
 
 
+@dataclass(frozen=True)
+class Workload:
+    """What is still to do, and about how long it takes here and now, as measured on a few frames of each kind."""
+
+    flights: int
+    renders: int
+    seconds: float
+
+
 class Study:
-    """`scenes` sequences; results go to `folder`/parts. Networks run on one core, so that times can be compared.
+    """`scenes` sequences, rendered once and kept in `folder`/sequences; results go to `folder`/parts.
+
+    Networks run on one core, so that times can be compared.
 
     `textures` None takes those of the fixed test sets.
     """
@@ -59,6 +71,8 @@ class Study:
         self._wanted = all_trials() if trials is None else trials
         self._own_textures = textures
         self._opened: dict[str, DepthNetwork] = {}
+        self._digest = "" if textures is None else textures.digest
+        self._kept = KeptSequences(folder / PICTURES, sequences, lambda: self._textures, self._digest)
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -68,10 +82,9 @@ class Study:
 
     @property
     def trials(self) -> tuple[Trial, ...]:
-        """Those that can be flown; by the noise of the pictures, the paper's first."""
+        """Those that can be flown, in the order they were asked for."""
         missing = self.missing
-        flown = (trial for trial in self._wanted if trial.method not in missing)
-        return tuple(sorted(flown, key=lambda trial: (trial.noise_rad != NOISE_RAD, trial.noise_rad)))
+        return tuple(trial for trial in self._wanted if trial.method not in missing)
 
     @property
     def weights(self) -> dict[str, str]:
@@ -81,17 +94,17 @@ class Study:
 
     @cached_property
     def tasks(self) -> tuple[Task, ...]:
-        """All there is to do, scene by scene and noise by noise: a rendered sequence serves many trials."""
-        weights, textures = self.weights, self._own_textures
-        told = self.sequences.facts | {"textures": "" if textures is None else textures.digest}
+        """All there is to do, trial by trial, so that what comes first is whole when a study is stopped."""
+        weights = self.weights
+        told = self.sequences.facts | {"textures": self._digest}
         weights[FLOW] = f"D0 {FLOW_D0_M} m"
         names = {
             trial: trial.digest(told | {"weights": weights.get(trial.method, "")}) for trial in self.trials
         }
         return tuple(
             Task(number, trial, self.folder / PARTS / f"{number:03d}_{name}.json")
-            for number in range(self.scenes)
             for trial, name in names.items()
+            for number in range(self.scenes)
         )
 
     def __len__(self) -> int:
@@ -100,15 +113,37 @@ class Study:
     def __iter__(self) -> Iterator[Task]:
         """Do what is not done yet; yields each task once its result is on the disk."""
         (self.folder / PARTS).mkdir(parents=True, exist_ok=True)
-        commit, rendered = source_commit(), None
+        commit = source_commit()
         for task in self.tasks:
             if not task.path.exists():
-                wanted = task.number, task.trial.noise_rad
-                if rendered is None or rendered[0] != wanted:
-                    rendered = wanted, self.sequences.render(*wanted, self._textures)
                 part = {"sequence": task.number, "trial": task.trial.facts, "commit": commit}
-                write_json(task.path, without_nan(part | self._fly(task.trial, rendered[1])))
+                sequence = self._kept.get(task.number, task.trial.noise_rad)
+                write_json(task.path, without_nan(part | self._fly(task.trial, sequence)))
             yield task
+
+    def workload(self) -> Workload:
+        """What is not done yet. Renders one sequence, and flies its first frames once for each kind of trial."""
+        left = [task for task in self.tasks if not task.path.exists()]
+        if not left:
+            return Workload(0, 0, 0.0)
+        pictures = list(dict.fromkeys((task.number, task.trial.noise_rad) for task in left))
+        missing = [each for each in pictures if not self._kept.path(*each).exists()]
+        started = time.monotonic()
+        sequence = self._kept.get(*(missing or pictures)[0])
+        renders, render_s = max(len(missing) - 1, 0), time.monotonic() - started
+        frame_s = {kind: self._frame_s(kind, sequence) for kind in {_kind(task.trial) for task in left}}
+        flights_s = sum(
+            frame_s[_kind(task.trial)] * max(task.trial.ranges, 1) * self.sequences.frames for task in left
+        )
+        return Workload(len(left), renders, renders * render_s + flights_s)
+
+    def _frame_s(self, kind: Trial, sequence: Sequence) -> float:
+        """Seconds a frame of a trial with one range."""
+        few = MEASURED_FROM + 2
+        self._network(kind.method, sequence.camera.fx)  # opening it does not count
+        started = time.monotonic()
+        self._fly(kind, sequence.first(few))
+        return (time.monotonic() - started) / few
 
     def parts(self) -> list[dict[str, Any]]:
         """The results, in the order of the tasks."""
@@ -130,3 +165,12 @@ class Study:
     @cached_property
     def _textures(self) -> Textures:
         return test_textures() if self._own_textures is None else self._own_textures
+
+
+def _kind(trial: Trial) -> Trial:
+    """Trials of one kind take equally long, but for the number of ranges."""
+    return Trial(trial.method, min(trial.ranges, 1), "paper", derotate=trial.derotate, telemetry=_log(trial))
+
+
+def _log(trial: Trial) -> Telemetry:
+    return Telemetry(directed=trial.telemetry.directed)

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 NOISE_RAD = 0.001  # N0 of the paper's noisy scenes
-NOISES_RAD = (0.0, 0.001, 0.003, 0.01)
-SPEED_NOISES_M_S = (0.1, 0.2, 0.4)
-SPEED_BIASES = (-0.1, 0.1)
+NOISES_RAD = (0.0, 0.0005, 0.001, 0.002, 0.003, 0.005, 0.01)
+SPEED_NOISES_M_S = (0.0, 0.1, 0.2, 0.4)
+SPEED_BIASES = (-0.2, -0.1, 0.0, 0.1, 0.2)
 RATES_HZ = (5.0, 10.0, 20.0, 50.0)
 NOISY_SPEED_M_S = 0.2  # at which rates are compared: without noise a constant speed needs one sample
+# What `--quick` leaves of them.
+QUICK = {
+    "noise_rad": (0.0, 0.001, 0.003, 0.01),
+    "noise_m_s": (0.0, NOISY_SPEED_M_S, 0.4),
+    "bias": (-0.1, 0.0, 0.1),
+    "rate_hz": (5.0, 20.0, 50.0),
+    "ranges": (0, 1, 2, 4, 6),
+}
 
 DEPTHNET, CLAMPED, TINY, MOTION = "depthnet-256", "clamped-256", "tiny-clamped-256", "motion-tiny"
 FLOW, CONSTANT = "DIS flow", "best constant"
@@ -84,10 +92,14 @@ def peers() -> tuple[Trial, ...]:
     return (*flows, Trial(MOTION, 2, telemetry=unknown), Trial(CONSTANT, 0))
 
 
-def pair_choices() -> tuple[Trial, ...]:
-    """One fixed shift; beside the optimal shift (one range) and the clusters of the figure up to n = 4."""
-    fixed = tuple(Trial(method, 0) for method in (DEPTHNET, TINY, MOTION))
-    return (*fixed, Trial(DEPTHNET, 3), Trial(DEPTHNET, 4), Trial(MOTION, 4))
+def fixed_shifts() -> tuple[Trial, ...]:
+    """One fixed shift; beside the optimal shift (one range) and the clusters of the figure."""
+    return tuple(Trial(method, 0) for method in (DEPTHNET, CLAMPED, TINY, MOTION, FLOW))
+
+
+def more_ranges() -> tuple[Trial, ...]:
+    """n up to 6; the paper's system has at most 4."""
+    return tuple(Trial(method, n) for method in FIGURE for n in range(1, 7))
 
 
 def default_fusion() -> tuple[Trial, ...]:
@@ -97,30 +109,52 @@ def default_fusion() -> tuple[Trial, ...]:
 
 
 def orientation_noise() -> tuple[Trial, ...]:
-    """N0 from none to ten times the paper's."""
-    flown = ((DEPTHNET, 1), (TINY, 1), (MOTION, 2), (FLOW, 2))
-    return tuple(Trial(method, n, noise_rad=noise) for noise in NOISES_RAD for method, n in flown)
+    """N0 from none to ten times the paper's; the last as `flightdepth run` flies."""
+    flown = ((DEPTHNET, 1), (CLAMPED, 1), (TINY, 1), (MOTION, 2), (FLOW, 1))
+    plain = [Trial(method, n, noise_rad=noise) for noise in NOISES_RAD for method, n in flown]
+    return (*plain, *(as_run(noise) for noise in NOISES_RAD))
 
 
-def derotated() -> tuple[Trial, ...]:
-    """With what rotation the pictures show taken out before the network sees them; the last as `run` flies."""
-    flown = ((DEPTHNET, 1), (TINY, 1), (MOTION, 2))
-    noises = [noise for noise in NOISES_RAD if noise]
-    trials = [Trial(method, n, noise_rad=noise, derotate=True) for noise in noises for method, n in flown]
-    return (*trials, Trial(MOTION, 2, "saturation", derotate=True))
+def as_run(noise_rad: float = NOISE_RAD) -> Trial:
+    """The defaults of `flightdepth run`: motion-tiny, two ranges, bounds, seen rotation taken out."""
+    return Trial(MOTION, 2, "saturation", noise_rad, derotate=True)
 
 
 def wrong_speed() -> tuple[Trial, ...]:
-    """A noisy speed, a biased one, and a noisy one at several rates; depth is proportional to it in any network."""
-    logs = [Telemetry(noise_m_s=noise) for noise in (0.0, *SPEED_NOISES_M_S)]
-    logs += [Telemetry(bias=bias) for bias in SPEED_BIASES]
-    logs += [Telemetry(rate_hz=rate, noise_m_s=NOISY_SPEED_M_S) for rate in RATES_HZ]
-    return tuple(Trial(MOTION, 2, telemetry=log) for log in logs)
+    """A speed with noise, and a biased one."""
+    logs = [Telemetry(noise_m_s=noise) for noise in SPEED_NOISES_M_S]
+    return _told([*logs, *(Telemetry(bias=bias) for bias in SPEED_BIASES)])
 
 
-def all_trials(*, quick: bool = False) -> tuple[Trial, ...]:
-    """Every trial once; `quick`: the figure and the peers only."""
-    groups: Iterable[tuple[Trial, ...]] = (figure(), peers())
-    if not quick:
-        groups = (*groups, pair_choices(), default_fusion(), orientation_noise(), derotated(), wrong_speed())
-    return tuple(dict.fromkeys(trial for group in groups for trial in group))
+def log_rates() -> tuple[Trial, ...]:
+    """A noisy speed told at several rates."""
+    return _told([Telemetry(rate_hz=rate, noise_m_s=NOISY_SPEED_M_S) for rate in RATES_HZ])
+
+
+def _told(logs: Iterable[Telemetry]) -> tuple[Trial, ...]:
+    flown = (DEPTHNET, TINY, MOTION, FLOW)
+    return tuple(dict.fromkeys(Trial(method, 1, telemetry=log) for log in logs for method in flown))
+
+
+# What `--sweep` knows, in the order of flying.
+SWEEPS: dict[str, Callable[[], tuple[Trial, ...]]] = {
+    "shift": fixed_shifts,
+    "noise": orientation_noise,
+    "speed": wrong_speed,
+    "telemetry": log_rates,
+    "fusion": default_fusion,
+    "ranges": more_ranges,
+}
+
+
+def all_trials(sweeps: Iterable[str] = (), *, quick: bool = False) -> tuple[Trial, ...]:
+    """The figure and the peers, and what is swept, every trial once; `quick`: fewer settings of each sweep."""
+    swept = [trial for name in sweeps for trial in SWEEPS[name]() if not quick or is_quick(trial)]
+    return tuple(dict.fromkeys((*figure(), *peers(), *swept)))
+
+
+def is_quick(trial: Trial) -> bool:
+    """Whether a sweep keeps the trial where time is short."""
+    settings = asdict(trial) | asdict(trial.telemetry)
+    few = trial.fusion == "paper" or trial.ranges == 2
+    return few and all(settings[name] in kept for name, kept in QUICK.items())

@@ -2,43 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from flightdepth.evaluation.ranges_trials import (
-    CLAMPED,
     CONSTANT,
     DEPTHNET,
     FLOW,
     MOTION,
-    NOISY_SPEED_M_S,
     TINY,
-    Telemetry,
     Trial,
     default_fusion,
-    derotated,
     figure,
-    orientation_noise,
     peers,
     trial_of,
-    wrong_speed,
 )
+from flightdepth.evaluation.report_marks import COLOURS, Rows, line, percent, whiskers
+from flightdepth.evaluation.report_sweeps import noise_plot, pair_plot, range_plot, rate_plot, speed_plot
 
-Rows = Mapping[Trial, Mapping[str, Any]]
-
-COLOURS = {
-    DEPTHNET: "#2f6db3",
-    CLAMPED: "#8a63b8",
-    TINY: "#e0861a",
-    MOTION: "#12946b",
-    FLOW: "#6d7681",
-    CONSTANT: "#a9b0b8",
-}
 SPANS = ("near", "middle", "far")
+PLACES_TOLD = {
+    "inside": ("truth inside some range", "#5b8fc7"),
+    "nearer": ("truth nearer than every range", "#d9822b"),
+    "beyond": ("truth beyond or between them", "#a9b0b8"),
+}
 FONT = {"family": "system-ui, sans-serif", "size": 13, "color": "#222b36"}
 GRID = "#e6e9ed"
 
@@ -54,9 +44,12 @@ def plots(found: Mapping[str, Any]) -> dict[str, go.Figure]:
     drawn: dict[str, Callable[[Rows], go.Figure]] = {
         "time": time_plot,
         "spans": span_plot,
-        "noise": noise_plot,
+        "coverage": coverage_plot,
         "pairs": pair_plot,
-        "telemetry": telemetry_plot,
+        "ranges": range_plot,
+        "noise": noise_plot,
+        "speed": speed_plot,
+        "telemetry": rate_plot,
         "shifts": shift_plot,
         "fusion": fusion_plot,
         "flicker": flicker_plot,
@@ -76,19 +69,19 @@ def time_plot(rows: Rows) -> go.Figure:
     for (method, directed), trials in lines.items():
         name = method if directed else f"{method}, direction estimated"
         symbol = "circle" if directed and method != FLOW else "diamond" if directed else "circle-open"
-        line = _line([rows[trial] for trial in trials], name, method, "all")
-        line.update(x=[rows[trial]["predict_ms"] for trial in trials], mode="lines+markers+text")
-        line.update(text=[f"{trial.ranges}" for trial in trials], textposition="bottom left")
-        line.update(marker={"symbol": symbol, "size": 11, "color": COLOURS[method]})
-        line.update(line={"color": COLOURS[method], "dash": "solid" if directed else "dot"})
-        line.update(hovertemplate="n = %{text}: %{y:.1f} %<br>%{x:.1f} ms")
-        plot.add_trace(line)
+        drawn = line([rows[trial] for trial in trials], name, method, "all")
+        drawn.update(x=[rows[trial]["predict_ms"] for trial in trials], mode="lines+markers+text")
+        drawn.update(text=[f"{trial.ranges}" for trial in trials], textposition="bottom left")
+        drawn.update(marker={"symbol": symbol, "size": 11, "color": COLOURS[method]})
+        drawn.update(line={"color": COLOURS[method], "dash": "solid" if directed else "dot"})
+        drawn.update(hovertemplate="n = %{text}: %{y:.1f} %<br>%{x:.1f} ms")
+        plot.add_trace(drawn)
     constant = Trial(CONSTANT, 0)
     if constant in rows and lines:
         longest = max(rows[trial]["predict_ms"] for trials in lines.values() for trial in trials)
         level = rows[constant]["errors"]["all"]["abs_rel"]["mean"]
-        line = go.Scatter(name=rows[constant]["label"], x=[0, longest], y=[100 * level] * 2, mode="lines")
-        plot.add_trace(line.update(line={"dash": "dot", "color": COLOURS[CONSTANT]}))
+        across = go.Scatter(name=rows[constant]["label"], x=[0, longest], y=[100 * level] * 2, mode="lines")
+        plot.add_trace(across.update(line={"dash": "dot", "color": COLOURS[CONSTANT]}))
     plot.update_xaxes(title="network, ms of processor time a frame (one core)", rangemode="tozero")
     plot.update_yaxes(title="|error| / true depth, %", rangemode="tozero")
     return plot
@@ -104,7 +97,7 @@ def span_plot(rows: Rows) -> go.Figure:
         label = rows[trial]["label"]
         opacity = (0.4 + 0.15 * trial.ranges) if trial.telemetry.directed else 0.3
         bar = go.Bar(name=label, x=["near, 0-15 m", "middle, 15-50 m", "far, 50-150 m"])
-        bar.update(y=_percent(errors), error_y=_whiskers(errors))
+        bar.update(y=percent(errors), error_y=whiskers(errors))
         bar.update(marker={"color": COLOURS[trial.method], "opacity": opacity})
         bar.update(hovertemplate="%{y:.1f} %")
         plot.add_trace(bar)
@@ -113,64 +106,27 @@ def span_plot(rows: Rows) -> go.Figure:
     return plot
 
 
-def noise_plot(rows: Rows) -> go.Figure:
-    """Error over orientation noise, all depths and far ones."""
-    spans = ("all", "far")
-    plot = make_subplots(cols=2, subplot_titles=["all depths", "far, 50-150 m"])
-    lines: dict[str, list[Trial]] = {}
-    for trial in (*orientation_noise(), *derotated()):
-        if trial in rows and trial.fusion == "paper":
-            lines.setdefault(trial.label, []).append(trial)
-    lines = {label: trials for label, trials in lines.items() if len(trials) > 1}
-    for column, span in enumerate(spans, start=1):
-        for label, trials in lines.items():
-            line = _line([rows[t] for t in trials], label, trials[0].method, span)
-            line.update(line={"color": COLOURS[trials[0].method], "dash": _dash(trials[0])})
-            line.update(x=[f"{t.noise_rad:g}" for t in trials], showlegend=column == 1)
-            line.update(legendgroup=line.name, hovertemplate="N0 = %{x}: %{y:.1f} %")
-            plot.add_trace(line, row=1, col=column)
-    plot.update_xaxes(title="orientation noise N0, rad", type="category")
-    plot.update_yaxes(title="|error| / true depth, %", rangemode="tozero", col=1)
-    return plot
-
-
-def pair_plot(rows: Rows) -> go.Figure:
-    """How pairs are chosen: a fixed shift, the optimal one, clusters."""
+def coverage_plot(rows: Rows) -> go.Figure:
+    """The mean relative error of each trial, split by where the truth lay among its pairs' ranges."""
+    trials = [t for t in (*figure(), *peers()) if t in rows and t.telemetry.directed and rows[t]["coverage"]]
     plot = go.Figure()
-    names = {0: "fixed shift", 1: "optimal shift (n = 1)"}
-    for method in (DEPTHNET, TINY, MOTION):
-        trials = [Trial(method, n) for n in range(5) if Trial(method, n) in rows]
-        if Trial(method, 0) not in trials:
-            continue
-        errors = [rows[trial]["errors"]["all"]["abs_rel"] for trial in trials]
-        bar = go.Bar(name=method, x=[names.get(t.ranges, f"clusters, n = {t.ranges}") for t in trials])
-        bar.update(y=_percent(errors), error_y=_whiskers(errors), marker={"color": COLOURS[method]})
-        bar.update(hovertemplate="%{y:.1f} %")
+    for place, (told, colour) in PLACES_TOLD.items():
+        found = [rows[trial]["coverage"][place] for trial in trials]
+        if not found:
+            break
+        bar = go.Bar(
+            name=told, x=[rows[t]["label"] for t in trials], y=[100 * each["part"] for each in found]
+        )
+        bar.update(marker={"color": colour}, customdata=[[100 * each["share"]] for each in found])
+        bar.update(hovertemplate="%{y:.1f} points from %{customdata[0]:.0f} % of the pixels")
         plot.add_trace(bar)
-    plot.update_layout(barmode="group")
-    plot.update_yaxes(title="|error| / true depth, %")
-    return plot
-
-
-def telemetry_plot(rows: Rows) -> go.Figure:
-    """Error over a wrong speed: noise, bias, rate."""
-    told: tuple[tuple[str, str, Callable[[Telemetry], bool]], ...] = (
-        ("noise_m_s", "noise of a sample, m/s (20 Hz)", lambda log: not log.bias and log.rate_hz == 20),
-        ("bias", "bias, share of the speed", lambda log: not log.noise_m_s),
-        ("rate_hz", f"samples a second (noise {NOISY_SPEED_M_S:g} m/s)", _noisy),
-    )
-    plot = make_subplots(cols=3, shared_yaxes=True)
-    trials = [trial for trial in wrong_speed() if trial in rows]
-    for column, (name, title, belongs) in enumerate(told, start=1):
-        chosen = sorted({getattr(t.telemetry, name): t for t in trials if belongs(t.telemetry)}.items())
-        if len(chosen) < 2:
-            continue
-        line = _line([rows[t] for _, t in chosen], "motion-tiny, n = 2", MOTION, "all")
-        line.update(x=[value for value, _ in chosen], showlegend=column == 1)
-        line.update(hovertemplate="%{x}: %{y:.1f} %")
-        plot.add_trace(line, row=1, col=column)
-        plot.update_xaxes(title=title, col=column)
-    plot.update_yaxes(title="|error| / true depth, %", rangemode="tozero", col=1)
+    best = [100 * (rows[trial]["best_abs_rel"]["all"]["mean"] or 0) for trial in trials]
+    if best:
+        marks = go.Scatter(name="the best of its ranges at each pixel, in hindsight", mode="markers", y=best)
+        marks.update(x=[rows[t]["label"] for t in trials], hovertemplate="%{y:.1f} %")
+        plot.add_trace(marks.update(marker={"symbol": "line-ew-open", "size": 22, "color": "#222b36"}))
+    plot.update_layout(barmode="stack")
+    plot.update_yaxes(title="|error| / true depth, %", rangemode="tozero")
     return plot
 
 
@@ -223,7 +179,7 @@ def flicker_plot(rows: Rows) -> go.Figure:
         own = [t for t in trials if t.fusion == fusion]
         if own:
             changes = [rows[t]["flicker"] for t in own]
-            bar = go.Bar(x=[rows[t]["label"] for t in own], y=_percent(changes), error_y=_whiskers(changes))
+            bar = go.Bar(x=[rows[t]["label"] for t in own], y=percent(changes), error_y=whiskers(changes))
             bar.update(name=f"{fusion} fusion", hovertemplate="%{y:.1f} %")
             bar.update(marker={"color": [COLOURS[t.method] for t in own], "opacity": opacity})
             plot.add_trace(bar)
@@ -237,11 +193,13 @@ def confidence_plot(rows: Rows) -> go.Figure:
     dashes = {1: "dot", 2: "solid", 3: "dash", 4: "dash"}
     for trial in (t for t in default_fusion() if t in rows):
         tenths = [tenth for tenth in rows[trial]["confidence"]["tenths"] if tenth]
-        line = go.Scatter(name=rows[trial]["label"], mode="lines+markers")
-        line.update(x=[100 * tenth["said"] for tenth in tenths], y=[100 * tenth["right"] for tenth in tenths])
-        line.update(line={"color": COLOURS[trial.method], "dash": dashes[trial.ranges]})
-        line.update(hovertemplate="said %{x:.0f} %, right %{y:.0f} %")
-        plot.add_trace(line)
+        curve = go.Scatter(name=rows[trial]["label"], mode="lines+markers")
+        curve.update(
+            x=[100 * tenth["said"] for tenth in tenths], y=[100 * tenth["right"] for tenth in tenths]
+        )
+        curve.update(line={"color": COLOURS[trial.method], "dash": dashes[trial.ranges]})
+        curve.update(hovertemplate="said %{x:.0f} %, right %{y:.0f} %")
+        plot.add_trace(curve)
     if plot.data:
         ideal = go.Scatter(x=[0, 100], y=[0, 100], mode="lines", name="keeps its word")
         plot.add_trace(ideal.update(line={"color": "#9aa3ad", "width": 1}, hoverinfo="skip"))
@@ -265,31 +223,3 @@ def dressed(plot: go.Figure) -> go.Figure:
     )
     plot.update_yaxes(gridcolor=GRID, showgrid=True, zeroline=False)
     return plot
-
-
-def _line(rows: Sequence[Mapping[str, Any]], name: str, method: str, span: str) -> go.Scatter:
-    errors = [row["errors"][span]["abs_rel"] for row in rows]
-    line = go.Scatter(name=name, y=_percent(errors), error_y=_whiskers(errors), mode="lines+markers")
-    return line.update(line={"color": COLOURS[method]}, marker={"size": 9})
-
-
-def _percent(values: Iterable[Mapping[str, Any]]) -> list[float | None]:
-    return [None if value["mean"] is None else 100 * value["mean"] for value in values]
-
-
-def _whiskers(values: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """95 % intervals as error bars."""
-    ends = [(value["low"] or 0, value["mean"] or 0, value["high"] or 0) for value in values]
-    arrays = {
-        "array": [100 * (high - mean) for _, mean, high in ends],
-        "arrayminus": [100 * (mean - low) for low, mean, _ in ends],
-    }
-    return arrays | {"thickness": 1, "width": 3}
-
-
-def _dash(trial: Trial) -> str:
-    return "dot" if trial.derotate else "solid"
-
-
-def _noisy(log: Telemetry) -> bool:
-    return log.noise_m_s == NOISY_SPEED_M_S and not log.bias

@@ -14,8 +14,7 @@ from flightdepth.evaluation.ranges_trials import NOISE_RAD
 PLOT_TEXTS = {
     "time": (
         "Error against time",
-        "The paper's last figure. A point is one number of ranges n, drawn beside it; whiskers are 95 % "
-        "intervals over scenes. "
+        "The paper's last figure. A point is one number of ranges n, drawn beside it. "
         "Lower and further left is better.",
     ),
     "spans": (
@@ -23,21 +22,39 @@ PLOT_TEXTS = {
         "The same trials by true depth. A network that is clamped to 10-60 m at 0.5 m has to be good far "
         "away to be worth it.",
     ),
-    "noise": (
-        "Orientation noise",
-        "Each frame is turned by N0 about a fresh random axis, which nobody reports; 0.001 rad moves the "
-        "picture by an eighth of a pixel. Dotted: what of it the two pictures of a pair show is taken out.",
+    "coverage": (
+        "Where the error comes from",
+        "A pair can answer only from its network's least to its greatest output times the displacement. The bar is "
+        "the mean error, split by where the truth lay among the ranges of the frame's pairs; the dash is what would "
+        "be left if each pixel took the best of its ranges, chosen with the truth in sight.",
     ),
     "pairs": (
         "How the pairs are chosen",
         "Always the frame that was flown D0 ago; the one whose displacement suits the mean depth; one "
-        "for each cluster of depth.",
+        "for each of two clusters of depth.",
+    ),
+    "ranges": (
+        "How many ranges",
+        "Solid: the paper's fusion of n ranges. Dotted: the best of the n at each pixel, chosen with the truth in "
+        "sight, which no fusion can reach. Where solid does not fall with dotted, the ranges see it and the fusion "
+        "loses it. The paper's system has at most four.",
+    ),
+    "noise": (
+        "Orientation noise",
+        "Each frame is turned by N0 about a fresh random axis, which nobody reports; 0.001 rad moves the "
+        "picture by an eighth of a pixel. Green and dotted: as flightdepth run flies by default, with what "
+        "rotation the pictures show taken out, and over the pixels only that it claims to know.",
+    ),
+    "speed": (
+        "A wrong speed",
+        "Depth is proportional to the displacement that the log tells. A bias (left) goes into depth as it is. Noise "
+        "of each sample (right; 20 a second, flown at 1 m/s) averages out over a displacement, the better the "
+        "longer it is.",
     ),
     "telemetry": (
-        "A wrong speed",
-        "Depth is proportional to the speed that the log tells. Noise averages out over a displacement, "
-        "and the faster the log the better; "
-        "a bias does not.",
+        "How often the log speaks",
+        "The speed (1 m/s) is told with noise, at this rate, and integrated. The more samples within a "
+        "displacement, the less of the noise is left.",
     ),
     "shifts": (
         "The shifts that were used",
@@ -77,7 +94,8 @@ def lead(found: Mapping[str, Any]) -> str:
         f"{config['clearance_m']:g} m from everything. The estimator flies as it would on a drone: its "
         "own clusters choose its own pairs. "
         "Error is |estimate - truth| / truth over the pixels that have both, the truth not "
-        f"clipped.{left_out}</p>"
+        "clipped. Whiskers are 95 % intervals over scenes; scenes differ more than methods do, so methods are "
+        f"compared scene by scene, under What holds.{left_out}</p>"
     )
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Values = NDArray[np.float64]
 
+INSIDE_ONE = 0.6827  # share of normal errors within one standard deviation
 LEFT_OUT = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # shares of a sparsification curve
 
 
@@ -38,6 +39,16 @@ def spread_summary(error_m: Values, sigma_m: Values) -> dict[str, Any]:
         "sparsification": {"left_out": list(LEFT_OUT), "by_sigma": own, "by_error": best},
         "area": float(np.trapezoid(np.array(own) - np.array(best), LEFT_OUT)),
     }
+
+
+def sigma_scale(error_m: Values, sigma_m: Values) -> float:
+    """What deviations [N] must be multiplied by for INSIDE_ONE of the errors [N] to be inside; 1 where nothing tells.
+
+    The quantile of error / sigma: one number for all pixels, which leaves their order as it is.
+    """
+    known = np.isfinite(error_m) & np.isfinite(sigma_m) & (sigma_m > 0)
+    ratio = float(np.quantile(error_m[known] / sigma_m[known], INSIDE_ONE)) if known.any() else 1.0
+    return ratio if ratio > 0 else 1.0
 
 
 def left_over(error_m: Values, by: Values) -> list[float]:

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.flight.records import NS_PER_S, Frame
 from flightdepth.flight.rotation import Flow, rotation_flow, smallest_rotation
-from flightdepth.flight.steadiness import MIN_POINTS, NOISE_PX, SMALL_WIDTH, Grey, follow, normalised
+from flightdepth.flight.steadiness import MIN_POINTS, NOISE_PX, SMALL_WIDTH, Grey, follow
 from flightdepth.motion import Vector
+from flightdepth.runtimes.lens import undistort
 
 LEAST_STEP_NS = 30_000_000  # between two pictures; of faster video every second, third, ... is followed
 # Back to which each is followed: over less time a slow turn drowns in the tracking's noise, over more a fast one blurs.
@@ -66,7 +67,7 @@ def _motion(before: Grey, after: Grey, camera: Camera) -> Vector:
     start, end, _ = follow(before, after)
     if len(start) < MIN_POINTS / 2:
         return np.full(4, np.nan)
-    flow = Flow.between(normalised(start, camera), normalised(end, camera))
+    flow = Flow.between(undistort(start, camera), undistort(end, camera))
     turn = smallest_rotation(flow, NOISE_PX / camera.fx)
     along_x, along_y = rotation_flow(flow.points)
     left = flow.motions - np.stack([along_x @ turn, along_y @ turn], axis=1)

@@ -21,6 +21,7 @@ from flightdepth.errors import BadInput
 from flightdepth.flight.records import NS_PER_S, GyroscopeTrack
 from flightdepth.flight.rotation import Flow, smallest_rotation
 from flightdepth.motion import Vector
+from flightdepth.runtimes.lens import undistort
 
 MAX_TURN_RAD = 0.0075
 MAX_DEROTATED_RAD = 0.03
@@ -92,7 +93,7 @@ class Steadiness:
             return self._from_gyroscope(before_ns, stamp_ns)
         if len(start) < max(MIN_POINTS, MIN_FOLLOWED * found) / 2:
             return TurnRate(float("nan"), False, "the picture changes too fast to be followed")
-        flow = Flow.between(normalised(start, self._camera), normalised(end, self._camera))
+        flow = Flow.between(undistort(start, self._camera), undistort(end, self._camera))
         turn_rad = float(np.linalg.norm(smallest_rotation(flow, NOISE_PX / self._camera.fx)))
         return verdict(turn_rad, span_s, "the picture", self._max_turn_rad)
 
@@ -122,15 +123,3 @@ def follow(before: Grey, after: Grey) -> tuple[Vector, Vector, int]:
     returned = np.linalg.norm((home - corners)[:, 0], axis=1) < RETURN_PX
     good = (forth[:, 0] == 1) & (back[:, 0] == 1) & returned
     return corners[good, 0].astype(np.float64), there[good, 0].astype(np.float64), len(corners)
-
-
-def normalised(pixels: Vector, camera: Camera) -> Vector:
-    """Undistorted coordinates (x, y) at z = 1 of pixels, both [n, 2]."""
-    points = pixels.reshape(-1, 1, 2)
-    coefficients = np.array(camera.distortion)
-    if camera.model == "fisheye":
-        coefficients = coefficients if len(coefficients) else np.zeros(4)
-        plane = cv2.fisheye.undistortPoints(points, camera.matrix, coefficients)
-    else:
-        plane = cv2.undistortPoints(points, camera.matrix, coefficients)
-    return np.asarray(plane, dtype=np.float64).reshape(-1, 2)

@@ -79,13 +79,23 @@ class DepthStage:
     """One estimator, made anew when the pictures' size changes. `counts` says what was left out.
 
     `fixed`: the camera is screwed to the drone, so its attitude is known well and pictures turn all the time;
-    else pictures that turn are told from themselves.
+    else pictures that turn are told from themselves. `turns`: see MultiRangeEstimator.
     """
 
-    def __init__(self, network: Network, lens: Lens, store: MotionStore, *, ranges: int, fixed: bool) -> None:
+    def __init__(
+        self,
+        network: Network,
+        lens: Lens,
+        store: MotionStore,
+        *,
+        ranges: int,
+        fixed: bool,
+        turns: int = 1,
+    ) -> None:
         self.counts: Counter[str] = Counter()
         self._network, self._lens, self._store, self._fixed = network, lens, store, fixed
         self._ranges = self._most = ranges
+        self._turns = turns
         self._camera: Camera | None = None
         self._repeats = Repeats()
         self._newest_ns = 0
@@ -125,7 +135,7 @@ class DepthStage:
         camera = self._lens.at(width, height)
         grid = self._network.grid(camera)
         self._network.warm_up(grid.camera, self._most + 1)  # one more for a scout
-        self._estimator = MultiRangeEstimator(self._network, camera, ranges=self._ranges)
+        self._estimator = MultiRangeEstimator(self._network, camera, ranges=self._ranges, turns=self._turns)
         self._steadiness = Steadiness(camera, max_turn_rad=self._estimator.max_turn_rad)
         self._camera = camera
 

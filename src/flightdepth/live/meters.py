@@ -8,6 +8,8 @@ import numpy as np
 
 from flightdepth.flight.records import NS_PER_S
 
+REFRESH_NS = NS_PER_S // 4  # sorting a minute's ages for each result would cost a millisecond
+
 
 class Rate:
     """Events a second over the last `span_s`."""
@@ -30,11 +32,12 @@ class Rate:
 
 
 class Ages:
-    """Milliseconds of the last `span_s`, and the value that 95 % of them do not exceed."""
+    """Milliseconds of the last `span_s`, and the value that 95 % of them do not exceed, at most REFRESH_NS old."""
 
     def __init__(self, span_s: float = 60.0) -> None:
         self._span_ns = round(span_s * NS_PER_S)
         self._entries: deque[tuple[int, float]] = deque(maxlen=8192)
+        self._p95: tuple[int, float] | None = None
 
     def add(self, now_ns: int, age_ms: float) -> None:
         """One age."""
@@ -50,4 +53,9 @@ class Ages:
     @property
     def p95_ms(self) -> float | None:
         """The 95th percentile, None before the first."""
-        return float(np.percentile([age for _, age in self._entries], 95)) if self._entries else None
+        if not self._entries:
+            return None
+        newest_ns = self._entries[-1][0]
+        if self._p95 is None or newest_ns - self._p95[0] >= REFRESH_NS:
+            self._p95 = newest_ns, float(np.percentile([age for _, age in self._entries], 95))
+        return self._p95[1]

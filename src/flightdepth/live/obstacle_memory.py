@@ -1,6 +1,8 @@
 """What older results still say of sectors that the newest knows nothing of: remembered, and moved by the motion.
 
 Needed above all where the drone flies to (no parallax there) and while it turns or brakes (no depth at all).
+Two results in a row count as one: the nearer obstacle of both stands. They may have looked at different ranges in
+turn (MultiRangeEstimator, `turns`), and what one misses the other may have seen.
 An obstacle is remembered as its point. "Clear" is remembered as the sectors of that time: a sector is clear now as
 far as each of its points lay in a clear one then.
 """
@@ -18,6 +20,7 @@ from flightdepth.live.obstacle_rays import sectors_of
 from flightdepth.live.obstacles import (
     SECTOR_DEG,
     SECTORS,
+    Flags,
     ObstacleSettings,
     Pose,
     Sectors,
@@ -30,6 +33,7 @@ from flightdepth.ranges.result import RangedDepth
 NS_PER_S = 1_000_000_000
 EVERY_NS = NS_PER_S // 5
 MAX_STEP_NS = NS_PER_S // 2  # a longer gap between results: nobody knows where the drone went meanwhile
+JOINED_NS = NS_PER_S // 4  # two results at most so far apart count as one
 STEP_M = 1.0
 WORTH = (
     0.5  # of `max_m`: a sector remembered as clear less far than this is a gap between sectors, not a wall
@@ -54,6 +58,7 @@ class ObstacleMap:
         self.settings = settings or ObstacleSettings()
         self._sight = sight
         self._snapshots: deque[Snapshot] = deque()
+        self._before: Snapshot | None = None
         self._position: Vector = np.zeros(3)
         self._last: tuple[int, Vector] | None = None
 
@@ -80,8 +85,9 @@ class ObstacleMap:
         pose = Pose.of(world_from_camera, heading_rad, velocity_ned)
         seen = sectors_of(depth, camera, pose, self._sight, settings)
         now = Snapshot(stamp_ns, self._position.copy(), heading_rad, seen)
-        filled = self._filled(now, settings)
+        filled = self._filled(self._joined(now, settings), settings)
         self._keep(now)
+        self._before = now
         return filled
 
     def _move(self, stamp_ns: int, velocity: Vector) -> None:
@@ -104,25 +110,52 @@ class ObstacleMap:
 
     def _forget(self) -> None:
         self._snapshots.clear()
-        self._last = None
+        self._before, self._last = None, None
+
+    def _joined(self, now: Snapshot, settings: ObstacleSettings) -> Snapshot:
+        """With what the result before saw: the nearer obstacle, and clear as far as either knew."""
+        before, seen = self._before, now.sectors
+        if before is None or now.stamp_ns - before.stamp_ns > JOINED_NS:
+            return now
+        lacking = _lacking(seen, settings)
+        obstacle_m, points_m, clear_m = seen.obstacle_m.copy(), seen.points_m.copy(), seen.clear_m.copy()
+        _take_nearer(obstacle_m, points_m, moved_points(before, now, settings))
+        wanted = np.flatnonzero(clear_m < settings.max_m)
+        clear_m[wanted] = np.maximum(clear_m[wanted], moved_clear(before, now, wanted, settings))
+        clear_m = np.fmin(clear_m, obstacle_m)
+        joined = replace(seen, obstacle_m=obstacle_m, points_m=points_m, clear_m=clear_m)
+        return replace(now, sectors=replace(joined, remembered=lacking & ~_lacking(joined, settings)))
 
     def _filled(self, now: Snapshot, settings: ObstacleSettings) -> Sectors:
         seen = now.sectors
-        lacking = np.isnan(seen.obstacle_m) & (seen.clear_m < settings.min_m)
+        lacking = _lacking(seen, settings)
         if not self._snapshots or not lacking.any():
             return seen
         obstacle_m, points_m, clear_m = seen.obstacle_m.copy(), seen.points_m.copy(), seen.clear_m.copy()
         for snapshot in self._snapshots:
-            for sector, point in moved_points(snapshot, now, settings):
-                distance = float(np.hypot(point[0], point[1]))
-                if lacking[sector] and not obstacle_m[sector] <= distance:
-                    obstacle_m[sector], points_m[sector] = distance, point
+            moved = moved_points(snapshot, now, settings)
+            _take_nearer(
+                obstacle_m, points_m, [(sector, point) for sector, point in moved if lacking[sector]]
+            )
             wanted = np.flatnonzero(lacking & np.isnan(obstacle_m))
             clear_m[wanted] = np.maximum(clear_m[wanted], moved_clear(snapshot, now, wanted, settings))
         # What a later snapshot saw stands before what an earlier one called clear.
         clear_m[lacking] = np.fmin(clear_m, obstacle_m)[lacking]
-        remembered = lacking & (np.isfinite(obstacle_m) | (clear_m > 0))
+        remembered = seen.remembered | (lacking & (np.isfinite(obstacle_m) | (clear_m > 0)))
         return replace(seen, obstacle_m=obstacle_m, clear_m=clear_m, points_m=points_m, remembered=remembered)
+
+
+def _lacking(sectors: Sectors, settings: ObstacleSettings) -> Flags:
+    """Which sectors nothing is known of, [72]."""
+    return np.asarray(np.isnan(sectors.obstacle_m) & (sectors.clear_m < settings.min_m))
+
+
+def _take_nearer(obstacle_m: Vector, points_m: Vector, moved: list[tuple[int, Vector]]) -> None:
+    """Put each point (3,) into its sector of obstacle_m [72] and points_m [72, 3], where none nearer stands."""
+    for sector, point in moved:
+        distance = float(np.hypot(point[0], point[1]))
+        if not obstacle_m[sector] <= distance:  # NaN: none stands there
+            obstacle_m[sector], points_m[sector] = distance, point
 
 
 def moved_points(then: Snapshot, now: Snapshot, settings: ObstacleSettings) -> list[tuple[int, Vector]]:
@@ -140,6 +173,9 @@ def moved_clear(
     then: Snapshot, now: Snapshot, wanted: NDArray[np.intp], settings: ObstacleSettings
 ) -> Vector:
     """How far the `wanted` sectors [k] are clear now, as far as `then` knew: [k] in metres, 0 where hardly."""
+    apart_m = float(np.linalg.norm(now.position_ned - then.position_ned))
+    if then.sectors.clear_m.max() + apart_m < WORTH * settings.max_m:
+        return np.zeros(len(wanted))
     reach_m = settings.reach_m(now.sectors.speed_m_s)
     ranges = np.append(np.arange(STEP_M, reach_m, STEP_M), reach_m)
     azimuths = np.radians(wanted[:, None] * SECTOR_DEG + ACROSS_DEG)

@@ -9,6 +9,7 @@ then does not fly there unless CP_GO_NO_DATA says so; ArduPilot makes no differe
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
 from types import TracebackType
@@ -23,6 +24,7 @@ from flightdepth.motion import Vector
 
 UNKNOWN = 65535  # UINT16_MAX
 COMPONENT = 196  # MAV_COMP_ID_OBSTACLE_AVOIDANCE
+DEFAULT_SYSTEM = 1  # of an autopilot that nobody numbered; in a dry run there is none to ask
 MOST_POINTS = 24  # a message each: the nearest are sent
 
 Message = Any
@@ -60,15 +62,26 @@ def distances_cm(sectors: Sectors, age_s: float, settings: ObstacleSettings) -> 
 
 
 class ObstaclePacker:
-    """MAVLink 2 messages as bytes; `system` is the vehicle's number, which its companion computer shares."""
+    """MAVLink 2 messages as bytes, from a component of the vehicle's own system.
 
-    def __init__(self, settings: ObstacleSettings, *, system: int = 1, component: int = COMPONENT) -> None:
+    `system` tells the vehicle's number, asked before each message; None until its autopilot was heard. A companion
+    computer shares that number (https://mavlink.io/en/guide/routing.html). ArduPilot takes obstacle distances of any
+    sender, PX4 too, but routers and ground stations take another number for another vehicle.
+    """
+
+    def __init__(
+        self,
+        settings: ObstacleSettings,
+        *,
+        system: Callable[[], int | None] = lambda: None,
+        component: int = COMPONENT,
+    ) -> None:
         try:
             from pymavlink.dialects.v20 import ardupilotmega as mavlink
         except ModuleNotFoundError as error:
             raise MissingExtra("sending obstacle distances", "live") from error
-        self.settings = settings
-        self._mavlink = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self.settings, self._system = settings, system
+        self._mavlink = mavlink.MAVLink(None, srcSystem=DEFAULT_SYSTEM, srcComponent=component)
         self._dialect = mavlink
 
     def heartbeat(self, *, usable: bool) -> bytes:
@@ -128,6 +141,7 @@ class ObstaclePacker:
         )
 
     def _packed(self, message: Message) -> bytes:
+        self._mavlink.srcSystem = self._system() or self._mavlink.srcSystem
         data = bytes(message.pack(self._mavlink))
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
         return data

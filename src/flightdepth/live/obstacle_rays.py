@@ -2,7 +2,8 @@
 
 A point is an obstacle where the drone would touch it: in the corridor between `above_m` over and `below_m` under
 the camera. A ray says "clear" up to its point, or up to its bound where it is only known to be "farther than". It
-says nothing where confidence is low, or where the drone's motion moves the picture too little:
+says nothing where confidence is low, or where the drone's motion moves the picture too little. An obstacle needs
+less confidence than "clear", and a bound "at most" is one too:
 
     parallax_px = focal_px * displacement_m * sin(theta) / range_m       theta: angle off the direction of travel
 
@@ -91,11 +92,13 @@ def rays_of(depth: RangedDepth, camera: Camera, pose: Pose, sight: Sight, settin
     pixels, directions, length = _view(camera)
     toward = directions @ pose.level_from_camera.T.astype(np.float32)
     flat = np.hypot(toward[:, 0], toward[:, 1])
-    depth_m, confidence, farther_m = (
-        map_hw.ravel()[pixels] for map_hw in (depth.depth_m, depth.confidence, depth.farther_than_m)
-    )
-    trusted = np.isfinite(depth_m) & (confidence >= settings.least_confidence) & (confidence > 0)
-    told_m = np.where(trusted, depth_m, np.where(np.isnan(depth_m), farther_m, np.nan))
+    maps = (depth.depth_m, depth.confidence, depth.farther_than_m, depth.nearer_than_m)
+    depth_m, confidence, farther_m, nearer_m = (map_hw.ravel()[pixels] for map_hw in maps)
+    unmeasured = np.isnan(depth_m)
+    trusted = ~unmeasured & (confidence >= settings.least_confidence) & (confidence > 0)
+    told_m = np.where(trusted, depth_m, np.where(unmeasured, farther_m, np.nan))
+    met = ~unmeasured & (confidence >= settings.hit_confidence) & (confidence > 0)
+    met_m = np.where(met, depth_m, np.where(unmeasured, nearer_m, np.nan))
     reach_m = settings.reach_m(float(np.linalg.norm(pose.velocity_level)))
     moved_m = depth.moved_m
     if moved_m is None:
@@ -105,17 +108,18 @@ def rays_of(depth: RangedDepth, camera: Camera, pose: Pose, sight: Sight, settin
     # NaN compares as false: what is not told is not known.
     known = told_m <= visible_m
     beyond = (told_m > visible_m) & (visible_m * flat >= reach_m)
-    down_m = told_m * toward[:, 2]
-    inside = trusted & known & (down_m >= -settings.above_m) & (down_m <= settings.below_m)
+    down_m = met_m * toward[:, 2]
+    inside = (down_m >= -settings.above_m) & (down_m <= settings.below_m)
+    inside &= met_m <= farthest_visible_m(met_m, directions, length, moved_m, sight)
     with np.errstate(divide="ignore"):
         edge_m = np.where(toward[:, 2] > 0, np.float32(settings.below_m), np.float32(settings.above_m))
         leaves = np.asarray(edge_m * flat / np.abs(toward[:, 2]), np.float32)
     return Rays(
         azimuth_deg=np.degrees(np.arctan2(toward[:, 1], toward[:, 0])) % 360,
-        hit_m=np.where(inside, told_m * flat, np.inf),
+        hit_m=np.where(inside, met_m * flat, np.inf),
         clear_m=np.select([known, beyond], [told_m * flat, reach_m], 0.0),
         leaves_m=leaves,
-        points_m=told_m[:, None] * toward,
+        points_m=met_m[:, None] * toward,
     )
 
 

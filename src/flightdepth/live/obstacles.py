@@ -34,7 +34,8 @@ class ObstacleSettings:
 
     min_m, max_m      nearer than `min_m` is reported as `min_m`; farther than `max_m` is not reported
     above_m, below_m  the corridor's edges over and under the camera; the lower one stays above the ground
-    least_confidence  of a pixel's depth (RangedDepth.confidence)
+    least_confidence  of a pixel's depth (RangedDepth.confidence) that says "clear up to here"
+    hit_confidence    of one that says "obstacle": less, since a missed obstacle is worse than a false one
     hit_share         share of a sector's rays that makes an obstacle: less is taken for noise
     known_share       share of a degree's rays that must be known for it to be free
     memory_s          how long an older result may stand in where the newest knows nothing
@@ -46,7 +47,8 @@ class ObstacleSettings:
     above_m: float = 1.5
     below_m: float = 1.5
     least_confidence: float = 0.5
-    hit_share: float = 0.05
+    hit_confidence: float = 0.25
+    hit_share: float = 0.03
     known_share: float = 0.7
     memory_s: float = 1.0
     stale_s: float = 0.5
@@ -58,7 +60,7 @@ class ObstacleSettings:
         if not (self.above_m > 0 and self.below_m > 0):
             got = f"{self.above_m} m above and {self.below_m} m below"
             raise BadInput("corridor of obstacles", expected="more than 0 m each", got=got)
-        shares = (self.least_confidence, self.hit_share, self.known_share)
+        shares = (self.least_confidence, self.hit_confidence, self.hit_share, self.known_share)
         if not all(0 <= share <= 1 for share in shares):
             raise BadInput("shares of obstacles", expected="0 to 1", got=str(shares))
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import NS_PER_S
 
-# Shares of the time between two pictures that a frame's work may take.
-TOO_BUSY, ROOM = 0.92, 0.75
+# Shares of the time between two pictures that a frame's work may take. Up to the whole of it no picture waits for
+# long; beyond, each waits for up to one more picture's time, and its age is twice that.
+TOO_BUSY, ROOM = 0.97, 0.82
 SMOOTH_MS = 333.0  # the share is averaged over about this long
 SETTLE_NS = NS_PER_S // 2  # after a change, before the next one down
 FAILED_NS = 5 * NS_PER_S  # a trial that ends sooner has failed

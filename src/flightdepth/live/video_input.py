@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from av.error import ExitError, FFmpegError
 
 from flightdepth.live.picture_clock import PictureClock
+from flightdepth.live.rtp_stream import RtpStream
 from flightdepth.live.slots import Newest
-from flightdepth.live.video_address import VideoAddress
+from flightdepth.live.video_address import RTP, VideoAddress
 from flightdepth.live.video_stream import READ_S, Picture, StreamEnded, VideoStream
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.25, 4.0
@@ -99,15 +100,20 @@ class VideoInput:
             self.reconnects += 1
 
     def _read(self) -> None:
-        with closing(VideoStream(self._address, self._counts)) as stream:
+        with closing(self._open()) as stream:
             for picture in self._pictures(stream):
                 now_ns = time.monotonic_ns()
                 self.received += 1
                 self.slot.put(picture)
                 self._listener.on_picture(now_ns)
 
-    def _pictures(self, stream: VideoStream) -> Iterator[Picture]:
-        if self._address.paced:
+    def _open(self) -> VideoStream | RtpStream:
+        if self._address.format == RTP:
+            return RtpStream(self._address.target, self._counts)
+        return VideoStream(self._address, self._counts)
+
+    def _pictures(self, stream: VideoStream | RtpStream) -> Iterator[Picture]:
+        if isinstance(stream, VideoStream) and self._address.paced:
             return stream.paced(self._epoch_ns, self._delay_ns, self._stop)
         clock = PictureClock(
             self._delay_ns, wall_from_sender=self._sender_clock, same_clock=self._address.same_clock

@@ -15,14 +15,13 @@ from typing import Any
 import av
 import av.logging
 import numpy as np
-from av.error import FFmpegError
 from numpy.typing import NDArray
 
 from flightdepth.errors import FlightDepthError
-from flightdepth.flight.decoding import BUILT_ON_DAMAGE, NO_KEY_FRAME_YET, STOP_AT_DAMAGE
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.flight.video import upright
 from flightdepth.live.picture_clock import PictureClock
+from flightdepth.live.sound_decoder import SoundDecoder
 from flightdepth.live.status import AgeFrom
 from flightdepth.live.video_address import VideoAddress
 
@@ -67,12 +66,7 @@ class VideoStream:
             self._container.close()
             raise StreamEnded("it has no video")
         self._stream = self._container.streams.video[0]
-        # Threads by frame would hold back as many pictures as there are cores.
-        self._stream.thread_type = "SLICE"
-        if self._stream.codec_context.name in STOP_AT_DAMAGE:
-            self._stream.codec_context.options = {"err_detect": "explode"}
-        self._waiting, self._damaged = True, False
-        self._damage_pts: int | None = None
+        self._decoder = SoundDecoder(self._stream.codec_context, counts)
 
     def close(self) -> None:
         """Close the connection."""
@@ -86,11 +80,11 @@ class VideoStream:
                     return
                 if any(MISSED in text for _, _, text in told):
                     self._counts["gaps in the RTP packets"] += 1
-                    self._damage(packet.pts)
+                    self._decoder.damage(packet.pts)
                 told.clear()
                 if packet.pts is not None:
                     self._tell(clock, packet)
-                for decoded in self._decoded(packet):
+                for decoded in self._decoder.decode(packet):
                     yield Picture(decoded, *clock.stamp(self._nanoseconds(decoded.pts)))
         raise StreamEnded("it ended")
 
@@ -98,7 +92,7 @@ class VideoStream:
         """A file's pictures, each when it is due: the first at `epoch_ns`."""
         first_ns: int | None = None
         for packet in self._container.demux(self._stream):
-            for decoded in self._decoded(packet):
+            for decoded in self._decoder.decode(packet):
                 own_ns = self._nanoseconds(decoded.pts)
                 first_ns = own_ns if first_ns is None else first_ns
                 due_ns = epoch_ns + own_ns - first_ns
@@ -122,44 +116,6 @@ class VideoStream:
             sender_wall_ns=sender_wall_ns,
             wall_now_ns=time.time_ns(),
         )
-
-    def _decoded(self, packet: Any) -> Iterator[Any]:
-        """Sound pictures of one packet, at once: none is held back to see whether the next is damaged."""
-        if packet.is_corrupt:
-            self._damage(packet.pts)
-        try:
-            found = packet.decode()
-        except FFmpegError:
-            self._counts["damaged video packets"] += 1
-            self._damage(packet.pts)
-            return
-        for decoded in found:
-            if self._is_sound(decoded):
-                yield decoded
-
-    def _is_sound(self, decoded: Any) -> bool:
-        """After damage no picture counts until a key frame, as in `flight.decoding`."""
-        if decoded.is_corrupt:
-            self._counts["damaged frames"] += 1
-            self._damage(decoded.pts)
-        elif self._waiting and not self._begins_afresh(decoded):
-            self._counts[BUILT_ON_DAMAGE if self._damaged else NO_KEY_FRAME_YET] += 1
-        elif decoded.pts is None:
-            self._counts["frames without a time"] += 1
-        else:
-            self._waiting = self._damaged = False
-            return True
-        return False
-
-    def _begins_afresh(self, decoded: Any) -> bool:
-        """Whether it is a key frame from after the damage: one may be damaged itself."""
-        later = self._damage_pts is None or decoded.pts is None or decoded.pts > self._damage_pts
-        return bool(decoded.key_frame) and later
-
-    def _damage(self, pts: int | None) -> None:
-        self._waiting = self._damaged = True
-        if pts is not None:
-            self._damage_pts = pts
 
     def _nanoseconds(self, ticks: int) -> int:
         return int(ticks * self._stream.time_base * NS_PER_S)

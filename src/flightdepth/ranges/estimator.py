@@ -23,6 +23,7 @@ from flightdepth.ranges.pairs import Baselines, Frame, FrameBuffer, Pair, baseli
 from flightdepth.ranges.plan import Planner
 from flightdepth.ranges.repeats import Repeats
 from flightdepth.ranges.result import RangedDepth
+from flightdepth.ranges.temporal import TemporalAverage, step_between
 from flightdepth.ranges.tracks import Tracker
 from flightdepth.ranges.turning import in_view, is_visible, turned
 from flightdepth.runtimes.memory import OutOfMemory
@@ -47,6 +48,9 @@ class MultiRangeEstimator:
     the earlier picture is turned into the current orientation before the network sees it. Give none for
     pictures that are already stabilised. What small rotation no log reports is seen in each pair's pictures
     and taken out, and so is an error of the direction, unless `derotate` is False.
+
+    With one range and `turns` of 2, successive frames look at the near and at the far cluster in turn: each depth
+    knows less, two in a row know as much as of two ranges. For who joins them himself (live.obstacle_memory).
     """
 
     def __init__(
@@ -58,8 +62,11 @@ class MultiRangeEstimator:
         fusion: str = "saturation",
         buffer_s: float = 4.0,
         derotate: bool = True,
+        turns: int = 1,
     ) -> None:
         check_ranges(ranges)
+        if turns < 1:
+            raise BadInput("turns", expected="at least 1", got=str(turns))
         if fusion not in {kind.value for kind in Fusion}:
             raise BadInput("fusion", expected="saturation or paper", got=repr(fusion))
         if not (np.isfinite(buffer_s) and buffer_s > 0):
@@ -82,6 +89,7 @@ class MultiRangeEstimator:
             sides=min(camera.width / camera.fx, camera.height / camera.fy),
             memory_s=buffer_s,
             saturation=self._fusion is Fusion.SATURATION,
+            turns=turns,
         )
         # Beyond a quarter of the view too little of the earlier picture is left.
         self._max_turn_rad = math.radians(camera.horizontal_fov_deg) / 4
@@ -143,12 +151,15 @@ class MultiRangeEstimator:
 
     def _look_through(self, camera: Camera) -> None:
         """What the pictures of an ideal camera tell of its motion; each pair is tracked once for both."""
+        self._average = TemporalAverage(camera, self._grid.valid.shape)
+        self._averaged_ns: int | None = None  # stamp of the last depth that the average holds
         tracker = Tracker(camera)
         self._directions, self._derotation = SeenDirections(camera, tracker), Derotation(camera, tracker)
 
     def forget_frames(self) -> None:
         """Pair what comes with none of the frames so far: some of them may be damaged, or of another flight."""
         self._buffer.clear()
+        self._averaged_ns = None
 
     def add_frame(self, stamp_ns: int, image: Image, *, unusable: str | None = None) -> RangedDepth:
         """Depth of `image` [H, W, 3] uint8 RGB.
@@ -180,7 +191,7 @@ class MultiRangeEstimator:
         pairs, prediction = self._predict_in_memory(pairs, current)
         fused = self._fuse(pairs, prediction)
         self._planner.learn(stamp_ns, fused, self._grid.valid)
-        return self._result(pairs, prediction, fused, started)
+        return self._result(pairs, prediction, self._held_still(stamp_ns, pairs, fused), started)
 
     def _pairs(self, current: Frame) -> tuple[Pair, ...] | str:
         """Numeric integration and the frame pairs picker; a string says why there is no pair."""
@@ -256,6 +267,18 @@ class MultiRangeEstimator:
             seen=seen,
         )
 
+    def _held_still(self, stamp_ns: int, pairs: tuple[Pair, ...], fused: Fused) -> Fused:
+        """Averaged with the frames before, as far as the motion since the last depth is known."""
+        if self._fusion is Fusion.PAPER:
+            return fused
+        step = None
+        if self._averaged_ns is not None:
+            told = self._network.card.knows_direction or pairs[0].directed
+            unit = pairs[0].displacement_m / pairs[0].length_m if told else None
+            step = step_between(self._trajectory, (self._averaged_ns, stamp_ns), unit)
+        self._averaged_ns = stamp_ns
+        return self._average.add(fused, step)
+
     def _result(
         self, pairs: tuple[Pair, ...], prediction: Prediction, fused: Fused, started: float
     ) -> RangedDepth:
@@ -292,7 +315,7 @@ class MultiRangeEstimator:
 
     def _skip(self, reason: str, started: float) -> RangedDepth:
         if not self._trajectory.knows_attitude:
-            self._buffer.clear()
+            self.forget_frames()
         return self._unknown(reason, started)
 
     def _unknown(self, reason: str, started: float) -> RangedDepth:

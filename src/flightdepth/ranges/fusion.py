@@ -26,6 +26,9 @@ SWEPT_BETA_MEAN = 0.2  # its relative error is least where points move by 1 to 4
 SWEPT_MARGIN = 0.01  # nearer than this the point moved by more than the widest hypothesis
 # Two ranges contradict each other when no depth is within this factor of what both say.
 TOLERANCE = 1.5
+# An output of a clamped network this little above its lower end still lies at it where a shorter pair saw the point so
+# near: things too near for the longer pair come out up to 0.05 above the end (docs/log.md).
+TOO_NEAR = 0.1
 # A range whose own error bar is this share of its depth or more knows nothing: it is as likely wrong by a quarter
 # as right. Sky that a network is not sure of would else ask for ever longer displacements.
 WORST_SIGMA = 0.4
@@ -126,6 +129,8 @@ def fuse(
         said = said.where(~said.measured | (told < np.float32(WORST_SIGMA) * depths_m))
         trust = 1 / np.square(np.maximum(told, np.float32(1e-6)))
     if fusion is Fusion.SATURATION:
+        if card.beta_min > 0:
+            said = said.where(_in_reach(said, depths_m, np.float32(card.beta_min + TOO_NEAR) * reach_m))
         said = said.where(_agree(said, depths_m, np.float32(lower) * reach_m, np.float32(upper) * reach_m))
     w = np.where(said.measured, trust, np.float32(0))
     total = w.sum(axis=0)
@@ -136,17 +141,17 @@ def fuse(
         None if sigma_m is None else _mean(share, np.where(said.measured, sigma_m, np.float32(0)), unknown)
     )
     best = np.asarray(w.max(axis=0) / np.float32(1 + EPSILON), dtype=np.float32)
-    confidence = best if told is None or sigma is None else _chance(depth, sigma)
+    confidence = best if told is None or sigma is None else chance(depth, sigma)
     farther, nearer = _bounds(said, reach_m, unknown, (lower, upper))
     return Fused(depth, confidence, farther, nearer, sigma)
 
 
-def _chance(depth_m: Map, sigma_m: Map) -> Map:
+def chance(depth_m: Map, sigma_m: Map) -> Map:
     """How likely the error is below RIGHT_WITHIN of the depth, if errors are Laplace's; 0 where depth is NaN."""
-    chance = 1 - np.exp(
+    right = 1 - np.exp(
         np.float32(-LAPLACE_68 * RIGHT_WITHIN) * depth_m / np.maximum(sigma_m, np.float32(1e-6))
     )
-    return np.asarray(np.nan_to_num(chance, nan=0.0), dtype=np.float32)
+    return np.asarray(np.nan_to_num(right, nan=0.0), dtype=np.float32)
 
 
 def best_beta(card: NetworkCard) -> float:
@@ -159,6 +164,20 @@ def ends(card: NetworkCard) -> tuple[float, float]:
     if card.knows_direction:
         return card.beta_min + SWEPT_MARGIN, SWEPT_BETA_MAX
     return card.beta_min + LOWER_MARGIN, BETA_MAX
+
+
+def _in_reach(said: Said, depths_m: Map, nearest_m: Map) -> Flags:
+    """Whether a range can see the pixel, bool [n, h, w]: not where it and a shorter one say nearer than `nearest_m`.
+
+    depths_m [n, h, w] and nearest_m [n, 1, 1] of each range, metres.
+    """
+    near = said.measured[None] & (
+        depths_m[None] < nearest_m[:, None]
+    )  # [range asked, range that says so, h, w]
+    n = np.arange(len(depths_m))
+    shorter = nearest_m.ravel()[:, None] > nearest_m.ravel()[None, :]
+    told = (near & shorter[:, :, None, None]).any(axis=1)
+    return np.asarray(~(told & near[n, n]))
 
 
 def _agree(said: Said, depths_m: Map, lower_m: Map, upper_m: Map) -> Flags:

@@ -41,16 +41,28 @@ class Planner:
     extra pair looks just below the smallest "at most" or just above the largest "at least" so far; each
     scout that finds nothing moves that bound on, until no displacement reaches beyond it and it starts
     over. What a scout finds joins the next clusters; under a sky it finds nothing and changes nothing.
+
+    Turns: with one range and `turns` of 2 or more there are so many clusters, and successive frames look at one
+    after the other. What a frame does not know is then taken from the one before.
     """
 
     def __init__(
-        self, card: NetworkCard, ranges: int, *, sides: float, memory_s: float, saturation: bool
+        self,
+        card: NetworkCard,
+        ranges: int,
+        *,
+        sides: float,
+        memory_s: float,
+        saturation: bool,
+        turns: int = 1,
     ) -> None:
         """`sides`: smaller side of the picture over focal length; `memory_s`: how long a depth counts.
 
         `ranges` may change between frames; it counts from the next depth that is learnt on.
         """
         self._card, self.ranges, self._saturation = card, ranges, saturation
+        self._turns, self._turn = turns, 0
+        self._depth_before_m: Map | None = None
         self._shift_per_depth = MAX_PICTURE_SHIFT * sides
         self._memory_ns = round(memory_s * 1e9)
         self._learned_ns = 0
@@ -71,26 +83,29 @@ class Planner:
             self._centroids_m, self._nearer_m, self._farther_m = None, None, None
             self._limit_m = np.inf
         if self._centroids_m is None:
+            self._depth_before_m = None
             shortest, longest = usable_m.min(), usable_m.max()
             spread = np.geomspace(shortest, longest, self.ranges + 2)[1:-1]
             depths, wanted = np.full(self.ranges, np.nan), spread
         else:
-            depths, wanted = self._centroids_m, self._displacements(self._centroids_m)
+            depths = self._looked_at(self._centroids_m)
+            wanted = self._displacements(depths)
         scout = self._scout(stamp_ns, usable_m)
         return np.append(wanted, self._displacements(scout)), np.append(depths, scout)
 
     def learn(self, stamp_ns: int, fused: Fused, valid: NDArray[np.bool_]) -> None:
         """Take the fused maps [h, w] of this frame, of which `valid` [h, w] pixels show the scene."""
-        depth_m = fused.depth_m[valid]
+        depth_m, nearer, farther = self._of_all_turns(
+            fused.depth_m[valid], fused.nearer_than_m[valid], fused.farther_than_m[valid]
+        )
         self._learned_ns = stamp_ns
         measured = np.count_nonzero(np.isfinite(depth_m)) >= MIN_MEASURED * depth_m.size
-        before = self._centroids_m
-        if before is not None and len(before) != self.ranges:
+        before, clusters = self._centroids_m, max(self.ranges, self._turns if self.ranges == 1 else 1)
+        if before is not None and len(before) != clusters:
             before = None  # so many were asked for until now
         self._centroids_m = (
-            centroids(depth_m, self.ranges, before, logarithmic=self._saturation) if measured else None
+            centroids(depth_m, clusters, before, logarithmic=self._saturation) if measured else None
         )
-        nearer, farther = fused.nearer_than_m[valid], fused.farther_than_m[valid]
         self._limit_m = self._shift_per_depth * _near_depth(depth_m, nearer, farther)
         if self._start_over:
             # This frame's bounds are those of a scout that could not be followed; the next frame's are not.
@@ -98,6 +113,26 @@ class Planner:
             return
         self._nearer_m = _tightest(nearer, ~np.isfinite(farther), MIN_NEARER, self._nearer_m, np.min)
         self._farther_m = _tightest(farther, ~np.isfinite(nearer), MIN_FARTHER, self._farther_m, np.max)
+
+    def _looked_at(self, centroids_m: Vector) -> Vector:
+        """The clusters that this frame looks at: all, or the one whose turn it is."""
+        if self.ranges > 1 or len(centroids_m) == 1:
+            return centroids_m
+        self._turn = (self._turn + 1) % len(centroids_m)
+        return centroids_m[self._turn : self._turn + 1]
+
+    def _of_all_turns(self, depth_m: Map, nearer_m: Map, farther_m: Map) -> tuple[Map, Map, Map]:
+        """Depth and bounds [k] of this frame, completed by the depth of the one before where turns are taken."""
+        before_m, self._depth_before_m = self._depth_before_m, depth_m
+        if self._turns == 1 or self.ranges > 1 or before_m is None or before_m.shape != depth_m.shape:
+            return depth_m, nearer_m, farther_m
+        told = np.isnan(depth_m) & np.isfinite(before_m)
+        nothing = np.float32(np.nan)
+        return (
+            np.where(told, before_m, depth_m),
+            np.where(told, nothing, nearer_m),
+            np.where(told, nothing, farther_m),
+        )
 
     def _displacements(self, depths_m: Vector) -> Vector:
         return wanted_displacements(depths_m, self._card, self._limit_m)

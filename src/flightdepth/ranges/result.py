@@ -15,8 +15,8 @@ class RangedDepth:
     """Depth of one frame, fused from n pairs; H, W of the source image, h, w of the network's output.
 
     depth_m          [H, W]     z-depth in metres, NaN = unknown
-    confidence       [H, W]     0..1: the best range's weight as a share of the largest possible; 1 where a
-                                range saw the pixel at the output it is best at, 0 = do not use (depth NaN)
+    confidence       [H, W]     0..1, 0 = do not use (depth NaN). With sigma_m: the chance that depth is right within
+                                a quarter. Without: the best range's weight as a share of the largest possible
     sigma_m          [H, W]     standard deviation in metres, or None where the network does not tell
     range_depths_m   [n, h, w]  each range's depth before fusion, ends of its range included
     shifts           [n]        frames between current and previous, shortest first

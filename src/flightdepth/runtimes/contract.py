@@ -24,7 +24,7 @@ from flightdepth.sweep import FIELD_SCALE, LEVELS
 STRIDE = 64  # the deepest feature map is at 1/64
 OUTPUT_STRIDE = 4
 
-Precision = Literal["f32", "bf16"]
+Precision = Literal["f32", "bf16", "int8"]
 Arrays = Mapping[str, NDArray[Any]]
 
 DEPTH, SIGMA = "depth_m", "sigma_m"

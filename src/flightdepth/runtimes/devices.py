@@ -31,9 +31,17 @@ def open_runtime(
     if precision not in (None, *get_args(Precision)):
         raise BadInput("precision", expected=" or ".join(get_args(Precision)), got=repr(precision))
     if device in OPENVINO_DEVICES:
-        return OpenVinoRuntime(onnx, precision=precision or best_precision(card), threads=threads)
-    if precision == "bf16":
-        raise BadInput(f"precision on {device}", expected="f32", got="bf16", mend="Use device openvino.")
+        precision = precision or best_precision(card)
+        if precision == "int8" and not card.int8_ranges:
+            raise BadInput(
+                f"precision of {card.name}",
+                expected="f32 or bf16",
+                got="int8, for which its card holds no ranges",
+                mend="Export the network again: flightdepth export.",
+            )
+        return OpenVinoRuntime(onnx, precision=precision, threads=threads, ranges=card.int8_ranges)
+    if precision in ("bf16", "int8"):
+        raise BadInput(f"precision on {device}", expected="f32", got=precision, mend="Use device openvino.")
     try:
         return OnnxRuntime(onnx, device, threads=threads)
     except OutOfMemory as error:

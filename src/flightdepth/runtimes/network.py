@@ -87,7 +87,8 @@ class Network:
         beta = output[DEPTH] / np.float32(self.card.depth_max_m)
         alpha = self.card.at_focal(grid.camera.fx).alpha
         metres = np.where(lengths_m > 0, alpha * lengths_m, np.nan).astype(np.float32)[:, None, None]
-        sigma_m = output[SIGMA] / np.float32(self.card.depth_max_m) * metres if SIGMA in output else None
+        scale = np.float32(self.card.sigma_scale / self.card.depth_max_m)
+        sigma_m = output[SIGMA] * scale * metres if SIGMA in output else None
         return Prediction(beta, beta * metres, sigma_m, grid.valid)
 
     def at_focal(self, focal_px: float) -> Network:
@@ -156,7 +157,7 @@ def load_network(
     """Open a shipped network by name, or an ONNX file with its card beside it.
 
     device     "auto" (OpenVINO on the CPU), "cpu", "openvino", "onnxruntime", "cuda", "tensorrt" or "coreml"
-    precision  None takes bf16 where the card says that it costs at most 1 %, else f32
+    precision  None takes bf16 where the card says that it costs at most 1 %, else f32; int8 is for CPUs with VNNI
     threads    None uses every core
     """
     stored = read_network(name_or_path)

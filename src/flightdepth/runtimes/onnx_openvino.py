@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.runtimes.contract import Arrays, Precision, architecture_of, check_inputs
+from flightdepth.runtimes.int8 import Ranges, to_int8
 
 # n = 1..4 pairs at two picture sizes; an older shape is compiled again when it returns.
 SHAPES_KEPT = 8
@@ -27,15 +28,24 @@ class OpenVinoRuntime:
     faster than one graph with dynamic sizes. The request and its buffers are reused, under a lock.
     """
 
-    def __init__(self, onnx: bytes, *, precision: Precision = "f32", threads: int | None = None) -> None:
-        """`threads` None uses every core."""
+    def __init__(
+        self,
+        onnx: bytes,
+        *,
+        precision: Precision = "f32",
+        threads: int | None = None,
+        ranges: Ranges | None = None,
+    ) -> None:
+        """`threads` None uses every core; int8 needs the card's `int8_ranges`."""
         self._core = ov.Core()
         self._model, self.architecture = open_graph(self._core, onnx)
+        if precision == "int8":
+            to_int8(self._model, ranges or {})
         self._outputs = [port.any_name for port in self._model.outputs]
         # The precision is always said: OpenVINO takes bf16 by itself where the CPU has it.
         self._settings: dict[str, Any] = {
             "PERFORMANCE_HINT": "LATENCY",
-            "INFERENCE_PRECISION_HINT": precision,
+            "INFERENCE_PRECISION_HINT": "bf16" if precision == "bf16" else "f32",
         }
         if threads is not None:
             self._settings["INFERENCE_NUM_THREADS"] = threads

@@ -5,7 +5,6 @@ from __future__ import annotations
 from torch import nn
 
 from flightdepth.architectures import DepthNet, FlowNetS, MotionNet
-from flightdepth.scenes import StillBoxConfig
 from flightdepth.training.recipe import Recipe
 
 
@@ -24,8 +23,9 @@ def built(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
 def drawn(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
     """As the architecture is published."""
     if recipe.architecture == "MotionNet":
-        focal_px = recipe.reference_focal_px or recipe.stages[-1].focal_px
-        shift_px_m = recipe.nominal_shift * StillBoxConfig().step_m * focal_px
+        last = recipe.stages[-1]
+        focal_px = recipe.reference_focal_px or recipe.scenes.focal_px(last.full_width)
+        shift_px_m = recipe.nominal_shift * recipe.scenes.step_m * focal_px
         return MotionNet(recipe.base_width, shift_px_m=shift_px_m, largest_m=recipe.depth_max_m)
     if recipe.architecture == "FlowNetS":
         return FlowNetS(recipe.base_width, recipe.activation)

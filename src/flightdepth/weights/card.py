@@ -48,6 +48,15 @@ class NetworkCard(BaseModel):
     depth_min_m: float = Field(ge=0, description="lower clip of the training depth; 0 where there is none")
     depth_max_m: float = Field(gt=0, description="upper clip of the training depth")
     focal_px: float = Field(gt=0, description="focal length that pictures are scaled to, and D0 belongs to")
+    sigma_scale: float = Field(
+        default=1.0,
+        gt=0,
+        description="times the error bar that the weights give, so that 68 % of errors are inside",
+    )
+    int8_ranges: dict[str, tuple[float, float]] = Field(
+        default_factory=dict,
+        description="of what enters a convolution, by the name of its weights in the ONNX file",
+    )
     any_lens: bool = Field(default=False, description="trained with many focal lengths: see `at_focal`")
     width: int = Field(gt=0, description="picture width of the last training stage")
     height: int = Field(gt=0, description="picture height of the last training stage")

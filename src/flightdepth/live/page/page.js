@@ -47,7 +47,8 @@ function show(state, fan) {
   const why = reasons.sort((a, b) => b[1] - a[1]).slice(0, 2).map(([reason, count]) => `${count} ${reason}`).join(", ");
   figure("dropped", String(dropped), `${share.toFixed(0)} %`, why || `of ${state.frames.received}`);
   const pairs = state.ranges.map((pair) => `${pair.displacement_m.toFixed(2)} m in ${pair.shift}`).join(", ");
-  figure("ranges", String(state.ranges_in_use), state.ranges_in_use === 1 ? "range" : "ranges", pairs ? `${pairs} frames` : "none flown yet");
+  const unit = state.ranges.at(-1)?.shift === 1 ? "frame" : "frames";
+  figure("ranges", String(state.ranges_in_use), state.ranges_in_use === 1 ? "range" : "ranges", pairs ? `${pairs} ${unit}` : "none flown yet");
   const heard = dash(state.telemetry.age_ms, (ms) => `newest ${ms.toFixed(0)} ms ago`);
   figure("telemetry", state.telemetry.hz.toFixed(0), "Hz", heard, state.telemetry.age_ms > 500);
   byId("no-depth").hidden = !state.no_depth;

@@ -1,0 +1,34 @@
+"""`--precision`, of the commands that fly."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from flightdepth.runtimes.contract import Precision
+
+
+class NetworkPrecision(StrEnum):
+    """In which numbers a network runs."""
+
+    AUTO = "auto"
+    F32 = "f32"
+    BF16 = "bf16"
+    INT8 = "int8"
+
+    @property
+    def chosen(self) -> Precision | None:
+        """As `load_network` takes it."""
+        return None if self is NetworkPrecision.AUTO else self.value  # type: ignore[return-value]
+
+
+PrecisionOption = Annotated[
+    NetworkPrecision,
+    typer.Option(
+        help="int8 is faster on CPUs with VNNI; what it costs stands on the network's card. "
+        "auto: bf16 where the CPU has it and it costs nothing, else f32."
+    ),
+]

@@ -1,0 +1,65 @@
+"""Packets to sound pictures, as they come: after damage no picture counts until a key frame begins afresh."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+from av.error import FFmpegError
+
+from flightdepth.flight.decoding import BUILT_ON_DAMAGE, NO_KEY_FRAME_YET, STOP_AT_DAMAGE
+
+
+class SoundDecoder:
+    """A codec context and what is known of damage; what is left out is counted in `counts`.
+
+    As `flight.decoding` does for files, but at once: no picture is held back to see whether the next is damaged.
+    """
+
+    def __init__(self, context: Any, counts: Counter[str]) -> None:
+        self._context, self._counts = context, counts
+        # Threads by frame would hold back as many pictures as there are cores.
+        context.thread_type = "SLICE"
+        if context.name in STOP_AT_DAMAGE:
+            context.options = {"err_detect": "explode"}
+        self._waiting, self._damaged = True, False
+        self._damage_pts: int | None = None
+
+    def decode(self, packet: Any) -> Iterator[Any]:
+        """Sound pictures of one packet."""
+        if packet.is_corrupt:
+            self.damage(packet.pts)
+        try:
+            found = self._context.decode(packet)
+        except FFmpegError:
+            self._counts["damaged video packets"] += 1
+            self.damage(packet.pts)
+            return
+        for decoded in found:
+            if self._is_sound(decoded):
+                yield decoded
+
+    def damage(self, pts: int | None) -> None:
+        """Something is missing or wrong at `pts`."""
+        self._waiting = self._damaged = True
+        if pts is not None:
+            self._damage_pts = pts
+
+    def _is_sound(self, decoded: Any) -> bool:
+        if decoded.is_corrupt:
+            self._counts["damaged frames"] += 1
+            self.damage(decoded.pts)
+        elif self._waiting and not self._begins_afresh(decoded):
+            self._counts[BUILT_ON_DAMAGE if self._damaged else NO_KEY_FRAME_YET] += 1
+        elif decoded.pts is None:
+            self._counts["frames without a time"] += 1
+        else:
+            self._waiting = self._damaged = False
+            return True
+        return False
+
+    def _begins_afresh(self, decoded: Any) -> bool:
+        """Whether it is a key frame from after the damage: one may be damaged itself."""
+        later = self._damage_pts is None or decoded.pts is None or decoded.pts > self._damage_pts
+        return bool(decoded.key_frame) and later

@@ -1,0 +1,91 @@
+"""Convolutions on bytes, for CPUs that multiply them faster (VNNI, AMX): half the time of a DepthNet.
+
+A byte needs to know which range it stands for. Weights say it themselves, one range for each output channel; those of
+the feature maps are measured at export (`measured_ranges`) and kept on the card. FakeQuantize nodes (rounding to 256
+levels, in float) then mark both inputs of a convolution, which OpenVINO compiles to one on bytes (Jacob et al. 2018).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import openvino as ov
+from numpy.typing import ArrayLike
+from openvino import opset13 as ops
+
+from flightdepth.runtimes.contract import Arrays
+
+Ranges = Mapping[str, tuple[float, float]]
+
+# Output channels of the weights: [out, in, h, w]; of a transposed convolution [in, out, h, w].
+OTHER_AXES = {"Convolution": (1, 2, 3), "ConvolutionBackpropData": (0, 2, 3)}
+# In float: what gives metres, the features of the finest depths, on which the error hangs, and the second look.
+EXACT = ("predict_", "upsampled_", "deconv2", "deconv3", "refinement")
+
+
+def measured_ranges(model: Any, batches: Iterable[Arrays]) -> dict[str, tuple[float, float]]:
+    """Least and largest value that enters each convolution, by the name of its weights, over some batches.
+
+    `model` is an OpenVINO graph, which is changed: it is of no use afterwards.
+    """
+    layers = list(_layers(model))
+    entering = {_place(layer): layer.input_value(0) for layer in layers}
+    known = len(model.outputs)
+    model.add_outputs(list(entering.values()))
+    settings = {"INFERENCE_PRECISION_HINT": "f32"}
+    request = ov.Core().compile_model(model, "CPU", settings).create_infer_request()
+    least, largest = np.full(len(entering), np.inf), np.full(len(entering), -np.inf)
+    for batch in batches:
+        maps = list(request.infer(dict(batch)).to_tuple())[known:]
+        least = np.minimum(least, [each.min() for each in maps])
+        largest = np.maximum(largest, [each.max() for each in maps])
+    found = dict(zip(entering, zip(least.tolist(), largest.tolist(), strict=True), strict=True))
+    return {_weights(layer).get_friendly_name(): found[_place(layer)] for layer in layers}
+
+
+def to_int8(model: Any, ranges: Ranges) -> None:
+    """Mark each convolution that has a range, in place."""
+    for layer in _layers(model):
+        constant = _weights(layer)
+        if (name := constant.get_friendly_name()) not in ranges:
+            continue
+        least, largest = ranges[name]
+        if least < 0:  # signed: -128 to 127 steps, 0 stays 0
+            step = max(-least / 128, largest / 127)
+            least, largest = -128 * step, 127 * step
+        _replace(layer, 0, layer.input_value(0), least, largest, levels=256)
+        weights = np.asarray(constant.get_data(), dtype=np.float32)
+        ends = np.abs(weights).max(axis=OTHER_AXES[layer.get_type_name()], keepdims=True)
+        ends = np.maximum(ends, np.float32(1e-8))
+        _replace(layer, 1, ops.constant(weights), -ends, ends, levels=255)
+
+
+def _layers(model: Any) -> Iterable[Any]:
+    """Convolutions of feature maps with weights that may be rounded."""
+    for node in model.get_ops():
+        if node.get_type_name() in OTHER_AXES and not _weights(node).get_friendly_name().startswith(EXACT):
+            yield node
+
+
+def _weights(layer: Any) -> Any:
+    """The constant, which may be stored in half precision."""
+    node = layer.input_value(1).get_node()
+    while node.get_type_name() != "Constant":
+        node = node.input_value(0).get_node()
+    return node
+
+
+def _place(layer: Any) -> tuple[str, int]:
+    """Which output of which node enters; two layers may share it."""
+    source = layer.input_value(0)
+    return source.get_node().get_friendly_name(), source.get_index()
+
+
+def _replace(
+    layer: Any, place: int, source: Any, least: ArrayLike, largest: ArrayLike, *, levels: int
+) -> None:
+    ends = [ops.constant(np.asarray(end, np.float32)) for end in (least, largest, least, largest)]
+    rounded = ops.fake_quantize(source, *ends, levels)
+    layer.input(place).replace_source_output(rounded.output(0))

@@ -1,0 +1,44 @@
+"""The scale of an error bar, fitted with a network whose errors are known."""
+
+import numpy as np
+import pytest
+from plane_pairs import plane_pair
+
+from flightdepth.camera import Camera
+from flightdepth.evaluation.fixed_set import fixed_set
+from flightdepth.evaluation.sigma_scale import calibration_set, fitted_sigma_scale
+from flightdepth.runtimes.network import Network
+from flightdepth.weights.store import SHIPPED, read_card
+
+CARD = read_card(SHIPPED / "motion-tiny.onnx").model_copy(update={"sigma_scale": 1.0})
+CAMERA = Camera.from_fov(128, 128, 90)
+
+
+class Drawn:
+    """Errs by normal errors of 2 m around 25 m at D0, and says that sigma is `told_m`."""
+
+    description, architecture = "drawn", "MotionNet"
+
+    def __init__(self, told_m: float) -> None:
+        self._told_m, self._rng = told_m, np.random.default_rng(0)
+
+    def __call__(self, inputs):
+        n, height, width = inputs["current"].shape[:3]
+        shape = n, height // 4, width // 4
+        depth_m = self._rng.normal(25, 2, shape).astype(np.float32)
+        depth_m[:, 0] = 99.0  # at the end of the range: not believed, whatever its error
+        return {"depth_m": depth_m, "sigma_m": np.full(shape, self._told_m, np.float32)}
+
+
+@pytest.mark.parametrize(("told_m", "card_scale"), [(1.0, 1.0), (2.0, 1.0), (4.0, 1.0), (4.0, 0.25)])
+def test_the_scale_makes_the_error_bar_honest(told_m: float, card_scale: float) -> None:
+    card = CARD.at_focal(CAMERA.fx).model_copy(update={"sigma_scale": card_scale})
+    pairs = [plane_pair(CAMERA, (card.D0_m, 0.0, 0.0), distance_m=25.0, seed=seed) for seed in range(3)]
+    assert fitted_sigma_scale(Network(card, Drawn(told_m)), pairs) == pytest.approx(2 / told_m, rel=0.05)
+
+
+def test_it_is_fitted_on_other_scenes_than_the_error_is_measured_on() -> None:
+    ours, fixed = calibration_set(CARD, scenes=2), fixed_set(CARD, scenes=2)
+    assert ours.seed != fixed.seed
+    assert (ours.picture, ours.rule, len(ours)) == (fixed.picture, fixed.rule, 2)
+    assert ours.config.orientation_noise_rad > 0

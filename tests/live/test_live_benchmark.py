@@ -1,0 +1,68 @@
+"""The arithmetic of benchmarks/live.py: what it says of an hour must be what the hour was."""
+
+import importlib
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture
+def benchmark(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    return importlib.import_module("live")
+
+
+def result(age_ms, ranges=1, age_from="sender"):
+    return SimpleNamespace(age_ms=age_ms, status=SimpleNamespace(ranges=ranges, age_from=age_from))
+
+
+def minute(benchmark, age_ms_p95, rss_mib):
+    return benchmark.Minute(30, 30, 20, age_ms_p95, 60, 2, 40, rss_mib, 1)
+
+
+def test_a_straight_line_has_its_slope_and_no_error(benchmark):
+    minutes = np.arange(60)
+    assert benchmark.slope_an_hour(minutes, 40 + minutes / 120) == pytest.approx((0.5, 0), abs=1e-12)
+
+
+def test_slope_and_error_are_those_of_least_squares(benchmark):
+    rng = np.random.default_rng(0)
+    minutes, values = np.arange(1, 41), rng.normal(300, 5, 40)
+    (slope, _), covariance = np.polyfit(minutes / 60, values, 1, cov=True)
+    assert benchmark.slope_an_hour(minutes, values) == pytest.approx((slope, np.sqrt(covariance[0, 0])))
+
+
+def test_two_points_tell_no_slope(benchmark):
+    assert np.isnan(benchmark.slope_an_hour(np.arange(2), np.arange(2))).all()
+
+
+def test_age_and_memory_each_have_their_slope(benchmark):
+    age, rss = benchmark.slopes([minute(benchmark, 40 + i, 300 + 2 * i) for i in range(5)])
+    assert age[0] == pytest.approx(60)
+    assert rss[0] == pytest.approx(120)
+
+
+def test_the_watch_tells_percentiles_of_one_minute_only(benchmark):
+    watch = benchmark.Watch()
+    watch(result(5000.0))  # before it begins
+    watch.begin(1000)
+    for age in range(101):
+        watch(result(float(age), ranges=1 + age % 2, age_from="sender" if age < 50 else "reception"))
+    found = watch.end(1202)
+    assert (found.age_ms_p50, found.age_ms_p95, found.age_ms_p99) == (50, 95, 99)
+    assert found.ranges_mean == pytest.approx(1 + 50 / 101)
+    assert found.from_sender == pytest.approx(50 / 101)
+    assert found.received_a_second == pytest.approx(2 * found.results_a_second)
+    watch(result(7.0))
+    assert watch.end(1203).age_ms_p99 == 7
+
+
+def test_no_result_is_said(benchmark):
+    watch = benchmark.Watch()
+    watch.begin(0)
+    with pytest.raises(SystemExit, match="no result"):
+        watch.end(0)

@@ -1,0 +1,269 @@
+"""RTP to pictures: packets as the RFCs write them, FFmpeg as the sender, and packets lost, mixed and cut."""
+
+import random
+import socket
+import struct
+import threading
+import time
+from collections import Counter
+from contextlib import closing
+from itertools import islice
+
+import av
+import numpy as np
+import pytest
+from live_peers import encode, free_port
+
+from flightdepth.flight.decoding import BUILT_ON_DAMAGE
+from flightdepth.live.picture_clock import PictureClock
+from flightdepth.live.rtp import (
+    LONGEST_HELD_NS,
+    START_CODE,
+    Reorder,
+    RtpPacket,
+    SenderReport,
+    Units,
+    begins,
+    h264_parts,
+    h265_parts,
+)
+from flightdepth.live.rtp_stream import RtpStream
+from flightdepth.live.video_stream import StreamEnded
+
+GAP = "gaps in the RTP packets"
+
+
+def rtp(sequence=1, timestamp=0, *, marker=False, payload=b"\x41x", source=7, kind=96):
+    return struct.pack(">BBHII", 0x80, kind | marker << 7, sequence, timestamp, source) + payload
+
+
+def as_sent(clip, port):
+    """What FFmpeg sends of a clip as RTP, and its packets as they were encoded."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as heard:
+        heard.bind(("127.0.0.1", port))
+        heard.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+        heard.settimeout(0.3)
+        encoded = send(clip, port)
+        datagrams = []
+        try:
+            while True:
+                datagrams.append(heard.recv(65536))
+        except TimeoutError:
+            return datagrams, encoded
+
+
+def send(clip, port, wait=lambda i: None):
+    """Play a clip as RTP, with its parameter sets before each key frame; returns the pictures' bytes."""
+    with (
+        av.open(str(clip)) as container,
+        av.open(f"rtp://127.0.0.1:{port}", "w", format="rtp") as output,
+    ):
+        source = container.streams.video[0]
+        # Not by template: the muxer would take the packets for MP4's.
+        stream = output.add_stream("libx264", rate=15)
+        stream.width, stream.height, stream.pix_fmt = source.width, source.height, "yuv420p"
+        plain = av.BitStreamFilterContext("h264_mp4toannexb", source)
+        packets = [
+            found for packet in container.demux(source) if packet.size for found in plain.filter(packet)
+        ]
+        for i, packet in enumerate(packets):
+            wait(i)
+            packet.stream = stream
+            output.mux(packet)
+    return [bytes(packet) for packet in packets]
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    return encode(tmp_path_factory.mktemp("rtp") / "clip.mp4", size=(320, 180), seconds=3)
+
+
+@pytest.fixture(scope="module")
+def datagrams(clip):
+    return as_sent(clip, free_port())[0]
+
+
+def units_of(datagrams, *, step_ns=1_000_000):
+    reorder, units, found = Reorder(), Units(), []
+    for i, data in enumerate(datagrams):
+        for packet, came_ns, lost in reorder.add(RtpPacket.parse(data), i * step_ns):
+            found += units.add(packet, came_ns, lost=lost)
+    return found
+
+
+def test_a_header_with_all_that_may_stand_in_it():
+    extended = struct.pack(
+        ">BBHIIIHHI", 0xB1, 0xE0, 5, 9, 7, 11, 0xBEDE, 1, 0
+    )  # one source, one word, padding
+    packet = RtpPacket.parse(extended + b"body" + b"\x00\x00\x03")
+    assert packet == RtpPacket(7, 96, 5, 9, True, b"body")
+
+
+def test_trash_is_no_packet():
+    rng = random.Random(3)
+    whole = rtp(payload=b"\x7c\x85abc")
+    assert all(RtpPacket.parse(whole[:n]) is None for n in range(13))
+    for _ in range(2000):
+        data = rng.randbytes(rng.randrange(40))
+        packet = RtpPacket.parse(data)
+        SenderReport.parse(data)
+        if packet is not None:
+            list(Units().add(packet, 0, lost=False))
+            list(Units(h265=True).add(packet, 0, lost=False))
+
+
+def test_h264_units_as_rfc_6184_packs_them():
+    assert h264_parts(b"\x67sps") == [START_CODE, b"\x67sps"]
+    assert h264_parts(b"\x78\x00\x02\x67a\x00\x03\x68bc") == [START_CODE, b"\x67a", START_CODE, b"\x68bc"]
+    assert b"".join(h264_parts(b"\x7c\x85one") + h264_parts(b"\x7c\x45two")) == START_CODE + b"\x65onetwo"
+
+
+def test_h265_units_as_rfc_7798_packs_them():
+    assert h265_parts(b"\x40\x01vps") == [START_CODE, b"\x40\x01vps"]
+    assert h265_parts(b"\x60\x01\x00\x03\x40\x01v") == [START_CODE, b"\x40\x01v"]
+    # IDR_W_RADL is 19: a head of 0x26 0x01.
+    assert b"".join(h265_parts(b"\x62\x01\x93one") + h265_parts(b"\x62\x01\x53two")) == (
+        START_CODE + b"\x26\x01onetwo"
+    )
+
+
+def test_a_sender_report_tells_its_wall_clock():
+    # 2024-01-01 00:00:00.5 UTC in NTP's seconds since 1900.
+    data = struct.pack(">BBHIIIIII", 0x80, 200, 6, 7, 1_704_067_200 + 2_208_988_800, 1 << 31, 90, 0, 0)
+    assert SenderReport.parse(data) == SenderReport(7, 1_704_067_200_500_000_000, 90)
+
+
+def test_what_ffmpeg_sends_comes_out_as_it_was_encoded(clip):
+    datagrams, encoded = as_sent(clip, free_port())
+    units = units_of(datagrams)
+    assert len(units) == len(encoded) == 45
+    assert begins(units[0].data, h265=False)
+    steps = np.diff([unit.ticks for unit in units])
+    assert (steps == 6000).all()  # 15 a second
+    for unit, packet in zip(units, encoded, strict=True):
+        assert unit.data.replace(START_CODE, START_CODE[1:]) == packet.replace(START_CODE, START_CODE[1:])
+
+
+def test_a_picture_is_given_with_its_last_packet(datagrams):
+    assert len(datagrams) > 60
+    reorder, units = Reorder(), Units()
+    for data in datagrams:
+        packet = RtpPacket.parse(data)
+        given = [unit for due in reorder.add(packet, 0) for unit in units.add(due[0], due[1], lost=due[2])]
+        assert len(given) == packet.marker
+
+
+def test_mixed_up_packets_give_the_same_pictures(datagrams):
+    mixed = list(datagrams)
+    for i in range(0, len(mixed) - 4, 4):
+        mixed[i : i + 4] = random.Random(i).sample(mixed[i : i + 4], 4)
+    mixed.insert(0, mixed.pop(mixed.index(datagrams[0])))  # the first to come is where the count begins
+    mixed.insert(30, mixed[28])  # and one comes twice
+    assert [unit.data for unit in units_of(mixed)] == [unit.data for unit in units_of(datagrams)]
+
+
+def test_sequence_numbers_and_times_wrap_around():
+    packets = [rtp((65_530 + i) % 65_536, (2**32 - 9000 + 3000 * i) % 2**32, marker=True) for i in range(12)]
+    assert [unit.ticks - 2**32 for unit in units_of(packets)] == [-9000 + 3000 * i for i in range(12)]
+
+
+def test_a_lost_packet_spoils_its_picture_only(datagrams):
+    whole = units_of(datagrams)
+    for lost in range(20, 60, 7):
+        units = units_of(datagrams[:lost] + datagrams[lost + 1 :])
+        bad = [unit.ticks for unit in units if unit.data is None]
+        assert 1 <= len(bad) <= 2
+        assert RtpPacket.parse(datagrams[lost]).timestamp - bad[0] in (0, -6000)
+        by_time = {unit.ticks: unit.data for unit in whole}
+        assert all(unit.data == by_time[unit.ticks] for unit in units if unit.data is not None)
+
+
+def test_a_missing_packet_is_not_waited_for_longer_than_said():
+    reorder, came = Reorder(), []
+    for i, now_ns in [(0, 0), (2, 1), (3, LONGEST_HELD_NS), (4, LONGEST_HELD_NS + 1)]:
+        came += [(p.sequence, lost) for p, _, lost in reorder.add(RtpPacket.parse(rtp(10 + i, 0)), now_ns)]
+    assert came == [(10, False), (12, True), (13, False), (14, False)]
+
+
+def test_parameter_sets_of_their_own_belong_to_the_next_picture():
+    found = units_of(
+        [rtp(1, 0, marker=True, payload=b"\x67sps"), rtp(2, 3000, marker=True, payload=b"\x65i")]
+    )
+    assert [(unit.data, unit.ticks) for unit in found] == [
+        (START_CODE + b"\x67sps" + START_CODE + b"\x65i", 3000)
+    ]
+
+
+def pictures_of(datagrams, count, *, gone=()):
+    """The pictures that RtpStream makes of datagrams that a socket sends, in order; `gone` are lost."""
+    port, counts, stop = free_port(), Counter(), threading.Event()
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+        closing(RtpStream(f"rtp://127.0.0.1:{port}", counts)) as stream,
+    ):
+
+        def work():
+            for i, data in enumerate(datagrams):
+                if i not in gone:
+                    sender.sendto(data, ("127.0.0.1", port))
+                    time.sleep(0.0005)
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        found = list(islice(stream.pictures(PictureClock(0), stop), count))
+        thread.join()
+    return found, counts
+
+
+def test_pictures_are_those_that_were_sent(clip, datagrams):
+    with av.open(str(clip)) as container:
+        sent = [picture.to_ndarray(format="rgb24") for picture in container.decode(video=0)]
+    found, counts = pictures_of(datagrams, 45)
+    for picture, right in zip(found, sent, strict=True):
+        np.testing.assert_array_equal(picture.rgb(), right)
+    assert not counts
+    stamps = np.array([picture.stamp_ns for picture in found])
+    assert (np.diff(stamps) > 0).all()
+
+
+def test_after_a_lost_packet_no_picture_until_a_key_frame(datagrams):
+    numbers = [RtpPacket.parse(data).timestamp for data in datagrams]
+    third = 2 * 6000 + numbers[0]
+    found, counts = pictures_of(datagrams, 20, gone={numbers.index(third)})
+    at = np.array([picture.decoded.pts - numbers[0] for picture in found]) // 6000
+    assert at.tolist() == [0, 1, *range(8, 26)]  # a key frame every eight
+    assert counts[GAP] == 1
+    assert counts[BUILT_ON_DAMAGE] >= 4
+
+
+def test_silence_and_another_sender_end_a_connection():
+    port, stop = free_port(), threading.Event()
+    with closing(RtpStream(f"rtp://127.0.0.1:{port}", Counter())) as stream, pytest.raises(TimeoutError):
+        next(stream.pictures(PictureClock(0), stop))
+    counts = Counter()
+    with closing(RtpStream(f"rtp://127.0.0.1:{port}", counts)) as stream:
+        one, other = RtpPacket.parse(rtp(source=1)), RtpPacket.parse(rtp(source=2))
+        assert stream._is_ours(one, 0)
+        assert not stream._is_ours(other, 100_000_000)
+        assert stream._is_ours(one, 200_000_000)
+        with pytest.raises(StreamEnded):
+            stream._is_ours(other, 800_000_000)
+    assert counts == {"RTP packets of another sender": 1}
+
+
+def test_ages_count_from_the_senders_clock(clip):
+    """FFmpeg tells by RTCP when it sent: the true age is that of packets on one machine, a few milliseconds."""
+    port, stop, ages = free_port(), threading.Event(), []
+    began = time.monotonic()
+    sender = threading.Thread(
+        target=send, args=(clip, port, lambda i: time.sleep(max(0, began + 0.3 + i / 15 - time.monotonic())))
+    )
+    with closing(RtpStream(f"rtp://127.0.0.1:{port}", Counter())) as stream:
+        sender.start()
+        for picture in islice(stream.pictures(PictureClock(0, wall_from_sender=True), stop), 40):
+            if picture.age_from == "sender":
+                ages.append((time.monotonic_ns() - picture.stamp_ns) / 1e6)
+        stop.set()
+    sender.join()
+    assert len(ages) > 30
+    assert -10 < np.median(ages) < 30
