@@ -7,6 +7,7 @@ from command_flights import FRAMES, SIZE, make_log, make_video
 from flightdepth.cli import main
 from flightdepth.commands.batch import jobs_of
 from flightdepth.outputs import FlightFolder
+from flightdepth.ranges.direction import SeenDirections
 
 
 @pytest.fixture
@@ -91,6 +92,33 @@ def test_the_settings_are_recorded(run, work):
     assert run("--ranges", "3", "--fusion", "paper", "--preview-ranges")[0] == 0
     settings = FlightFolder(work / "made/out").record.source.settings
     assert (settings["ranges"], settings["fusion"], settings["preview_ranges"]) == (3, "paper", True)
+
+
+def test_the_table_names_the_network_of_each_frame(run, work):
+    assert run()[0] == 0
+    rows = FlightFolder(work / "made/out").rows
+    assert {row.network for row in rows if not row.reason} == {"difference"}
+    assert {row.network for row in rows if row.reason} == {""}
+
+
+def test_a_fallback_takes_the_frames_without_a_direction(run, work, monkeypatch, save_difference_network):
+    """A velocity in the world's axes, no attitude, and no direction in the pictures."""
+    monkeypatch.setattr(SeenDirections, "of", lambda self, served, current: ())
+    given = {"network": None, "video": "flight.mp4"}
+    assert run("--network", "motion-tiny", **given)[0] == 0
+    assert FlightFolder(work / "made/out").record.counts.frames_with_depth == 0
+    save_difference_network(name="spare")
+    code, stdout, _ = run("--network", "motion-tiny", "--fallback", work / "spare.onnx", **given)
+    assert code == 0
+    folder = FlightFolder(work / "made/out")
+    assert {row.network for row in folder.rows if not row.reason} == {"spare"}
+    assert folder.record.counts.frames_with_depth > FRAMES / 2
+    assert "depth by spare" in " ".join(stdout.split())
+
+
+@pytest.mark.parametrize("name", ["motion-tiny", "nowhere.onnx"])
+def test_a_fallback_that_needs_a_direction_or_does_not_exist_is_refused(run, work, name):
+    refused(run("--fallback", name), work, name)
 
 
 def test_several_flights_get_a_folder_each(run, work):

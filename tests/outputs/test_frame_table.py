@@ -7,10 +7,10 @@ from flightdepth.outputs.frame_table import COLUMNS, FrameRow, csv_bytes, rows_f
 
 
 def test_a_row_by_hand():
-    row = FrameRow(3, 100_100_000, (2, 9), (0.25, 1.5), (12.0, 40.5), 0.75, 6.5, "")
+    row = FrameRow(3, 100_100_000, (2, 9), (0.25, 1.5), (12.0, 40.5), 0.75, 6.5, "", "by-hand")
     assert csv_bytes([row]).decode().splitlines() == [
-        "index,stamp_ns,shifts,displacements_m,centroids_m,valid_fraction,latency_ms,reason",
-        "3,100100000,2 9,0.2500 1.5000,12.000 40.500,0.7500,6.50,",
+        "index,stamp_ns,shifts,displacements_m,centroids_m,valid_fraction,latency_ms,reason,network",
+        "3,100100000,2 9,0.2500 1.5000,12.000 40.500,0.7500,6.50,,by-hand",
     ]
 
 
@@ -35,6 +35,12 @@ def test_the_row_of_a_frame_with_depth():
 def test_the_row_of_a_frame_without_depth_says_why():
     row = FrameRow.of(frame(), unknown("hovering"))
     assert (row.shifts, row.valid_fraction, row.reason) == ((), 0.0, "hovering")
+
+
+def test_a_table_of_an_older_version_names_no_network():
+    row = FrameRow(3, 100, (2,), (0.25,), (12.0,), 0.75, 6.5, "")
+    older = [line.rsplit(",", 1)[0] for line in csv_bytes([row]).decode().splitlines()]
+    assert rows_from_csv("\n".join(older)) == [row]
 
 
 def test_one_column_for_each_field():

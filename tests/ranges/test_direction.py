@@ -62,6 +62,21 @@ def test_points_that_do_not_move_tell_nothing():
     assert direction_of(now, before, FOCAL) is None
 
 
+def test_a_quarter_of_the_points_that_moved_is_enough():
+    """Slow flight above a far ground: most points move by a quarter of a pixel, near things by 5 and more."""
+    for near, found in ((40, True), (20, False)):
+        now, before = rays_of((1, 0, 0), noise_px=0.1)
+        before[near:, :2] = now[near:, :2] + 0.05 * (before[near:, :2] - now[near:, :2])
+        direction = direction_of(now, before, FOCAL)
+        assert (direction is not None) == found
+        assert direction is None or degrees_between(direction.unit, (1, 0, 0)) < 3
+
+
+def test_a_direction_that_half_of_the_points_deny_is_none():
+    now, before = rays_of((0, 0, 1), noise_px=0.1, outliers=60)
+    assert direction_of(now, before, FOCAL) is None
+
+
 def test_a_blank_picture_has_no_direction():
     blank = np.full((64, 64, 3), 90, np.uint8)
     assert estimate_direction(blank, blank, Camera.from_fov(64, 64, 90)) is None

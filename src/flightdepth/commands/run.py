@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from flightdepth.commands.batch import Engine, Job, Outcome, jobs_of, run_jobs
+from flightdepth.commands.precision_option import NetworkPrecision, PrecisionOption
 from flightdepth.commands.ray_option import check_engine
 from flightdepth.commands.terminal import progress_bar, say, warn
 from flightdepth.errors import BadInput
@@ -41,6 +42,8 @@ class RunSettings:
     telemetry_offset: float | Literal["auto"] = 0.0
     mount_pitch: float | None = None
     derotate: bool = True
+    fallback: str | None = None
+    precision: NetworkPrecision = NetworkPrecision.AUTO
 
     def anywhere(self) -> RunSettings:
         """The same, with paths that hold from any folder."""
@@ -49,8 +52,10 @@ class RunSettings:
             for key, value in asdict(self).items()
             if isinstance(value, Path) and value.exists()
         }
-        if self.network is not None and Path(self.network).exists():
-            found["network"] = str(Path(self.network).absolute())
+        for name in ("network", "fallback"):
+            given = getattr(self, name)
+            if given is not None and Path(given).exists():
+                found[name] = str(Path(given).absolute())
         return replace(self, **found)
 
 
@@ -118,6 +123,15 @@ def run(
         bool,
         typer.Option(help="Take out of each pair what rotation and wrong direction its two pictures show."),
     ] = True,
+    fallback: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="A DepthNet for frames whose direction of motion is unknown, which else have no depth; "
+            "rough (docs/networks.md).",
+        ),
+    ] = None,
+    precision: PrecisionOption = NetworkPrecision.AUTO,
     engine: Annotated[
         Engine, typer.Option(help="local: one flight after the other; ray: many at once, on a Ray cluster.")
     ] = Engine.LOCAL,
@@ -169,6 +183,8 @@ def run(
         offset_of(telemetry_offset),
         mount_pitch,
         derotate,
+        fallback,
+        precision,
     )
     jobs = jobs_of(flights, out) if several else [Job(flights[0], out)]
     if several or engine is Engine.RAY:
@@ -195,7 +211,10 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
         start_s=settings.start,
         end_s=settings.end,
     ) as flight:
-        network = load_network(settings.network or nearest_network(flight.camera))
+        network = load_network(
+            settings.network or nearest_network(flight.camera), precision=settings.precision.chosen
+        )
+        check_fallback(settings.fallback)
         if resume and stands(target, source_of(path.name, flight, network, settings)):
             return Outcome.STOOD
         introduce(path, flight, network)
@@ -204,6 +223,14 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
         elapsed_s = time.monotonic() - started
     conclude(summary, elapsed_s, target)
     return Outcome.DONE
+
+
+def check_fallback(name: str | None) -> None:
+    """Refuse one that does not exist, or needs the direction too, before a frame needs it."""
+    from flightdepth.weights.store import find_network, read_card
+
+    if name is not None and read_card(find_network(name)).knows_direction:
+        raise BadInput("--fallback", expected="a network that needs no direction, a DepthNet", got=name)
 
 
 def offset_of(text: str) -> float | Literal["auto"]:
@@ -263,11 +290,17 @@ def write_depth(
     """Depth of an open flight into `target`, with a progress bar; `watch` sees each frame and its result."""
     from flightdepth.outputs import FlightWriter, Preview, run_flight
     from flightdepth.ranges import MultiRangeEstimator
+    from flightdepth.runtimes.network import load_network
 
     camera, ranges = flight.camera, settings.ranges
     grid = network.grid(camera)
     estimator = MultiRangeEstimator(
-        network, camera, ranges=ranges, fusion=settings.fusion, derotate=settings.derotate
+        network,
+        camera,
+        ranges=ranges,
+        fusion=settings.fusion,
+        derotate=settings.derotate,
+        fallback=None if settings.fallback is None else partial(load_network, settings.fallback),
     )
     preview = Preview(
         camera.width,

@@ -14,7 +14,7 @@ from flightdepth.ranges.result import RangedDepth
 
 COLUMNS = (
     *("index", "stamp_ns", "shifts", "displacements_m", "centroids_m"),
-    *("valid_fraction", "latency_ms", "reason"),
+    *("valid_fraction", "latency_ms", "reason", "network"),
 )
 
 
@@ -30,6 +30,7 @@ class FrameRow:
     valid_fraction   share of the pixels with depth, 0..1
     latency_ms       time that the depth took
     reason           why there is no depth; empty where there is
+    network          which one gave the depth; empty where there is none, and in tables of older versions
     """
 
     index: int
@@ -40,6 +41,7 @@ class FrameRow:
     valid_fraction: float
     latency_ms: float
     reason: str
+    network: str = ""
 
     @classmethod
     def of(cls, frame: Frame, result: RangedDepth) -> FrameRow:
@@ -53,6 +55,7 @@ class FrameRow:
             valid_fraction=float(np.isfinite(result.depth_m).mean()),
             latency_ms=result.latency_ms,
             reason=result.reason or "",
+            network=result.network,
         )
 
 
@@ -76,6 +79,7 @@ def cells_of(row: FrameRow) -> list[object]:
         f"{row.valid_fraction:.4f}",
         f"{row.latency_ms:.2f}",
         row.reason,
+        row.network,
     ]
 
 
@@ -91,6 +95,7 @@ def rows_from_csv(text: str) -> list[FrameRow]:
             valid_fraction=float(cells["valid_fraction"]),
             latency_ms=float(cells["latency_ms"]),
             reason=cells["reason"],
+            network=cells.get("network") or "",
         )
         for cells in csv.DictReader(io.StringIO(text))
     ]

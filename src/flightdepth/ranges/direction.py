@@ -21,7 +21,10 @@ from flightdepth.ranges.tracks import Tracker, tracked_rays
 Vector = NDArray[np.float64]
 
 FEWEST_INLIERS = 12
-LEAST_MOTION_PX = 1.0  # median over the points; less is within what tracking and gimbal get wrong
+# A quarter of the points moved as far as this; less is within what tracking and gimbal get wrong.
+LEAST_MOTION_PX = 1.0
+LEAST_MOVED = 0.25
+LEAST_AGREE = 0.6  # of those that moved; where the camera turned, half agree with a wrong direction
 INLIER_PX = 0.75  # between a point and its epipolar line
 TRIALS = 120
 REFINEMENTS = 3
@@ -83,8 +86,8 @@ def estimate_direction(previous: Image, current: Image, camera: Camera) -> Direc
 def direction_of(now: Vector, before: Vector, focal_px: float) -> Direction | None:
     """From rays [N, 3] to the direction: RANSAC over pairs of points, then weighted least squares."""
     normals = np.cross(now, before)
-    moved_px = np.linalg.norm(before - now, axis=1) * focal_px
-    if len(now) < FEWEST_INLIERS or np.median(moved_px) < LEAST_MOTION_PX:
+    moved = np.linalg.norm(before - now, axis=1) * focal_px >= LEAST_MOTION_PX
+    if len(now) < FEWEST_INLIERS or np.mean(moved) < LEAST_MOVED:
         return None
     d = _consensus(normals, now, focal_px)
     for _ in range(REFINEMENTS):
@@ -92,7 +95,7 @@ def direction_of(now: Vector, before: Vector, focal_px: float) -> Direction | No
         if np.count_nonzero(inside) < FEWEST_INLIERS:
             return None
         d, sigma_rad = _least_squares(normals[inside], now[inside], d)
-    if sigma_rad > WORST_SIGMA_RAD:
+    if sigma_rad > WORST_SIGMA_RAD or np.mean(inside[moved]) < LEAST_AGREE:
         return None
     return Direction(d * _sign(d, now[inside], before[inside]), sigma_rad, int(np.count_nonzero(inside)))
 

@@ -6,7 +6,9 @@ import logging
 import math
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +19,7 @@ from flightdepth.flight.steadiness import MAX_DEROTATED_RAD, MAX_TURN_RAD
 from flightdepth.ranges.derotation import Derotation
 from flightdepth.ranges.direction import SeenDirections
 from flightdepth.ranges.displacement import Trajectory, VelocityFrame
+from flightdepth.ranges.fallback import OnGridOf
 from flightdepth.ranges.fusion import Fused, Fusion, fuse
 from flightdepth.ranges.network import DepthNetwork, Image, Map, Movable
 from flightdepth.ranges.pairs import Baselines, Frame, FrameBuffer, Pair, baselines, pick, seen_from
@@ -28,12 +31,23 @@ from flightdepth.ranges.tracks import Tracker
 from flightdepth.ranges.turning import in_view, is_visible, turned
 from flightdepth.runtimes.memory import OutOfMemory
 from flightdepth.runtimes.prediction import Prediction
+from flightdepth.weights.card import NetworkCard
 
 logger = logging.getLogger(__name__)
 
 MAX_RANGES = 4
 NO_DIRECTION = "direction of motion unknown: no log tells it, and too few tracked points do"
+FALLEN_BACK = "frames without a direction of motion: depth by {}, rough, its confidence is no chance"
 NON_ROTATING = "camera-frame velocity without attitude: the camera is taken not to turn"
+
+
+@dataclass(frozen=True, eq=False)
+class Seer:
+    """A network, its card at the focal length of the pictures, and what it wants to look at next."""
+
+    network: DepthNetwork
+    card: NetworkCard
+    planner: Planner
 
 
 class MultiRangeEstimator:
@@ -51,6 +65,9 @@ class MultiRangeEstimator:
 
     With one range and `turns` of 2, successive frames look at the near and at the far cluster in turn: each depth
     knows less, two in a row know as much as of two ranges. For who joins them himself (live.obstacle_memory).
+
+    `fallback` opens a network that needs no direction, for frames whose displacement has a length alone; it is called
+    when the first of them comes. All other frames have the same depth as without it.
     """
 
     def __init__(
@@ -63,6 +80,7 @@ class MultiRangeEstimator:
         buffer_s: float = 4.0,
         derotate: bool = True,
         turns: int = 1,
+        fallback: Callable[[], DepthNetwork] | None = None,
     ) -> None:
         check_ranges(ranges)
         if turns < 1:
@@ -73,7 +91,6 @@ class MultiRangeEstimator:
             raise BadInput("buffer", expected="more than 0 seconds", got=str(buffer_s))
         self._network, self._camera, self._fusion = network, camera, Fusion(fusion)
         self._grid = network.grid(camera)
-        self._card = network.card.at_focal(self._grid.camera.fx)
         self._trajectory = Trajectory()
         self._derotate = derotate
         self._look_through(self._grid.camera)
@@ -83,14 +100,19 @@ class MultiRangeEstimator:
         self._asked = ranges
         self._memory_notes: tuple[str, ...] = ()
         self._buffer = FrameBuffer(buffer_s)
-        self._planner = Planner(
-            self._card,
-            ranges,
+        planner = partial(
+            Planner,
+            ranges=ranges,
             sides=min(camera.width / camera.fx, camera.height / camera.fy),
             memory_s=buffer_s,
             saturation=self._fusion is Fusion.SATURATION,
             turns=turns,
         )
+        card = network.card.at_focal(self._grid.camera.fx)
+        self._first = Seer(network, card, planner(card))
+        self._planner = self._first.planner
+        self._open_fallback, self._planner_of = fallback, planner
+        self._fallback: Seer | None = None
         # Beyond a quarter of the view too little of the earlier picture is left.
         self._max_turn_rad = math.radians(camera.horizontal_fov_deg) / 4
         self._span_ns = round(buffer_s * 1e9)
@@ -105,7 +127,9 @@ class MultiRangeEstimator:
     @ranges.setter
     def ranges(self, ranges: int) -> None:
         check_ranges(ranges)
-        self._planner.ranges = ranges
+        for seer in (self._first, self._fallback):
+            if seer is not None:
+                seer.planner.ranges = ranges
 
     @property
     def max_turn_rad(self) -> float:
@@ -144,7 +168,8 @@ class MultiRangeEstimator:
         if camera == self._camera:
             return
         self._camera, self._grid = camera, self._network.grid(camera)
-        self._card = self._network.card.at_focal(self._grid.camera.fx)
+        card = self._network.card.at_focal(self._grid.camera.fx)
+        self._first = replace(self._first, card=card)
         self._look_through(self._grid.camera)
         self._max_turn_rad = math.radians(camera.horizontal_fov_deg) / 4
         self.forget_frames()
@@ -181,20 +206,23 @@ class MultiRangeEstimator:
         # A picture that fits the grid comes back as it is; the caller may write its next frame into it.
         current = Frame(self._frames_given, stamp_ns, prepared.copy() if prepared is image else prepared)
         self._repeats.add(stamp_ns, current.image)
-        pairs = self._pairs(current)
+        chosen = self._pairs(current)
         if not self._repeats.frozen:
             self._buffer.add(current)
-        if isinstance(pairs, str):
-            return self._unknown(pairs, started)
+        if isinstance(chosen, str):
+            return self._unknown(chosen, started)
+        pairs, seer = chosen
         if self._derotate:
-            pairs = self._derotation.of(pairs, current, seen=self._network.card.knows_direction)
-        pairs, prediction = self._predict_in_memory(pairs, current)
-        fused = self._fuse(pairs, prediction)
-        self._planner.learn(stamp_ns, fused, self._grid.valid)
-        return self._result(pairs, prediction, self._held_still(stamp_ns, pairs, fused), started)
+            pairs = self._derotation.of(pairs, current, seen=seer.card.knows_direction)
+        pairs, prediction = self._predict_in_memory(pairs, current, seer)
+        fused = self._fuse(pairs, prediction, seer.card)
+        seer.planner.learn(stamp_ns, fused, self._grid.valid)
+        if seer is self._first:  # depths of two networks are not averaged
+            fused = self._held_still(stamp_ns, pairs, fused)
+        return self._result(pairs, prediction, fused, seer, started)
 
-    def _pairs(self, current: Frame) -> tuple[Pair, ...] | str:
-        """Numeric integration and the frame pairs picker; a string says why there is no pair."""
+    def _pairs(self, current: Frame) -> tuple[tuple[Pair, ...], Seer] | str:
+        """Numeric integration and the frame pairs picker, and who sees the pairs; a string says why there is none."""
         self._forget_before(current.stamp_ns - self._span_ns)
         frames = self._buffer.frames
         lines = baselines(self._trajectory, frames, current.stamp_ns, self._max_turn_rad)
@@ -202,12 +230,28 @@ class MultiRangeEstimator:
             return f"frozen picture: the same for {_seconds(self._repeats.shown_ns, current.stamp_ns):.2f} s in flight"
         if lines.reason is not None:
             return lines.reason
-        wanted_m, depths_m = self._planner.wanted(current.stamp_ns, lines.length_m[lines.usable])
+        pairs = self._picked(lines, frames, current, self._first)
+        if self._network.card.knows_direction and not all(pair.directed for pair in pairs):
+            pairs = self._directions.of(seen_from(lines, frames, pairs), current)
+        if pairs:
+            return pairs, self._first
+        if self._open_fallback is None:
+            return NO_DIRECTION
+        if self._fallback is None:
+            network = OnGridOf(self._open_fallback())
+            if network.card.knows_direction:
+                raise BadInput(
+                    "fallback", expected="a network that needs no direction", got=network.card.name
+                )
+            self._fallback = Seer(network, network.card, self._planner_of(network.card, ranges=self.ranges))
+        return self._picked(lines, frames, current, self._fallback), self._fallback
+
+    def _picked(
+        self, lines: Baselines, frames: Sequence[Frame], current: Frame, seer: Seer
+    ) -> tuple[Pair, ...]:
+        wanted_m, depths_m = seer.planner.wanted(current.stamp_ns, lines.length_m[lines.usable])
         most = self._most_pairs
-        pairs = pick(lines, frames, current.index, wanted_m[:most], depths_m[:most])
-        if not self._network.card.knows_direction or all(pair.directed for pair in pairs):
-            return pairs
-        return self._directions.of(seen_from(lines, frames, pairs), current) or NO_DIRECTION
+        return pick(lines, frames, current.index, wanted_m[:most], depths_m[:most])
 
     def _is_frozen(self, lines: Baselines, frames: Sequence[Frame]) -> bool:
         """Whether the camera moved while it showed this picture; then that holds until it shows another."""
@@ -218,17 +262,17 @@ class MultiRangeEstimator:
         return self._repeats.frozen
 
     def _predict_in_memory(
-        self, pairs: tuple[Pair, ...], current: Frame
+        self, pairs: tuple[Pair, ...], current: Frame, seer: Seer
     ) -> tuple[tuple[Pair, ...], Prediction]:
         """With fewer pairs where the network's device has no memory for all, and then on the CPU; logged once."""
         while True:
             try:
-                return pairs, self._predict(pairs, current)
+                return pairs, self._predict(pairs, current, seer.network)
             except OutOfMemory as error:
                 if len(pairs) > 1:
                     pairs = pairs[:-1]
                     self._give_up(error, len(pairs), f"at most {len(pairs)} of a frame's pairs")
-                elif isinstance(self._network, Movable) and self._network.move_to_cpu():
+                elif isinstance(seer.network, Movable) and seer.network.move_to_cpu():
                     self._give_up(error, MAX_RANGES + 1, "on the CPU")
                 else:
                     raise
@@ -240,7 +284,7 @@ class MultiRangeEstimator:
         self._most_pairs, self.ranges = most, min(self._asked, most)
         self._memory_notes = (f"{error}: after that {what}",)
 
-    def _predict(self, pairs: tuple[Pair, ...], current: Frame) -> Prediction:
+    def _predict(self, pairs: tuple[Pair, ...], current: Frame, network: DepthNetwork) -> Prediction:
         """One batch through the network; earlier frames first turned into the current orientation."""
         camera = self._grid.camera
         previous = [
@@ -250,9 +294,9 @@ class MultiRangeEstimator:
             for pair in pairs
         ]
         displacements_n3 = np.stack([pair.displacement_m for pair in pairs])
-        return self._network.predict(previous, current.image, displacements_n3, camera)
+        return network.predict(previous, current.image, displacements_n3, camera)
 
-    def _fuse(self, pairs: tuple[Pair, ...], prediction: Prediction) -> Fused:
+    def _fuse(self, pairs: tuple[Pair, ...], prediction: Prediction, card: NetworkCard) -> Fused:
         camera, shape = self._grid.camera, prediction.valid.shape
         seen = None
         if any(is_visible(pair.turn_rad, camera) for pair in pairs):
@@ -261,7 +305,7 @@ class MultiRangeEstimator:
         return fuse(
             prediction.beta,
             lengths_m,
-            self._card,
+            card,
             fusion=self._fusion,
             sigma_m=prediction.sigma_m,
             seen=seen,
@@ -280,7 +324,7 @@ class MultiRangeEstimator:
         return self._average.add(fused, step)
 
     def _result(
-        self, pairs: tuple[Pair, ...], prediction: Prediction, fused: Fused, started: float
+        self, pairs: tuple[Pair, ...], prediction: Prediction, fused: Fused, seer: Seer, started: float
     ) -> RangedDepth:
         depth_m = self._grid.to_source(fused.depth_m)
         known = np.isfinite(depth_m)
@@ -297,12 +341,18 @@ class MultiRangeEstimator:
             farther_than_m=self._bound(fused.farther_than_m, known),
             nearer_than_m=self._bound(fused.nearer_than_m, known),
             latency_ms=_since_ms(started),
-            notes=((NON_ROTATING,) if self._trajectory.non_rotating else ()) + self._memory_notes,
-            moved_m=self._moved(pairs),
+            notes=self._notes(seer),
+            moved_m=self._moved(pairs, seer.card),
+            network=seer.card.name,
         )
 
-    def _moved(self, pairs: tuple[Pair, ...]) -> NDArray[np.float64] | None:
-        told = self._network.card.knows_direction or all(pair.directed for pair in pairs)
+    def _notes(self, seer: Seer) -> tuple[str, ...]:
+        non_rotating = (NON_ROTATING,) if self._trajectory.non_rotating else ()
+        told = () if seer is self._first else (FALLEN_BACK.format(seer.card.name),)
+        return non_rotating + self._memory_notes + told
+
+    def _moved(self, pairs: tuple[Pair, ...], card: NetworkCard) -> NDArray[np.float64] | None:
+        told = card.knows_direction or all(pair.directed for pair in pairs)
         return np.stack([pair.displacement_m for pair in pairs]) if told else None
 
     def _bound(self, bound_m: Map, known: NDArray[np.bool_]) -> Map:

@@ -29,6 +29,7 @@ class RangedDepth:
     notes                       assumptions behind this depth, a line each; mostly empty
     moved_m          [n, 3]     the displacements as vectors in the current camera's axes (right, down,
                                 forward); None where their direction is unknown
+    network                     name of the one that gave this depth; empty where there is none
 
     n is the number of ranges, less where two chose the same frame, one more when a scout looks beyond them.
     """
@@ -46,6 +47,7 @@ class RangedDepth:
     reason: str | None = None
     notes: tuple[str, ...] = ()
     moved_m: NDArray[np.float64] | None = None
+    network: str = ""
 
     def __post_init__(self) -> None:
         size, n = self.depth_m.shape, len(self.shifts)

@@ -1,0 +1,54 @@
+"""A second network for frames that the first can't see: it takes the same pictures and answers on the same grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from flightdepth.camera import Camera
+from flightdepth.ranges.network import DepthNetwork, FrameGrid, Image, Map, Movable, Vector
+from flightdepth.runtimes.prediction import Prediction
+
+
+class OnGridOf:
+    """A network that is given pictures prepared for another, and whose maps have the size of the other's.
+
+    Where its own focal length differs, it scales the pictures to that once more.
+    """
+
+    def __init__(self, network: DepthNetwork) -> None:
+        self._network = network
+        self.card = network.card
+
+    def grid(self, camera: Camera, /) -> FrameGrid:
+        """Its own."""
+        return self._network.grid(camera)
+
+    def predict(
+        self, previous_n: Sequence[Image], current: Image, displacements_n3: Vector, camera: Camera, /
+    ) -> Prediction:
+        """As the network's own, [n, h, w] with a quarter of the sides of `camera`."""
+        found = self._network.predict(previous_n, current, displacements_n3, camera)
+        shape = (camera.height // 4, camera.width // 4)
+        if found.valid.shape == shape:
+            return found
+        to_pictures = self._network.grid(camera).to_source
+
+        def resized(maps: Map) -> Map:
+            """The nearest pixels of each; the middle of 4x4 of the picture's."""
+            return np.stack([_smaller(to_pictures(one, "nearest"), shape) for one in maps])
+
+        beta = resized(found.beta)
+        sigma_m = None if found.sigma_m is None else resized(found.sigma_m)
+        valid = np.asarray(np.isfinite(beta).all(axis=0))
+        return Prediction(beta, resized(found.depth_m), sigma_m, valid)
+
+    def move_to_cpu(self) -> bool:
+        """As the network's own; False where it has no such place."""
+        return isinstance(self._network, Movable) and self._network.move_to_cpu()
+
+
+def _smaller(map_hw: Map, shape: tuple[int, int]) -> Map:
+    return np.asarray(cv2.resize(map_hw, shape[::-1], interpolation=cv2.INTER_NEAREST), dtype=np.float32)
