@@ -121,6 +121,13 @@ def test_a_fallback_that_needs_a_direction_or_does_not_exist_is_refused(run, wor
     refused(run("--fallback", name), work, name)
 
 
+def test_bytes_need_a_card_that_knows_their_ranges(run, work):
+    """The network of these tests has none; the shipped one runs."""
+    refused(run("--precision", "int8"), work, "holds no ranges")
+    assert run("--network", "tiny-clamped-256", "--precision", "int8", network=None)[0] == 0
+    assert FlightFolder(work / "made/out").record.source.settings["precision"] == "int8"
+
+
 def test_several_flights_get_a_folder_each(run, work):
     second = make_video(work / "second.mp4", frames=8)
     assert run(second, "--speed", "3", log=None)[0] == 0
