@@ -3,7 +3,7 @@ import pytest
 from range_oracle import CLAMPED, card
 
 from flightdepth.ranges.fusion import Fused
-from flightdepth.ranges.plan import MAX_PICTURE_SHIFT, SCOUT_EVERY_S, Planner
+from flightdepth.ranges.plan import FARTHEST_M, MAX_PICTURE_SHIFT, SCOUT_EVERY_S, Planner
 
 S = 1_000_000_000
 ALL = np.ones((32, 32), dtype=np.bool_)
@@ -39,6 +39,14 @@ def test_a_learned_depth_chooses_the_displacement() -> None:
     wanted, depths = plan.wanted(1, USABLE)
     np.testing.assert_allclose(wanted, [0.5])
     np.testing.assert_allclose(depths, [24.0])
+
+
+def test_what_is_measured_far_beyond_use_asks_for_no_longer_pairs() -> None:
+    """A drifting cloud at 5 km; the paper's estimator follows it."""
+    for saturation, expected_m in ((True, FARTHEST_M), (False, 5000.0)):
+        plan = planner(1, saturation=saturation)
+        plan.learn(0, fused(5000.0, share=1.0), ALL)
+        np.testing.assert_allclose(plan.wanted(1, USABLE)[1], [expected_m], rtol=1e-5)
 
 
 def test_an_old_depth_is_forgotten() -> None:

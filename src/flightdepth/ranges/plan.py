@@ -16,6 +16,8 @@ Vector = NDArray[np.float64]
 
 # Below this share of measured pixels their clusters say nothing about the picture.
 MIN_MEASURED = 0.01
+# What is measured farther away than this asks for no longer pairs: a cloud that drifts would, frame after frame.
+FARTHEST_M = 300.0
 # Three quarters of the picture may move by at most a quarter of its smaller side, in any direction.
 MAX_PICTURE_SHIFT = 0.25
 NEAR_QUANTILE = 0.25
@@ -36,8 +38,8 @@ class Planner:
     by focal * D / Z pixels, and forward motion hardly more at the edge of a 90-degree view, so no direction
     needs to be known.
 
-    With `saturation` clusters are of log depth, and scouts go out: clusters hold measured pixels only, so
-    what lies outside every range would never be looked for. When enough of the picture is only bounded, one
+    With `saturation` clusters are of log depth, FARTHEST_M at most, and scouts go out: clusters hold measured
+    pixels only, so what lies outside every range would never be looked for. When enough of the picture is only bounded, one
     extra pair looks just below the smallest "at most" or just above the largest "at least" so far; each
     scout that finds nothing moves that bound on, until no displacement reaches beyond it and it starts
     over. What a scout finds joins the next clusters; under a sky it finds nothing and changes nothing.
@@ -104,7 +106,9 @@ class Planner:
         if before is not None and len(before) != clusters:
             before = None  # so many were asked for until now
         self._centroids_m = (
-            centroids(depth_m, clusters, before, logarithmic=self._saturation) if measured else None
+            centroids(self._asking(depth_m), clusters, before, logarithmic=self._saturation)
+            if measured
+            else None
         )
         self._limit_m = self._shift_per_depth * _near_depth(depth_m, nearer, farther)
         if self._start_over:
@@ -113,6 +117,10 @@ class Planner:
             return
         self._nearer_m = _tightest(nearer, ~np.isfinite(farther), MIN_NEARER, self._nearer_m, np.min)
         self._farther_m = _tightest(farther, ~np.isfinite(nearer), MIN_FARTHER, self._farther_m, np.max)
+
+    def _asking(self, depth_m: Map) -> Map:
+        """The depths that clusters are made of."""
+        return np.minimum(depth_m, np.float32(FARTHEST_M)) if self._saturation else depth_m
 
     def _looked_at(self, centroids_m: Vector) -> Vector:
         """The clusters that this frame looks at: all, or the one whose turn it is."""
