@@ -39,9 +39,9 @@ class Planner:
     needs to be known.
 
     With `saturation` clusters are of log depth, FARTHEST_M at most, and scouts go out: clusters hold measured
-    pixels only, so what lies outside every range would never be looked for. When enough of the picture is only bounded, one
-    extra pair looks just below the smallest "at most" or just above the largest "at least" so far; each
-    scout that finds nothing moves that bound on, until no displacement reaches beyond it and it starts
+    pixels only, so what lies outside every range would never be looked for. When enough of the picture is only
+    bounded, one extra pair looks just below the smallest "at most" or just above the largest "at least" so far;
+    each scout that finds nothing moves that bound on, until no displacement reaches beyond it and it starts
     over. What a scout finds joins the next clusters; under a sky it finds nothing and changes nothing.
 
     Turns: with one range and `turns` of 2 or more there are so many clusters, and successive frames look at one
