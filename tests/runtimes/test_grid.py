@@ -67,6 +67,8 @@ def test_sizes_are_multiples_of_64_and_the_focal_length_is_the_networks(
 def test_the_grid_of_a_grid_is_the_identity(camera: Camera, focal_px: float) -> None:
     assume(min(camera.width / camera.fx, camera.height / camera.fy) * focal_px >= 64)
     camera = NetworkGrid(camera, focal_px).camera
+    # Whole pixels can leave a small grid more than the 1 % off within which a source stays as it is.
+    assume(max(abs(camera.fx / focal_px - 1), abs(camera.fy / focal_px - 1)) <= 0.01)
     grid = NetworkGrid(camera, focal_px)
     image = np.zeros((camera.height, camera.width, 3), np.uint8)
     assert grid.camera == camera
