@@ -110,7 +110,8 @@ def measure(network: Any, camera: Camera, ranges: int, options: argparse.Namespa
             (estimator, "turned", "turned pictures"),
             (flight, "_predict", "predict"),
             (flight, "_fuse", "fusion"),
-            (flight._planner, "learn", "k-means, plan"),
+            (flight._first.planner, "learn", "k-means, plan"),
+            (flight, "_held_still", "temporal average"),
             (flight, "_result", "upsample"),
         ):
             undo.callback(setattr, owner, method, getattr(owner, method))

@@ -91,9 +91,11 @@ def pytorch(card: NetworkCard, made: Arrays) -> Call:
     from flightdepth.training.inputs import motion_inputs
     from flightdepth.training.pictures import normalised
 
-    network = (
-        MotionNet(card.base_width) if card.knows_direction else DepthNet(card.base_width, card.activation)
-    )
+    network: torch.nn.Module
+    if card.knows_direction:
+        network = MotionNet(card.base_width, looks=card.looks)
+    else:
+        network = DepthNet(card.base_width, card.activation)
     network = network.eval().to(memory_format=torch.channels_last)
     arrays = [torch.from_numpy(array) for array in made.values()]
 

@@ -7,7 +7,8 @@ Ages count from the moment when the sender sent (RTCP; both clocks are this mach
 from reception. Everything shares the cores that this process may use: `taskset -c 0,1 python benchmarks/live.py`
 is a computer with two.
 
---seconds: one table, and the time by stage. --minutes: a line a minute, and how age and memory rise by the hour.
+--seconds: one table, and the time by stage. --minutes: a line a minute, how age and memory rise by the hour, and
+the ten minutes in which others used these cores least.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import av
 import cv2
@@ -48,10 +49,12 @@ from flightdepth.live.video_stream import Picture
 from flightdepth.ranges.derotation import Derotation
 from flightdepth.ranges.estimator import MultiRangeEstimator
 from flightdepth.ranges.plan import Planner
+from flightdepth.runtimes.contract import Precision
 from flightdepth.runtimes.network import Network, load_network
 
 SAMPLE = Path(flightdepth.__file__).parent / "sample" / "flight.mp4"
 RATE_HZ = 30
+TICKS_HZ = 90_000
 GROUP = 30  # pictures from one key frame to the next
 WARM_UP_S = 5.0
 SPEED_M_S = 5.7
@@ -98,11 +101,13 @@ def send(target: str, transport: str, size: tuple[int, int], seconds: float, spe
     stream = output.add_stream("libx264", rate=RATE_HZ)
     stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
     spent[2] = 1.0
-    began, began_cpu_s = time.monotonic(), time.process_time()
+    began, began_cpu_s, ticks = time.monotonic(), time.process_time(), -1
     for i in range(round(seconds * RATE_HZ)):
         time.sleep(max(0.0, began + i / RATE_HZ - time.monotonic()))
         packet = av.Packet(packets[i % len(packets)])
-        packet.stream, packet.time_base, packet.pts, packet.dts = stream, Fraction(1, RATE_HZ), i, i
+        # Stamped when it leaves: on a busy machine this process is held up too, which no receiver can help.
+        ticks = max(ticks + 1, round((time.monotonic() - began) * TICKS_HZ))
+        packet.stream, packet.time_base, packet.pts, packet.dts = stream, Fraction(1, TICKS_HZ), ticks, ticks
         packet.is_keyframe = i % len(packets) % GROUP == 0
         output.mux(packet)
         spent[0], spent[1] = time.process_time() - began_cpu_s, i + 1
@@ -121,6 +126,7 @@ class Minute:
     cpu_ms_a_result: float
     rss_mib: float
     from_sender: float
+    others: float  # share of these cores that other processes used (the sender, and the host's others, among them)
 
     def line(self) -> str:
         """For people."""
@@ -128,7 +134,17 @@ class Minute:
             f"{self.results_a_second:5.1f} of {self.received_a_second:4.1f}/s   age {self.age_ms_p50:5.1f}"
             f" {self.age_ms_p95:5.1f} {self.age_ms_p99:5.1f} ms (p50 p95 p99)   n = {self.ranges_mean:.2f}"
             f"   {self.cpu_ms_a_result:5.1f} ms of processor a result   {self.rss_mib:6.1f} MiB"
+            f"   others {self.others:4.0%}"
         )
+
+
+def busy_s() -> float:
+    """Seconds for which the cores that this process may use were busy since the machine started, summed."""
+    cores = {f"cpu{core}" for core in os.sched_getaffinity(0)}
+    rows = [line.split() for line in Path("/proc/stat").read_text().splitlines()]
+    # proc(5): user nice system idle iowait irq softirq steal
+    ticks = sum(sum(map(int, row[1:4] + row[6:9])) for row in rows if row[0] in cores)
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 class Watch:
@@ -138,7 +154,7 @@ class Watch:
         self._lock = threading.Lock()
         self._rows = np.ones((MOST_A_MINUTE, 3), dtype=np.float32)
         self._count = 0
-        self._since = (0.0, 0.0, 0)
+        self._since = (0.0, 0.0, 0.0, 0)
 
     def __call__(self, result: LiveResult) -> None:
         with self._lock:
@@ -151,12 +167,13 @@ class Watch:
         """Count from now on; `received`: pictures that the stream gave so far."""
         with self._lock:
             self._count = 0
-        self._since = time.monotonic(), time.process_time(), received
+        self._since = time.monotonic(), time.process_time(), busy_s(), received
 
     def end(self, received: int) -> Minute:
         """Figures since `begin`, which is now again."""
-        began_s, began_cpu_s, received_then = self._since
+        began_s, began_cpu_s, began_busy_s, received_then = self._since
         seconds, cpu_s = time.monotonic() - began_s, time.process_time() - began_cpu_s
+        others_s = max(0.0, busy_s() - began_busy_s - cpu_s)
         with self._lock:
             rows = self._rows[: self._count].copy()
         if not len(rows):
@@ -174,6 +191,7 @@ class Watch:
             1e3 * cpu_s / len(rows),
             rss_mib,
             float(rows[:, 2].mean()),
+            others_s / (seconds * len(os.sched_getaffinity(0))),
         )
 
 
@@ -250,9 +268,12 @@ def steady(seconds: float) -> Telemetry:
 
 
 @contextmanager
-def flying(arguments: argparse.Namespace, seconds: float) -> Iterator[tuple[LiveEngine, Watch, Any]]:
+def flying(
+    arguments: argparse.Namespace, seconds: float, precision: Precision | None
+) -> Iterator[tuple[LiveEngine, Watch, Any]]:
     """An engine at work, its watch, and what the sender spends; begun and warm."""
-    network = load_network(arguments.network)
+    network = load_network(arguments.network, precision=precision)
+    print(f"{arguments.network}: {network.runtime.description}", flush=True)
     store, size = MotionStore(), (arguments.size[0], arguments.size[1])
     stage = DepthStage(network, Lens(hfov_deg=FOV_DEG), store, ranges=arguments.ranges, fixed=False)
     stage.prepare(*size)
@@ -299,10 +320,10 @@ def flying(arguments: argparse.Namespace, seconds: float) -> Iterator[tuple[Live
         sender.join()
 
 
-def run_once(arguments: argparse.Namespace) -> dict[str, Any]:
+def run_once(arguments: argparse.Namespace, precision: Precision | None) -> dict[str, Any]:
     """The figures of `--seconds`, printed."""
     stages = StageTimes()
-    with stages.taken(), flying(arguments, arguments.seconds) as (engine, watch, spent):
+    with stages.taken(), flying(arguments, arguments.seconds, precision) as (engine, watch, spent):
         stages.clear()
         watch.begin(engine.status().frames.received)
         dropped_then, (sent_cpu_s, sent, _) = dict(engine.status().frames.dropped), tuple(spent)
@@ -328,7 +349,7 @@ def run_once(arguments: argparse.Namespace) -> dict[str, Any]:
 def run_minutes(arguments: argparse.Namespace) -> dict[str, Any]:
     """The figures of `--minutes`, printed as they come."""
     found: list[Minute] = []
-    with flying(arguments, 60 * arguments.minutes) as (engine, watch, _):
+    with flying(arguments, 60 * arguments.minutes, arguments.precision[0]) as (engine, watch, _):
         watch.begin(engine.status().frames.received)
         began = time.monotonic()
         for minute in range(1, arguments.minutes + 1):
@@ -341,8 +362,15 @@ def run_minutes(arguments: argparse.Namespace) -> dict[str, Any]:
         f"age p95 rises by {age[0]:.2f} +- {age[1]:.2f} ms an hour, memory by {rss[0]:.2f} +- {rss[1]:.2f} MiB"
     )
     print(f"dropped {dropped}")
+    first = quietest(found)
+    print(
+        f"quietest ten minutes, others {np.mean([minute.others for minute in found[first : first + 10]]):.0%}:"
+    )
+    for i, minute in enumerate(found[first : first + 10], first + 1):
+        print(f"minute {i:3}  {minute.line()}")
     return {
         "minutes": [asdict(minute) for minute in found],
+        "quietest_from": first,
         "age_p95_ms_an_hour": age,
         "rss_mib_an_hour": rss,
         "dropped": dropped,
@@ -356,9 +384,20 @@ def slopes(found: list[Minute]) -> tuple[tuple[float, float], tuple[float, float
     return age, slope_an_hour(minutes, np.array([minute.rss_mib for minute in found]))
 
 
+def quietest(found: list[Minute], length: int = 10) -> int:
+    """Where the `length` minutes in a row begin in which others used these cores least."""
+    sums = [
+        sum(minute.others for minute in found[i : i + length]) for i in range(max(1, len(found) - length + 1))
+    ]
+    return int(np.argmin(sums))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--network", default="tiny-clamped-256")
+    parser.add_argument(
+        "--precision", nargs="+", choices=get_args(Precision), default=[None], help="one after the other"
+    )
     parser.add_argument("--ranges", type=int, default=2, help="at most")
     parser.add_argument("--size", type=int, nargs=2, default=[256, 192], help="pictures, px")
     parser.add_argument("--seconds", type=float, default=20)
@@ -368,7 +407,11 @@ def main() -> None:
     parser.add_argument("--port", type=int, default=5654)
     parser.add_argument("--json", type=Path, help="also write the figures here")
     arguments = parser.parse_args()
-    found = run_minutes(arguments) if arguments.minutes else run_once(arguments)
+    found: dict[str, Any]
+    if arguments.minutes:
+        found = run_minutes(arguments)
+    else:
+        found = {"runs": {str(each or "auto"): run_once(arguments, each) for each in arguments.precision}}
     found |= {"cpu": cpu(), "cores": len(os.sched_getaffinity(0)), "load_average": os.getloadavg()[0]}
     found |= {"network": arguments.network, "transport": arguments.transport, "size": arguments.size}
     print(

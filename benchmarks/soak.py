@@ -128,7 +128,7 @@ def slope(taken: list[tuple[float, float]]) -> tuple[float, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=30.0)
-    parser.add_argument("--network", default="motion-tiny", help="a shipped name or an ONNX file")
+    parser.add_argument("--network", default="motion", help="a shipped name or an ONNX file")
     parser.add_argument(
         "--shrink", type=int, default=1, metavar="N", help="pictures of 1/N the width and height"
     )

@@ -26,7 +26,7 @@ PARTS_S = {"ahead": (2.0, 3.0), "sideways": (7.0, 8.0)}
 def depth_stack(hfov_deg: float, start_s: float, end_s: float) -> np.ndarray:
     """Depth [n, H, W] of every fifth frame of a part, from the eleventh on."""
     with open_flight(VIDEO, LOG, hfov_deg=hfov_deg, start_s=start_s, end_s=end_s) as flight:
-        estimator = MultiRangeEstimator(load_network("motion-tiny"), flight.camera, ranges=2)
+        estimator = MultiRangeEstimator(load_network("motion"), flight.camera, ranges=2)
         return np.stack(
             [result.depth_m for frame, result in depths(flight, estimator) if frame.index in range(10, 99, 5)]
         )

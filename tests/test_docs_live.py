@@ -8,7 +8,7 @@ import pytest
 import typer
 
 from flightdepth import cli
-from flightdepth.commands.live_settings import LiveSettings, Mount
+from flightdepth.commands.live_settings import LiveSettings
 from flightdepth.errors import BadInput
 from flightdepth.live.mavlink_link import check_address
 from flightdepth.live.video_address import video_address
@@ -26,7 +26,7 @@ def test_each_command_is_understood(command, monkeypatch):
     root = typer.main.get_command(cli.app)
     name, *arguments = shlex.split(command)[1:]
     options = root.commands[name].make_context(name, arguments).params
-    settings = LiveSettings(**(options | {"mount": Mount(options["mount"])}))
+    settings = LiveSettings(**options)
     assert video_address(settings.video).name == settings.video
     if settings.mavlink is not None:
         check_address(settings.mavlink)
@@ -49,6 +49,8 @@ def test_the_recorded_flight_plays(monkeypatch, capsys, save_difference_network)
         (["--mavlink", "udpin:0.0.0.0:14550", "--telemetry", "telemetry.csv"], "one of them"),
         (["--telemetry", "telemetry.csv", "--obstacles"], "--dry-run"),
         (["--telemetry", "telemetry.csv", "--camera-delay-ms", "-1"], "0 to 10000"),
+        (["--telemetry", "telemetry.csv", "--telemetry-offset", "nan"], "finite"),
+        (["--telemetry", "telemetry.csv", "--duration", "inf"], "more than 0"),
         (["--telemetry", "telemetry.csv", "--ranges", "5"], "1 to 4"),
         (["--telemetry", "telemetry.csv", "--mount", "fixed", "--tilt", "100"], "-90 to 90"),
     ],

@@ -55,7 +55,7 @@ def flightdepth(
 
       flightdepth run VIDEO --hfov DEGREES
 
-    The velocity comes from the video itself (GoPro Karma), from --telemetry LOG,
+    The velocity comes from the video itself (GoPro), from --telemetry LOG,
     or from --speed M_S. `flightdepth COMMAND --help` shows examples.
     """
 

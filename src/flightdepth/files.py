@@ -51,6 +51,12 @@ def make_folder(option: str, path: Path) -> None:
     path.mkdir(parents=True, exist_ok=True)
 
 
+def check_parent(option: str, path: Path | None) -> None:
+    """Refuse a file, named by an option of the command line, whose folder is missing; before the work, not after it."""
+    if path is not None and not path.parent.is_dir():
+        raise BadInput(option, expected="a file in an existing folder", got=str(path))
+
+
 def write_json(path: Path, value: Any) -> None:
     """Write `value` as indented JSON, atomically; NaN is refused because JSON has none."""
     write_atomic(path, (json.dumps(value, indent=2, allow_nan=False) + "\n").encode())

@@ -54,6 +54,33 @@ def test_depths_come_refined_and_at_five_scales_and_the_spread_at_the_finest(sma
     assert (spread >= 0).all()
 
 
+def test_each_look_starts_from_what_the_one_before_it_gave(small):
+    torch.nn.init.normal_(small.refinement.head.weight, std=0.1)
+    seen, look = [], small.refinement.forward
+
+    def watched(depth, spread, features, difference):
+        seen.append((depth, spread))
+        return look(depth, spread, features, difference)
+
+    small.refinement.forward = watched
+    (once, *unrefined), _ = small(*inputs())
+    small.looks = 3
+    seen.clear()
+    depths, spread = small(*inputs())
+    assert len(depths) == 8
+    assert torch.equal(depths[2], once)
+    assert torch.equal(depths[3], unrefined[0])
+    assert [torch.equal(start, depth) for (start, _), depth in zip(seen, depths[3:0:-1], strict=True)] == [
+        True
+    ] * 3
+    assert not torch.allclose(depths[0], depths[1])
+    assert spread.shape == depths[0].shape
+
+
+def test_more_looks_have_no_more_parameters():
+    assert parameters(MotionNet(4, looks=3)) == parameters(MotionNet(4))
+
+
 @pytest.mark.parametrize("which", range(5))
 def test_every_input_matters(small, which):
     given = inputs()

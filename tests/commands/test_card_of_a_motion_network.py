@@ -9,11 +9,30 @@ from flightdepth.training.run_folder import Trained
 
 
 def test_the_card_tells_lenses_and_wrong_motion_of_each_stage(tmp_path):
-    recipe = load_recipe("motion-tiny")
+    recipe = load_recipe("motion")
     done = Progress(recipe.name, recipe.digest, len(recipe.stages), 0, recipe.samples, 1.0)
-    card = card_of(Trained(tmp_path / "checkpoint.safetensors", recipe, done, None), "motion-tiny")
-    assert [stage.fov_deg for stage in card.stages] == [(60, 110), (55, 120), (60, 115), *[(55, 120)] * 3]
-    assert [stage.direction_noise_deg for stage in card.stages] == [0, 5, 2, 2, 2, 2]
-    assert [stage.rotation_noise_deg for stage in card.stages] == [0, 0.5, *[0.1] * 4]
+    card = card_of(Trained(tmp_path / "checkpoint.safetensors", recipe, done, None), "motion")
+    assert [stage.fov_deg for stage in card.stages] == [(60, 110), (55, 120), (60, 115), *[(55, 120)] * 6]
+    assert [stage.direction_noise_deg for stage in card.stages] == [0, 5, *[2] * 7]
+    assert [stage.rotation_noise_deg for stage in card.stages] == [0, 0.5, *[0.1] * 7]
     # 0.3 m at 128 px of focal length, written down for the 256 px that flights are shown at.
     assert (card.any_lens, card.focal_px, card.D0_m) == (True, 256, pytest.approx(0.15))
+
+
+def test_half_the_resolution_has_the_same_shift_in_pixels():
+    motion, tiny = (load_recipe(name) for name in ("motion", "motion-tiny"))
+    shifts_px = [recipe.nominal_shift * recipe.reference_focal_px for recipe in (motion, tiny)]
+    assert shifts_px[0] == shifts_px[1]
+    assert tiny.starts_from == motion.name
+
+
+def test_a_run_that_started_from_one_lists_what_that_went_on_from(tmp_path):
+    """motion-tiny starts from a run of motion, which went on from the shipped motion of its day."""
+    recipe, tiny = load_recipe("motion"), load_recipe("motion-tiny")
+    first = card_of(Trained(tmp_path / "a", recipe, Progress("", "", 2, 0, 184_000, 1.0), None), "motion")
+    done = Progress("", "", len(recipe.stages), 0, recipe.samples, 1.0)
+    run = Trained(tmp_path / "b", recipe, done, None, first)
+    half = Trained(tmp_path / "c", tiny, Progress("", "", 1, 0, recipe.samples + tiny.samples, 1.0), run)
+    assert [stage.name for stage in card_of(half, "motion-tiny").stages] == [
+        stage.name for stage in (*recipe.stages, *tiny.stages)
+    ]

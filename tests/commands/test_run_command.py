@@ -105,10 +105,10 @@ def test_a_fallback_takes_the_frames_without_a_direction(run, work, monkeypatch,
     """A velocity in the world's axes, no attitude, and no direction in the pictures."""
     monkeypatch.setattr(SeenDirections, "of", lambda self, served, current: ())
     given = {"network": None, "video": "flight.mp4"}
-    assert run("--network", "motion-tiny", **given)[0] == 0
+    assert run("--network", "motion", **given)[0] == 0
     assert FlightFolder(work / "made/out").record.counts.frames_with_depth == 0
     save_difference_network(name="spare")
-    code, stdout, _ = run("--network", "motion-tiny", "--fallback", work / "spare.onnx", **given)
+    code, stdout, _ = run("--network", "motion", "--fallback", work / "spare.onnx", **given)
     assert code == 0
     folder = FlightFolder(work / "made/out")
     assert {row.network for row in folder.rows if not row.reason} == {"spare"}
@@ -116,9 +116,16 @@ def test_a_fallback_takes_the_frames_without_a_direction(run, work, monkeypatch,
     assert "depth by spare" in " ".join(stdout.split())
 
 
-@pytest.mark.parametrize("name", ["motion-tiny", "nowhere.onnx"])
+@pytest.mark.parametrize("name", ["motion", "nowhere.onnx"])
 def test_a_fallback_that_needs_a_direction_or_does_not_exist_is_refused(run, work, name):
     refused(run("--fallback", name), work, name)
+
+
+def test_detail_is_for_networks_for_any_lens(run, work):
+    refused(run("--detail", "2"), work, "one focal length")
+    code = run("--network", "motion", "--detail", "0.5", network=None)[0]
+    assert code == 0
+    assert FlightFolder(work / "made/out").record.source.network.focal_px == 128
 
 
 def test_bytes_need_a_card_that_knows_their_ranges(run, work):
@@ -153,6 +160,12 @@ def test_flights_of_one_name_do_not_share_a_folder(tmp_path):
 
 def test_a_missing_video(run, work):
     refused(run(video="nowhere.mp4"), work, "nowhere.mp4", "no such file")
+
+
+def test_a_place_that_cannot_be_written_is_refused_before_any_work(run, work):
+    outcome = run("--out", work / "log.csv" / "out")
+    refused(outcome, work, "log.csv/out", "a place to write", "Not a directory")
+    assert outcome[1] == ""
 
 
 def test_an_empty_video(run, work):

@@ -73,7 +73,7 @@ def test_a_run_on_the_fisheye_agrees_with_the_pinholes(tmp_path, capsys):
         ("fisheye", tmp_path / "fisheye.mp4", tmp_path / "fisheye.json"),
     ):
         options = ["--telemetry", LOG, "--camera", camera, "--end", "0.7", "--out", tmp_path / name]
-        assert main(["run", str(video), *map(str, [*options, "--network", "motion-tiny"])]) == 0
+        assert main(["run", str(video), *map(str, [*options, "--network", "motion"])]) == 0
     folders = [FlightFolder(tmp_path / name) for name in ("pinhole", "fisheye")]
     ratios = []
     for index in range(12, 21, 4):

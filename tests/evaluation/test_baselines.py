@@ -17,6 +17,7 @@ from flightdepth.evaluation.warping import WarpedPair
 from flightdepth.flight import Frame, VelocitySample
 from flightdepth.motion import NED_FROM_CAMERA
 from flightdepth.runtimes.grid import NetworkGrid
+from flightdepth.sweep import motion_field
 from tests_networks import difference_card
 
 RATE_HZ, FRAMES = 15, 36
@@ -86,6 +87,18 @@ class Oracle:
         inverse = cv2.resize(1 / self.flown.depth_m[which], size, interpolation=cv2.INTER_AREA)
         depth_m = self.factor / np.maximum(inverse, 1e-9)
         return Answer(depth_m, depth_m < self.most_m * self.factor)
+
+
+@dataclass(frozen=True)
+class Guesser(Oracle):
+    """The true depth where points move by a pixel, and a guess that always is the same elsewhere."""
+
+    name: str = "guesser"
+
+    def answer(self, previous, current, displacement, camera) -> Answer:
+        true = super().answer(previous, current, displacement, camera)
+        moved = np.hypot(*motion_field(displacement, camera)) * camera.fx >= true.depth_m
+        return Answer(np.where(moved, true.depth_m, 40.0), np.ones_like(true.measured))
 
 
 def flight_of(rendered, frame="camera", **changes) -> Flown:
@@ -165,6 +178,23 @@ def test_the_slope_is_the_ideal_times_the_scale(measured, method, factor):
         assert row["points"] > 20
         assert row["ideal"] == pytest.approx(-0.99, abs=0.01)  # the camera looks a little down
         assert row["median"] == pytest.approx(factor * row["ideal"], abs=0.05 * factor)
+
+
+@pytest.mark.parametrize(("method", "factor"), [("oracle", 1), ("doubled", 2)])
+def test_the_slope_of_what_moved_is_the_ideal_times_the_scale_too(measured, method, factor):
+    for row in rows(measured[0], "slope_of_moved", method):
+        assert row["points"] > 20
+        assert row["median"] == pytest.approx(factor * row["ideal"], abs=0.05 * factor)
+
+
+def test_a_guess_where_nothing_moves_spoils_the_slope_but_not_that_of_what_moved(rendered):
+    flown = flight_of(rendered)
+    result, _, _ = studied(flown, [Guesser(flown)])
+    for row in rows(result, "slope_of_moved", "guesser"):
+        assert row["median"] == pytest.approx(row["ideal"], abs=0.1)
+    all_points, moved = (rows(result, what, "guesser")[0] for what in ("slope", "slope_of_moved"))
+    assert all_points["points"] > moved["points"]
+    assert abs(all_points["median"]) < 0.9
 
 
 def test_on_its_own_pixels_the_peer_agrees_as_it_does_anyway(measured):

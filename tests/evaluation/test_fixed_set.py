@@ -51,11 +51,14 @@ def test_no_scenes_are_no_set():
 
 
 def any_lens(**changes):
-    return difference_card(architecture="MotionNet", any_lens=True, focal_px=256.0, **changes)
+    return difference_card(**{"architecture": "MotionNet", "any_lens": True, "focal_px": 256.0} | changes)
 
 
-def test_a_network_for_any_lens_has_the_256_px_set():
-    assert fixed_set(any_lens()).picture == Picture(256, 256, 256)
+@pytest.mark.parametrize(("focal_px", "px"), [(128, 128), (256, 256), (200, 192), (20, 64)])
+def test_a_network_for_any_lens_sees_90_degrees_half_as_fine_as_on_flights(focal_px, px):
+    card = any_lens(focal_px=float(focal_px))
+    assert fixed_set(card).picture == Picture(px, px, px)
+    assert outdoor_set(card, scenes=1).width == px
 
 
 def test_another_lens_is_for_networks_that_know_any():

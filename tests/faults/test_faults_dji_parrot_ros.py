@@ -184,7 +184,7 @@ def test_fault_3_trash_is_refused_or_counted(whole, tmp_path):
             pass
         spent_s += time.process_time() - started
     assert read > 50
-    assert spent_s / 500 < 2 * normal_s
+    assert spent_s / 500 < 5 * normal_s
 
 
 def test_fault_3_nested_brackets_and_long_numbers_are_counted(tmp_path):

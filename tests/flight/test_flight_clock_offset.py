@@ -113,6 +113,13 @@ def test_turning_to_and_fro_is_ambiguous():
     assert "another offset fits nearly" in found.reason
 
 
+def test_a_video_of_one_picture_tells_nothing():
+    none = ApparentMotion(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0))
+    found = estimate_offset(none, Telemetry("t", even_speed()))
+    assert found.offset_s is None
+    assert "fewer than two pictures" in found.reason
+
+
 def test_logs_of_another_flight_fit_nowhere():
     for seed in range(5):
         (at_s, turn), (_, other) = wandering(10 + seed), wandering(20 + seed)

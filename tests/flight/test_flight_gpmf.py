@@ -88,6 +88,18 @@ def test_broken_payloads_are_refused(payload):
         streams(payload, LNED)
 
 
+@pytest.mark.parametrize(("size", "repeat"), [(0, 5), (0, 0), (4, 0)])
+def test_a_record_without_bytes_holds_no_numbers(size, repeat):
+    """numpy could not tell the width of such, and said so as an error of its own."""
+    record = next(records(klv("DZST", "l", size, repeat, b"")))
+    assert record.numbers().size == 0
+
+
+def test_samples_of_no_bytes_are_no_samples():
+    payload = nest("DEVC", nest("STRM", klv("LNED", "l", 0, 5, b"")))
+    assert streams(payload, LNED) == []
+
+
 def test_cut_anywhere_a_payload_reads_or_is_refused():
     payload = lned_payload(ROWS)
     for size in range(1, len(payload)):

@@ -1,4 +1,6 @@
+import sqlite3
 import sys
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from flightdepth.errors import BadInput, MissingExtra
 from flightdepth.flight import ros_messages
 from flightdepth.flight.records import AttitudeSample, VelocitySample
 from flightdepth.flight.ros import read_ros
+from flightdepth.flight.ros2_bag import ZSTD_MAGIC
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
 from tests_recordings import ROS_CONTAINERS, Messages, odometry_flight, write_mcap, write_ros1, write_ros2
@@ -156,6 +159,18 @@ def test_a_folder_that_lost_its_metadata_is_read(tmp_path, plugin):
     path = write_ros2(tmp_path / "flight", odometry_flight("cdr"), plugin)
     (path / "metadata.yaml").unlink()
     assert len([s for s in read_telemetry(path).samples if isinstance(s, VelocitySample)]) == 40
+
+
+@pytest.mark.parametrize("damage", [ZSTD_MAGIC, ZSTD_MAGIC + bytes(20)], ids=["head", "body"])
+def test_a_packed_message_that_is_damaged_costs_itself_only(tmp_path, damage):
+    """One with a damaged head ended in a traceback, any other in the loss of all that came after it."""
+    path = write_ros2(tmp_path / "flight", odometry_flight("cdr"), "SQLITE3")
+    (file,) = path.glob("*.db3")
+    with closing(sqlite3.connect(file)) as database, database:
+        database.execute("UPDATE messages SET data = ? WHERE id = 3", (damage,))
+    telemetry = read_telemetry(path)
+    assert len([s for s in telemetry.samples if isinstance(s, VelocitySample)]) == 39
+    assert telemetry.counts == {"damaged records": 1}
 
 
 def test_packed_files_are_refused_with_the_remedy(tmp_path):

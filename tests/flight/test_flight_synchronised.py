@@ -96,7 +96,7 @@ def test_an_offset_that_is_given_is_taken(video, tmp_path):
 def test_run_shows_it(video, tmp_path, capsys):
     log = log_of(tmp_path / "log.csv", off_s=-0.7)
     given = ["--telemetry", str(log), "--hfov", "70", "--end", "8", "--telemetry-offset", "auto"]
-    assert main(["run", str(video), *given, "--network", "motion-tiny", "--out", str(tmp_path / "out")]) == 0
+    assert main(["run", str(video), *given, "--network", "motion", "--out", str(tmp_path / "out")]) == 0
     assert "offset between video and log: -0.7" in capsys.readouterr().out
     clock = json.loads((tmp_path / "out" / "flight.json").read_text())["source"]["clock"]
     assert clock["offset_s"] == pytest.approx(-0.7, abs=0.04)

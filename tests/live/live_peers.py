@@ -17,6 +17,9 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
 
 from flightdepth.flight.video import Video
+from flightdepth.live.autopilot_feed import AutopilotFeed, AutopilotListener
+from flightdepth.live.mavlink_link import MavlinkLink
+from flightdepth.live.motion_store import MotionStore
 
 SAMPLE = Path(__file__).parents[2] / "src" / "flightdepth" / "sample"
 FOV_DEG = 75.0
@@ -158,11 +161,13 @@ class TsSender(Repeating):
 class Autopilot(Repeating):
     """Plays the sample's poses over MAVLink to `port`: heartbeats, velocity, body attitude; answers TIMESYNC.
 
-    `boot_s` is its clock at the start. `asked` holds the rates that it was asked for, by message number.
+    `boot_s` is its clock at the start; `link` is what it speaks over instead of UDP. `asked` holds the rates that it
+    was asked for, by message number.
     """
 
-    def __init__(self, port, boot_s=100.0, *, address=None):
-        self.link = mavutil.mavlink_connection(address or f"udpout:127.0.0.1:{port}", source_system=7)
+    def __init__(self, port=None, boot_s=100.0, *, address=None, link=None):
+        address = address or f"udpout:127.0.0.1:{port}"
+        self.link = link or mavutil.mavlink_connection(address, source_system=7)
         self.mav = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
         self.asked, self.answers, self.heard = {}, 0, []
         self.silent = False
@@ -202,6 +207,23 @@ class Autopilot(Repeating):
 
     def __exit__(self, *error):
         super().__exit__(*error)
+        self.link.close()
+
+
+class Listening:
+    """A link that feeds a store; `velocities` holds when each came, `errors` what was said of the link."""
+
+    def __init__(self, address):
+        self.store, self.errors = MotionStore(), []
+        self.velocities, self.reboots = [], []
+        self.feed = AutopilotFeed(self.store, AutopilotListener(self.velocities.append, self.reboots.append))
+        self.link = MavlinkLink(address, self.feed, rate_hz=self.store.rate_hz, on_error=self.errors.append)
+
+    def __enter__(self):
+        self.link.start()
+        return self
+
+    def __exit__(self, *error):
         self.link.close()
 
 

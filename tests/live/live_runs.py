@@ -40,7 +40,7 @@ class Run:
                 return LogPlayer(telemetry, self.store, epoch_ns=epoch_ns, on_velocity=engine.on_velocity)
             self.feed = AutopilotFeed(self.store, AutopilotListener(engine.on_velocity, engine.on_reboot))
             address = f"udpin:127.0.0.1:{port}"
-            return MavlinkLink(address, self.feed, rate_hz=self.store.rate_hz, on_error=self.said.append)
+            return MavlinkLink(address, self.feed, rate_hz=self.store.rate_hz, on_error=engine.on_link_error)
 
         self.engine = LiveEngine(
             Parts(

@@ -84,10 +84,10 @@ def test_pictures_by_arrival_lose_the_cameras_delay():
     assert clock.stamp(FRAME) == (5 * S + FRAME - 40 * MS, "reception")
 
 
-def test_a_kernel_stamp_on_our_clock_is_believed():
+def test_a_kernel_stamp_on_our_clock_is_believed_less_the_cameras_delay():
     clock = PictureClock(40 * MS, same_clock=True)
     clock.packet(7 * S, 7 * S + 12 * MS)
-    assert clock.stamp(7 * S) == (7 * S, "sender")
+    assert clock.stamp(7 * S) == (7 * S - 40 * MS, "sender")
 
 
 def test_a_kernel_stamp_on_another_clock_is_not():

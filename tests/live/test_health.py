@@ -112,6 +112,21 @@ def test_no_telemetry_since_the_start():
     assert Flight().fly(1, velocity=False)[-1].reason == NO_TELEMETRY
 
 
+def test_why_the_link_is_down_stands_in_the_reason_until_a_velocity_comes(flight):
+    flight.monitor.link_failed("MAVLink /dev/ttyACM0: no such port")
+    assert flight.fly(0.1)[-1].state is State.OK
+    flight.monitor.link_failed("MAVLink /dev/ttyACM0: no such port")
+    assert flight.fly(1, velocity=False)[-1].reason.endswith(" s; MAVLink /dev/ttyACM0: no such port")
+    flight.fly(1)
+    assert "MAVLink" not in flight.fly(1, velocity=False)[-1].reason
+
+
+def test_a_link_that_never_came_up_is_told_too():
+    flight = Flight()
+    flight.monitor.link_failed("MAVLink tcp:x:1: refused")
+    assert flight.fly(1, velocity=False)[-1].reason == f"{NO_TELEMETRY}: MAVLink tcp:x:1: refused"
+
+
 def test_a_reboot_is_told_for_five_seconds(flight):
     flight.monitor.rebooted(ns(flight.now_s))
     told = [health.reason for health in flight.fly(4.9)]

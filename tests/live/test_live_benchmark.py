@@ -1,6 +1,7 @@
 """The arithmetic of benchmarks/live.py: what it says of an hour must be what the hour was."""
 
 import importlib
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,8 +21,8 @@ def result(age_ms, ranges=1, age_from="sender"):
     return SimpleNamespace(age_ms=age_ms, status=SimpleNamespace(ranges=ranges, age_from=age_from))
 
 
-def minute(benchmark, age_ms_p95, rss_mib):
-    return benchmark.Minute(30, 30, 20, age_ms_p95, 60, 2, 40, rss_mib, 1)
+def minute(benchmark, age_ms_p95=40, rss_mib=300, others=0.0):
+    return benchmark.Minute(30, 30, 20, age_ms_p95, 60, 2, 40, rss_mib, 1, others)
 
 
 def test_a_straight_line_has_its_slope_and_no_error(benchmark):
@@ -66,3 +67,17 @@ def test_no_result_is_said(benchmark):
     watch.begin(0)
     with pytest.raises(SystemExit, match="no result"):
         watch.end(0)
+
+
+def test_the_quietest_minutes_are_in_a_row(benchmark):
+    shares = [0.0, 0.9, 0.0, 0.2, 0.1, 0.2, 0.9, 0.0]
+    found = [minute(benchmark, others=share) for share in shares]
+    assert benchmark.quietest(found, length=3) == 2  # 0.0 + 0.2 + 0.1
+    assert benchmark.quietest(found[:2], length=3) == 0
+
+
+def test_this_process_does_not_count_as_others(benchmark):
+    before, own = benchmark.busy_s(), time.process_time()
+    while time.process_time() - own < 0.3:
+        pass
+    assert benchmark.busy_s() - before >= 0.25

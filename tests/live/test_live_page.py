@@ -126,7 +126,7 @@ def test_browsers_that_never_read_hold_up_nobody(flying):
 
 def test_a_result_costs_nothing_while_nobody_looks(flying, monkeypatch):
     made = []
-    monkeypatch.setattr("flightdepth.live.page.pictures.encoded", lambda *a: made.append(a) or b"")
+    monkeypatch.setattr("flightdepth.live.page.pictures.jpeg", lambda *a: made.append(a) or b"")
     flying.fly()
     assert not made
 

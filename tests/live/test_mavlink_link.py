@@ -1,36 +1,15 @@
-"""The MAVLink link against pymavlink over real sockets and a pseudo terminal."""
+"""The MAVLink link against pymavlink over real sockets."""
 
-import os
-import pty
 import socket
 import threading
 import time
 
 import pytest
-from live_peers import Autopilot, free_port, until
+from live_peers import Autopilot, Listening, free_port, until
 from pymavlink.dialects.v20 import common as mavlink
 
-from flightdepth.errors import BadInput, MissingExtra
-from flightdepth.live.autopilot_feed import AutopilotFeed, AutopilotListener
-from flightdepth.live.mavlink_link import MavlinkLink, check_address, open_transport
-from flightdepth.live.motion_store import MotionStore
-
-
-class Listening:
-    """A link that feeds a store."""
-
-    def __init__(self, address):
-        self.store, self.errors = MotionStore(), []
-        self.velocities, self.reboots = [], []
-        self.feed = AutopilotFeed(self.store, AutopilotListener(self.velocities.append, self.reboots.append))
-        self.link = MavlinkLink(address, self.feed, rate_hz=self.store.rate_hz, on_error=self.errors.append)
-
-    def __enter__(self):
-        self.link.start()
-        return self
-
-    def __exit__(self, *error):
-        self.link.close()
+from flightdepth.errors import BadInput
+from flightdepth.live.mavlink_link import check_address
 
 
 def test_udp_rates_are_asked_for_and_timesync_goes_both_ways():
@@ -47,6 +26,17 @@ def test_udp_rates_are_asked_for_and_timesync_goes_both_ways():
     kinds = {message.get_type() for message in autopilot.heard}
     assert {"HEARTBEAT", "COMMAND_LONG", "TIMESYNC"} <= kinds
     assert {m.get_srcSystem() for m in autopilot.heard if m.get_type() == "COMMAND_LONG"} == {7}
+
+
+def test_each_message_has_the_next_number():
+    """They were all sent as number 0, which a router that drops duplicates takes for one message."""
+    port = free_port()
+    with Listening(f"udpin:127.0.0.1:{port}") as ours, Autopilot(port) as autopilot:
+        until(lambda: ours.velocities and len(autopilot.heard) > 3)
+        ours.link.close()
+        until(lambda: not autopilot.link.select(0))
+    numbers = [message.get_seq() for message in autopilot.heard]
+    assert numbers == [(numbers[0] + i) % 256 for i in range(len(numbers))]
 
 
 def test_what_is_sent_arrives():
@@ -89,19 +79,9 @@ def test_tcp_is_connected_again_when_the_peer_restarts():
             peer.join(20)
             until(lambda n=n: ours.link.counts["damaged messages"] >= n)
     assert len(ours.velocities) >= 1
-    assert any("closed" in text or "refused" in text for text in ours.errors)
-
-
-def test_serial_through_a_pseudo_terminal():
-    pytest.importorskip("serial")
-    ours_end, theirs = pty.openpty()
-    try:
-        with Listening(f"serial:{os.ttyname(theirs)}:57600") as ours:
-            until(lambda: ours.link._transport is not None)
-            until(lambda: os.write(ours_end, heartbeat_and_velocity()) and ours.velocities)
-    finally:
-        os.close(ours_end)
-        os.close(theirs)
+    # How a connection ends depends on what was under way.
+    endings = ("closed", "refused", "reset", "broken pipe")
+    assert any(ending in text.lower() for text in ours.errors for ending in endings), ours.errors
 
 
 @pytest.mark.parametrize("address", ["", "14550", "udp:0.0.0.0", "http://x:1", "udpin:0.0.0.0:x", "/tmp/x"])
@@ -120,8 +100,3 @@ def test_an_address_that_is_none_is_refused_with_examples(address):
 )
 def test_addresses(address, found):
     assert check_address(address) == found
-
-
-def test_a_serial_port_that_is_not_there_is_an_error_of_the_system():
-    with pytest.raises((OSError, MissingExtra)):
-        open_transport("serial:/dev/there-is-none:57600")

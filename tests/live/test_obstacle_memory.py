@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from obstacle_worlds import CAMERA, SETTINGS, SIGHT, camera_attitude, nothing, result, wall
 
-from flightdepth.live.obstacle_memory import NS_PER_S, ObstacleMap
+from flightdepth.flight.records import NS_PER_S
+from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import UNKNOWN, distances_cm
 from flightdepth.live.obstacles import ObstacleSettings
 from flightdepth.ranges.result import RangedDepth

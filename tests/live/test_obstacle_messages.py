@@ -8,13 +8,16 @@ import socket
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from live_peers import until
 from obstacle_worlds import CAMERA, SETTINGS, SIGHT, camera_attitude, looked, nothing, result, wall
 
-from flightdepth.live.obstacle_memory import NS_PER_S, ObstacleMap
+from flightdepth.flight.records import NS_PER_S
+from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import (
     COMPONENT,
     UNKNOWN,
@@ -203,6 +206,17 @@ def test_a_dead_link_stops_nobody():
         while sender.failed < 2 and time.monotonic() < deadline:
             time.sleep(0.01)
     assert sender.failed >= 2 and sender.sent == 0
+
+
+def test_messages_that_cannot_be_made_are_counted_and_stop_nobody():
+    """Their thread ended without a word: a picture from before the autopilot's power-up has a time below 0."""
+    live, sent = feed(), []
+    with ObstacleSender(live, sent.append) as sender:
+        now_ns = time.monotonic_ns()
+        live.take(replace(live_result(now_ns, result(wall(camera_attitude(), 10.0))), boot_ns=-5_000_000))
+        until(lambda: sender.failed)
+        live.take(live_result(time.monotonic_ns(), result(wall(camera_attitude(), 10.0))))
+        until(lambda: DISTANCE in {message.get_type() for message in decoded(list(sent))})
 
 
 def test_udp_to_pymavlink():

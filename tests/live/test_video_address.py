@@ -19,6 +19,24 @@ def test_a_password_is_not_repeated():
     assert "secret" in address.target
 
 
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("rtsp://pilot:p@ss@cam/main", "rtsp://cam/main"),
+        ("srt://cam:9000?passphrase=secret12345&mode=caller", "srt://cam:9000?passphrase=&mode=caller"),
+        ("srt://cam:9000?mode=caller&passphrase=secret12345", "srt://cam:9000?mode=caller&passphrase="),
+    ],
+)
+def test_nor_is_one_with_an_at_sign_or_behind_the_address(text, name):
+    assert video_address(text).name == name
+
+
+def test_a_refusal_tells_no_password():
+    with pytest.raises(BadInput) as refused:
+        video_address("srt://pilot:secret@cam?passphrase=secret")
+    assert "secret" not in str(refused.value)
+
+
 def test_rtp_is_read_by_our_own():
     assert video_address("rtp://0.0.0.0:5600").format == RTP
     assert codec_of("rtp://0.0.0.0:5600") == "h264"

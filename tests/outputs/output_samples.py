@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import io
+
 import numpy as np
 
 from flightdepth.camera import Camera
@@ -60,3 +63,10 @@ def known(depth_m: np.ndarray | float, lengths_m: tuple[float, ...] = (0.25, 1.5
 
 def unknown(reason: str = "hovering: flown 0.01 m in 3.9 s, no baseline") -> RangedDepth:
     return RangedDepth.unknown(HEIGHT, WIDTH, reason, 0.5)
+
+
+def csv_text(*rows) -> str:
+    """What a TableFile of these rows holds, without the disk."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()

@@ -9,9 +9,16 @@ from flightdepth.outputs.encoding import (
     centimetres_from_depth,
     confidence_from_bytes,
     depth_from_centimetres,
+    jpeg,
     png,
     rounded_centimetres,
 )
+
+
+def test_a_jpeg_keeps_red_red():
+    red = np.full((16, 16, 3), (250, 20, 40), np.uint8)
+    back = cv2.imdecode(np.frombuffer(jpeg(red, 90), np.uint8), cv2.IMREAD_COLOR)
+    assert np.abs(back[..., ::-1].astype(int) - red).max() < 12
 
 
 def stored(depth_m: float) -> int:

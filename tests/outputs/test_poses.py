@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from output_samples import known, unknown
+from output_samples import csv_text, known, unknown
 
 from flightdepth.flight import AttitudeSample, Frame, VelocitySample
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
-from flightdepth.outputs.poses import FramePose, PoseTrack, csv_of_poses, poses_from_csv
+from flightdepth.outputs.poses import COLUMNS, FramePose, PoseTrack, pose_cells, poses_from_csv
 
 S = 1_000_000_000
 PICTURE = np.zeros((8, 8, 3), np.uint8)
@@ -89,7 +89,7 @@ def test_a_level_cameras_attitude_follows_from_the_direction_seen(yaw_deg, pitch
 @given(st.integers(0, 2**40), st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3))
 def test_poses_come_back(stamp_ns, position):
     pose = FramePose(7, stamp_ns, 2, np.array(position), LOOKING_NORTH, "log")
-    back = poses_from_csv(csv_of_poses([pose]).decode())[7]
+    back = poses_from_csv(csv_text(COLUMNS, pose_cells(pose)))[7]
     assert (back.stamp_ns, back.segment, back.attitude) == (stamp_ns, 2, "log")
     assert np.allclose(back.position_ned, position, atol=1e-4)
     assert np.allclose(back.world_from_camera, LOOKING_NORTH)
@@ -97,6 +97,6 @@ def test_poses_come_back(stamp_ns, position):
 
 def test_an_unknown_attitude_comes_back_unknown():
     pose = FramePose(0, 0, 0, np.zeros(3), np.full(4, np.nan), "unknown")
-    back = poses_from_csv(csv_of_poses([pose]).decode())[0]
+    back = poses_from_csv(csv_text(COLUMNS, pose_cells(pose)))[0]
     assert back.attitude == "unknown"
     assert np.isnan(back.world_from_camera).all()

@@ -4,7 +4,7 @@ import pytest
 from output_samples import SOURCE
 
 from flightdepth.outputs.frame_table import FrameRow
-from flightdepth.outputs.record import Counts, DepthScaleNote, FlightRecord, Summary
+from flightdepth.outputs.record import Counts, DepthScaleNote, FlightRecord, Summary, grouped
 
 
 def row(index, reason="", latency_ms=5.0, valid_fraction=0.5):
@@ -23,7 +23,12 @@ ROWS = [
 
 def test_reasons_that_differ_in_numbers_only_are_counted_together():
     counts = Counts.of(ROWS, {}, 0)
-    assert counts.frames_without_depth == {"turns N degrees in N s": 2, "first frame": 1}
+    assert counts.frames_without_depth == {"turns 3.1 to 12 degrees in 0.10 s": 2, "first frame": 1}
+
+
+def test_other_words_are_another_reason():
+    reasons = ["hovering: flown 0.01 m", "hovering: flown 0.29 m", "gap of 2 s", "gap of 2 s", "hovering"]
+    assert grouped(reasons) == {"hovering: flown 0.01 to 0.29 m": 2, "gap of 2 s": 2, "hovering": 1}
 
 
 def test_each_frame_is_counted_once():

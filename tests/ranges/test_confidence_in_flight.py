@@ -22,7 +22,7 @@ def test_confidence_promises_no_more_than_it_keeps() -> None:
     counts = Reliability()
     for number in range(2):
         _, seen = drawn.rendered(number, drawn.own_textures())
-        estimator = MultiRangeEstimator(load_network("motion-tiny", threads=1), drawn.camera)
+        estimator = MultiRangeEstimator(load_network("motion", threads=1), drawn.camera)
         frames = zip(seen.images, seen.depth_m, drawn.velocity(number), strict=True)
         for frame, (image, truth_m, velocity) in enumerate(frames):
             estimator.add_velocity(frame * 50_000_000, velocity)  # its direction is seen in the pictures

@@ -163,9 +163,10 @@ def pair_of(pair, previous, *, directed=True, turn=STEADY):
     return Pair(Frame(0, 0, previous), pair.displacement, length_m, 1, 5.0, turn, angle, directed)
 
 
-def test_a_pair_keeps_what_was_known_of_its_turn(pairs):
-    """A reported turn of a degree that is wrong by TURN: the two together are what the picture was turned by."""
-    reported = cv2.Rodrigues(np.radians([0.0, 1.0, 0.0]))[0]
+@pytest.mark.parametrize("degrees", [0.9, 2.0])
+def test_a_pair_keeps_what_was_known_of_its_turn(pairs, degrees):
+    """A reported turn that is wrong by TURN: the two together are what the picture was turned by."""
+    reported = cv2.Rodrigues(np.radians([0.0, degrees, 0.0]))[0]
     pair = pairs[0]
     whole = cv2.Rodrigues(TURN)[0] @ reported
     previous = rotated(pair.previous, CAMERA, cv2.Rodrigues(whole)[0][:, 0])

@@ -79,6 +79,18 @@ def test_displacements_are_bounded_by_the_near_part_of_the_picture() -> None:
     np.testing.assert_allclose(plan.wanted(1, USABLE)[0].max(), MAX_PICTURE_SHIFT * 2.0 * 3.0)
 
 
+def test_through_a_lens_that_zoomed_a_displacement_moves_the_picture_further() -> None:
+    """The plan kept the lens that it began with: twice the focal length, and half the displacement is enough."""
+    plan = Planner(card(), 2, sides=2.0, memory_s=4.0, saturation=False)
+    maps = fused(3.0, share=0.5)
+    maps.depth_m[:16] = 5000.0
+    plan.learn(0, maps, ALL)
+    plan.look_through(card(), 1.0)
+    for stamp_ns in (1, 2):
+        np.testing.assert_allclose(plan.wanted(stamp_ns, USABLE)[0].max(), MAX_PICTURE_SHIFT * 1.0 * 3.0)
+        plan.learn(stamp_ns, maps, ALL)
+
+
 def test_a_sky_sends_a_scout_beyond_its_bound() -> None:
     plan = planner(1)
     plan.learn(0, fused(24.0, farther=54.0), ALL)

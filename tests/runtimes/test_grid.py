@@ -5,12 +5,12 @@ import math
 import cv2
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.runtimes.grid import NetworkGrid
+from flightdepth.runtimes.grid import NetworkGrid, filling_focal_px
 
 KARMA = Camera.from_fov(854, 480, 64.4)
 BARREL = Camera(640, 360, 450.0, 450.0, 322.0, 178.0, (-0.28, 0.09, 0.001, -0.0005, 0.0))
@@ -64,16 +64,27 @@ def test_sizes_are_multiples_of_64_and_the_focal_length_is_the_networks(
 
 @given(camera=cameras, focal_px=st.sampled_from([64.0, 128.0, 256.0]))
 @settings(max_examples=60, deadline=None)
-def test_the_grid_of_a_grid_is_the_identity(camera: Camera, focal_px: float) -> None:
-    assume(min(camera.width / camera.fx, camera.height / camera.fy) * focal_px >= 64)
+def test_nothing_moves_on_a_grids_own_grid(camera: Camera, focal_px: float) -> None:
     camera = NetworkGrid(camera, focal_px).camera
-    # Whole pixels can leave a small grid more than the 1 % off within which a source stays as it is.
-    assume(max(abs(camera.fx / focal_px - 1), abs(camera.fy / focal_px - 1)) <= 0.01)
-    grid = NetworkGrid(camera, focal_px)
+    grid = NetworkGrid(camera, None)
     image = np.zeros((camera.height, camera.width, 3), np.uint8)
     assert grid.camera == camera
     assert grid.image(image) is image
     assert grid.valid.all()
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=NAMES)
+@pytest.mark.parametrize("focal_px", [100.0, 128.0, 200.0, 256.0])
+def test_the_filling_focal_length_fills_one_axis_and_takes_no_more_pixels(
+    camera: Camera, focal_px: float
+) -> None:
+    grid = NetworkGrid(camera, focal_px)
+    filled_px = filling_focal_px(camera, focal_px)
+    filled = NetworkGrid(camera, filled_px)
+    assert filled_px >= focal_px
+    assert (filled.camera.width, filled.camera.height) == (grid.camera.width, grid.camera.height)
+    assert filling_focal_px(camera, filled_px) == pytest.approx(filled_px, rel=1e-4)
+    assert filled.valid.any(axis=0).all() or filled.valid.any(axis=1).all()
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=NAMES)
@@ -197,7 +208,7 @@ def test_where_a_lens_model_folds_back_nothing_is_valid() -> None:
 def test_a_narrow_picture_is_warned_of() -> None:
     warning = NetworkGrid(KARMA, 128).warning
     assert warning is not None
-    assert "160 px across (854x480 at focal length 678 px, scaled to 128 px)" in warning
+    assert "161 px across (854x480 at focal length 678 px, scaled to 128 px)" in warning
 
 
 def test_a_picture_wide_enough_is_not_warned_of() -> None:

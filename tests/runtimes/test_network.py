@@ -125,6 +125,40 @@ def test_many_cameras_keep_few_grids(network: Network) -> None:
     assert len(network._grids) == network_module.GRIDS_KEPT
 
 
+def test_the_grid_in_use_is_kept(network: Network) -> None:
+    grid = network.grid(WIDE)
+    for width in range(100, 130):
+        network.grid(Camera.from_fov(width, 100, 70))
+        assert network.grid(WIDE) is grid
+
+
+def test_a_network_for_any_lens_sees_what_the_padding_would_take() -> None:
+    """640x360 at 417 px and 256 px would be 393x221 of 448x256: 1.14 times as fine costs nothing more."""
+    camera = Camera(640, 360, 417.0, 417.0, 319.5, 179.5)
+    grid = Network(swept_card(), BestHypothesis()).at_focal(256.0).grid(camera)
+    assert (grid.camera.width, grid.camera.height) == (448, 256)
+    assert grid.camera.fx == pytest.approx(417 * 448 / 640, rel=0.002)
+
+
+@given(
+    st.integers(64, 900),
+    st.integers(64, 700),
+    st.floats(60, 450),
+    st.floats(0.9, 1.1),
+    st.sampled_from([64, 256]),
+)
+@settings(max_examples=60, deadline=None)
+def test_the_grid_of_a_grid_is_itself(
+    width: int, height: int, fx: float, ratio: float, focal_px: int
+) -> None:
+    for card in (swept_card(), difference_card()):
+        network = Network(card, BestHypothesis()).at_focal(float(focal_px))
+        grid = network.grid(Camera(width, height, fx, fx * ratio, width / 2, height / 2))
+        again = network.grid(grid.camera)
+        assert again.camera == grid.camera
+        assert again.valid.all()
+
+
 def test_frames_that_are_on_the_grid_already_give_the_same_maps(network: Network) -> None:
     grid = network.grid(WIDE)
     rng = np.random.default_rng(3)
@@ -189,6 +223,33 @@ def test_of_equal_focal_lengths_the_smaller_network_wins(
     save_difference_network(name="a-wide", base_width=32)
     save_difference_network(name="b-tiny", base_width=16)
     assert nearest_network(WIDE, tmp_path) == "b-tiny"
+
+
+def test_of_equal_sizes_the_one_that_sees_finest_wins(
+    tmp_path: Path, save_difference_network: Callable[..., Path]
+) -> None:
+    for name, focal_px in (("a-coarse", 64.0), ("b-fine", 128.0)):
+        card = swept_card().at_focal(focal_px).model_copy(update={"name": name})
+        (tmp_path / f"{name}.json").write_text(card.model_dump_json())
+        (tmp_path / f"{name}.onnx").touch()
+    assert nearest_network(WIDE, tmp_path) == "b-fine"
+
+
+def test_finer_pictures_are_those_of_a_longer_focal_length() -> None:
+    network = Network(swept_card(), BestHypothesis()).at_focal(64.0)
+    assert network.finer(1) is network
+    assert network.finer(2).card == network.card.at_focal(128.0)
+
+
+@pytest.mark.parametrize("times", [0.0, -1.0, 6.0, float("nan"), float("inf")])
+def test_a_detail_that_is_none_is_refused(times: float) -> None:
+    with pytest.raises(BadInput, match=r"detail: expected 0.2 to 5"):
+        Network(swept_card(), BestHypothesis()).finer(times)
+
+
+def test_a_network_of_one_focal_length_has_one_detail(network: Network) -> None:
+    with pytest.raises(BadInput, match="knows one focal length"):
+        network.finer(2)
 
 
 def test_no_network_at_all_is_said(tmp_path: Path) -> None:

@@ -75,6 +75,13 @@ def test_what_lies_beyond_an_end_costs_nothing():
     assert loss_of(depths, target, lower=10, upper=60) == 0
 
 
+def test_each_refined_depth_counts_as_the_finest():
+    depths, target = five_scales()
+    once, twice = loss_of([depths[0], *depths], target), loss_of([depths[0], depths[0], *depths], target)
+    assert twice - once == pytest.approx(once - loss_of(depths, target), rel=1e-4)
+    assert once > loss_of(depths, target)
+
+
 def test_a_missing_scale_is_our_bug():
     depths, target = five_scales()
     with pytest.raises(ValueError, match="zip"):

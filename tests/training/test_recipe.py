@@ -105,7 +105,7 @@ def test_a_missing_file():
 
 
 def test_an_unknown_name_lists_the_known_ones():
-    with pytest.raises(BadInput, match="clamped-256, depthnet-256, motion-tiny"):
+    with pytest.raises(BadInput, match="clamped-256, depthnet-256, motion, motion-tiny"):
         load_recipe("depthnet")
 
 

@@ -31,9 +31,12 @@ class MotionNet(Trunk):
 
     base_width            as of DepthNet: 32, or 16 for the tiny one
     shift_px_m, largest_m  of `Refinement`
+    looks                  how many times depth is refined, by the same weights
     """
 
-    def __init__(self, base_width: int = 32, *, shift_px_m: float = 38.4, largest_m: float = 100.0) -> None:
+    def __init__(
+        self, base_width: int = 32, *, shift_px_m: float = 38.4, largest_m: float = 100.0, looks: int = 1
+    ) -> None:
         fine, half, quarter = (len(level.shifts_px) for level in LEVELS)
         more = [2 * len(corrected) for corrected in CORRECTED]
         taken = (3, fine + half + more[0], half + quarter + 2 + more[1], quarter + more[2])
@@ -41,14 +44,16 @@ class MotionNet(Trunk):
         self.predict_spread2 = predict_depth(3 * base_width + 1)
         he_normal(self.predict_spread2)
         self.refinement = Refinement(3 * base_width + 1, shift_px_m, largest_m)
+        self.looks = looks
 
     def forward(
         self, current: Tensor, fine: Tensor, half: Tensor, quarter: Tensor, field: Tensor
     ) -> tuple[list[Tensor], Tensor]:
-        """Depths in metres at D0 and the reference focal length, the refined one, then finest first as DepthNet's.
+        """Depths in metres at D0 and the reference focal length, the refined ones, the last look's first, then
+        finest first as DepthNet's.
 
         current [B, 3, H, W], fine [B, k, H, W], half [B, k, H/2, W/2], quarter [B, k, H/4, W/4]: 0..1;
-        field [B, 2, H/4, W/4]. Then the spread, [B, H/4, W/4] in metres, of the refined one.
+        field [B, 2, H/4, W/4]. Then the spread, [B, H/4, W/4] in metres, of the first.
         """
         earlier = fine[:, 0:1]  # not shifted
         grey = GREY[0] * current[:, 0:1] + GREY[1] * current[:, 1:2] + GREY[2] * current[:, 2:3]
@@ -66,8 +71,10 @@ class MotionNet(Trunk):
         share = functional.softplus(self.predict_spread2(features)[:, 0].float())
         spread = share * depths[0].detach()
         difference = Difference(earlier / CONTRAST, grey / CONTRAST, field)
-        refined, spread = self.refinement(depths[0], spread, features, difference)
-        return [refined, *depths], spread
+        for _ in range(self.looks):
+            refined, spread = self.refinement(depths[0], spread, features, difference)
+            depths.insert(0, refined)
+        return depths, spread
 
 
 def corrections(difference: Tensor, level: int) -> Tensor:

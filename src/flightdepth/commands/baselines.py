@@ -9,16 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.commands.terminal import progress_bar, say, show_table
 from flightdepth.errors import BadInput
+from flightdepth.files import check_parent, write_atomic, write_json
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from flightdepth.camera import Camera
     from flightdepth.evaluation.baseline_pairs import BaselinePairs
     from flightdepth.evaluation.baseline_sheets import SheetSights
     from flightdepth.evaluation.baselines import BaselineStudy
     from flightdepth.flight import Flight
+    from flightdepth.runtimes.grid import NetworkGrid
     from flightdepth.runtimes.network import Network
 
 SHEET_FRAMES = 3
@@ -51,17 +54,17 @@ def baselines(
     by depth and displacement, as a share of the difference without a warp (the
     plane at infinity, 1 by definition); the lower the better, occlusion is not
     modelled. Agreement: how far apart the depths of one frame over two baselines
-    are. Slope: of the depth of tracked points against metres flown.
+    are. Slope: of the depth of tracked points against metres flown; of those that
+    moved between the pictures by a pixel or more, too: the others tell little.
 
-      flightdepth evaluate baselines flight.mp4 --hfov 64.4 --network motion-tiny
+      flightdepth evaluate baselines flight.mp4 --hfov 64.4 --network motion
     """
     from flightdepth.flight import open_flight
     from flightdepth.runtimes.network import load_network, nearest_network
 
     lengths_m = lengths(baselines)
-    for option, target in (("--json", json), ("--picture", picture)):
-        if target is not None and not target.parent.is_dir():
-            raise BadInput(option, expected="a file in an existing folder", got=str(target))
+    check_parent("--json", json)
+    check_parent("--picture", picture)
     with open_flight(flight, telemetry, camera, hfov_deg=hfov, start_s=start, end_s=end) as opened:
         opened_networks = [load_network(n) for n in network or [nearest_network(opened.camera)]]
         result, sights, valid = studied(opened, opened_networks, lengths_m, every)
@@ -93,8 +96,7 @@ def studied(
     from flightdepth.evaluation.baselines import BaselineStudy
     from flightdepth.evaluation.provenance import source_commit
 
-    check(networks, flight)
-    grid = networks[0].grid(flight.camera)
+    networks, grid = side_by_side(networks, flight.camera)
     pairs = BaselinePairs(flight, grid, lengths_m, every=every)
     methods: list[Method] = [*map(NetworkMethod, networks), PeerMethod(tuple(n.card for n in networks))]
     study = BaselineStudy(methods, grid.camera, grid.valid, pairs.known, lengths_m)
@@ -115,16 +117,24 @@ def studied(
     return about | study.result(), sights, grid.valid
 
 
-def check(networks: Sequence[Network], flight: Flight) -> None:
-    """Refuse networks that could not stand side by side."""
+def side_by_side(networks: Sequence[Network], camera: Camera) -> tuple[list[Network], NetworkGrid]:
+    """The networks, and the one grid on which all of them look through `camera`.
+
+    It is that of the first network that knows one focal length only; those for any lens of about that
+    length follow. What still could not stand side by side is refused.
+    """
     names = [network.card.name for network in networks]
     if len(set(names)) < len(names):
         raise BadInput("--network", expected="networks of different names", got=", ".join(names))
-    views = {network.grid(flight.camera).camera for network in networks}
-    if len(views) > 1:
-        got = ", ".join(f"{n.card.name} at {n.grid(flight.camera).camera.fx:.0f} px" for n in networks)
+    leader = next((network for network in networks if not network.card.any_lens), networks[0])
+    grid = leader.grid(camera)
+    bends = [n.card.any_lens and n.card.focal_px == leader.card.focal_px for n in networks]
+    together = [n.at_focal(grid.camera.fx) if bent else n for n, bent in zip(networks, bends, strict=True)]
+    if any(n.grid(grid.camera).camera != grid.camera for n in together):
+        got = ", ".join(f"{n.card.name} at {n.grid(camera).camera.fx:.0f} px" for n in networks)
         mend = "Measure them one after the other."
         raise BadInput("--network", expected="networks of one focal length", got=got, mend=mend)
+    return together, grid
 
 
 def follow(flight: Flight, pairs: BaselinePairs, study: BaselineStudy, sights: SheetSights) -> int:
@@ -142,7 +152,7 @@ def follow(flight: Flight, pairs: BaselinePairs, study: BaselineStudy, sights: S
 
 def show(result: dict[str, Any]) -> None:
     """Print the tables."""
-    from rich.console import Console
+    from flightdepth.evaluation.baselines import MOVED_PX
 
     for title, cells in (
         (
@@ -151,10 +161,14 @@ def show(result: dict[str, Any]) -> None:
         ),
         ("median |log depth ratio| between baselines, pixels that both measure", agreements(result)),
         ("the same, only where the classical peer measures twice", agreements_with_peer(result)),
-        ("slope of depth per metre flown, number of tracked points", slopes(result)),
+        ("slope of depth per metre flown, number of tracked points", slopes(result["slope"])),
+        (
+            f"the same, of points that moved by {MOVED_PX:g} px or more between the pictures",
+            slopes(result["slope_of_moved"]),
+        ),
     ):
         say(title)
-        Console().print(table(cells))
+        show_table(table(cells))
     say("+- half of the 95 % bootstrap interval, over frames (the slope's over points)")
     counted = ", ".join(f"{count} over {length} m" for length, count in result["frames_per_baseline"].items())
     say(f"{result['frames']} frames, of each {result['every']}. the depth; pairs: {counted}")
@@ -196,10 +210,10 @@ def agreements_with_peer(result: dict[str, Any]) -> dict[tuple[str, str], str]:
     }
 
 
-def slopes(result: dict[str, Any]) -> dict[tuple[str, str], str]:
+def slopes(rows: list[dict[str, Any]]) -> dict[tuple[str, str], str]:
     """Cells by method and baseline, the ideal first."""
-    cells = {("ideal", f"{row['baseline_m']:g} m"): f"{row['ideal']:.2f}" for row in result["slope"]}
-    for row in result["slope"]:
+    cells = {("ideal", f"{row['baseline_m']:g} m"): f"{row['ideal']:.2f}" for row in rows}
+    for row in rows:
         cells[row["method"], f"{row['baseline_m']:g} m"] = f"{spread(row, row['median'])}  {row['points']:4d}"
     return cells
 
@@ -226,7 +240,6 @@ def spread(ends: dict[str, Any], middle: float) -> str:
 def keep(result: dict[str, Any], target: Path | None) -> None:
     """Write the figures, if asked for."""
     from flightdepth.evaluation.network import without_nan
-    from flightdepth.files import write_json
 
     if target is not None:
         write_json(target, without_nan(result))
@@ -238,7 +251,6 @@ def draw(sights: SheetSights, valid: Any, target: Path) -> None:
     import cv2
 
     from flightdepth.evaluation.baseline_sheets import sheet
-    from flightdepth.files import write_atomic
 
     if not sights.chosen:
         say("no picture: no frame has a pair of every baseline")

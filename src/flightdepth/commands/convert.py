@@ -10,6 +10,7 @@ import typer
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.terminal import progress_bar, say
 from flightdepth.errors import BadInput
+from flightdepth.files import check_parent
 
 if TYPE_CHECKING:
     from flightdepth.outputs import FlightFolder
@@ -73,8 +74,7 @@ def checked_kind(file: Path) -> str:
     kind = file.suffix.lower()
     if kind not in KINDS:
         raise BadInput(f"file {file}", expected=f"a name that ends in {', '.join(KINDS)}", got=kind or "none")
-    if not file.absolute().parent.is_dir():
-        raise BadInput(f"file {file}", expected="an existing folder", got=f"no {file.parent}")
+    check_parent("FILE", file)
     return kind
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from flightdepth.commands.run import RunSettings, conclude, introduce, write_depth
-from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.commands.terminal import progress_bar, say, show_table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,8 +48,6 @@ def demo(
     Writes what `flightdepth run` writes, then shows the error per range of
     depth beside that of a classical method: optical flow and triangulation.
     """
-    from rich.console import Console
-
     from flightdepth.flight import open_flight
     from flightdepth.runtimes.network import load_network, nearest_network
 
@@ -62,7 +60,7 @@ def demo(
         summary = write_depth("sample flight", flight, loaded, out, settings, watch=witness.see)
         elapsed_s = time.monotonic() - started
         errors, sky = compare(witness.moments, flight.camera, loaded.card)
-    Console().print(errors.table())
+    show_table(errors.table())
     say(f"over {len(witness.moments)} frames; share of the sky that was given a depth: {sky}")
     say(f"{PEER}: optical flow (DIS) and triangulation of the same frame pairs, with the true displacements")
     conclude(summary, elapsed_s, out)

@@ -13,7 +13,7 @@ from flightdepth.commands.noise import noise
 from flightdepth.commands.ranges import ranges
 from flightdepth.commands.renderers import renderer
 from flightdepth.commands.table import paper_table
-from flightdepth.commands.terminal import counted, say
+from flightdepth.commands.terminal import counted, say, show_table
 from flightdepth.commands.tracks import tracks
 from flightdepth.errors import BadInput
 from flightdepth.files import make_folder
@@ -70,8 +70,8 @@ def evaluate_network_command(
 
     Where no network was trained, and through another lens:
 
-      flightdepth evaluate network motion-tiny --outdoor
-      flightdepth evaluate network motion-tiny --fov 60
+      flightdepth evaluate network motion --outdoor
+      flightdepth evaluate network motion --fov 60
     """
     with extra_packages("flightdepth evaluate", "train"):
         from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set
@@ -108,12 +108,10 @@ def evaluated(network: Network, pairs: TestSet | OutdoorTestSet) -> dict[str, An
 
 def show(result: dict[str, Any]) -> None:
     """Print the tables."""
-    from rich.console import Console
-
     from flightdepth.evaluation.tables import tables
 
     for table in tables(result):
-        Console().print(table)
+        show_table(table)
     commit = result["commit"] or "unknown"
     say(f"{result['runtime']}, weights {result['weights_sha256'][:16]}, commit {commit}")
 

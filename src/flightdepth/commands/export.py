@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from flightdepth.training.run_folder import Trained
     from flightdepth.weights.card import NetworkCard
 
-FLIGHT_FOCAL_PX = (
-    256.0  # what a network for any lens scales the pictures of flights to, unless told otherwise
-)
 PRECISIONS: tuple[Precision, ...] = ("bf16", "int8")  # whose cost is measured
 INT8_PAIRS = 64  # whose largest values are the ranges of int8
 HALF_COST_LIMIT = 0.01  # of the test error: half-precision storage must not cost more
@@ -66,7 +63,7 @@ def card_of(run: Trained, name: str) -> NetworkCard:
     from flightdepth.renderers.raycast import VERSION
     from flightdepth.scenes.config import SET_VERSION
     from flightdepth.training.run_folder import stored_renderers
-    from flightdepth.weights.card import NetworkCard, Stage
+    from flightdepth.weights.card import FLIGHT_DETAIL, NetworkCard, Stage
 
     recipe, config = run.recipe, run.recipe.scenes
     if not run.stages:
@@ -88,13 +85,14 @@ def card_of(run: Trained, name: str) -> NetworkCard:
         )
         for stage, seen in run.stages
     )
-    stages = (run.shipped.stages if run.shipped else ()) + stages
+    stages = (run.first_shipped.stages if run.first_shipped else ()) + stages
     last = stages[-1]
     card = NetworkCard(
         name=name,
         architecture=recipe.architecture,
         base_width=recipe.base_width,
         activation=recipe.activation,
+        looks=recipe.looks,
         nominal_shift=recipe.nominal_shift,
         D0_m=recipe.nominal_shift * config.step_m,
         depth_min_m=recipe.depth_min_m,
@@ -109,7 +107,7 @@ def card_of(run: Trained, name: str) -> NetworkCard:
         set_version=SET_VERSION,
         seed=recipe.seed,
     )
-    return card.at_focal(FLIGHT_FOCAL_PX)
+    return card.at_focal(FLIGHT_DETAIL * card.focal_px)
 
 
 def rendered(pairs: TestSet) -> list[TestPair]:
@@ -161,9 +159,10 @@ def stored(
 
 def calibration_pairs(card: NetworkCard, scenes: int) -> list[TestPair]:
     """Pairs that neither training nor a test uses."""
-    from flightdepth.evaluation.sigma_scale import calibration_set
+    from flightdepth.evaluation.sigma_scale import calibration_sets
 
-    return rendered(calibration_set(card, scenes=scenes))
+    needed = scenes if card.knows_direction else min(scenes, INT8_PAIRS)  # all of them only for sigma
+    return [pair for pairs in calibration_sets(card, scenes=needed) for pair in rendered(pairs)]
 
 
 def with_int8_ranges(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> NetworkCard:
@@ -181,7 +180,7 @@ def with_sigma_scale(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> N
     from flightdepth.evaluation.sigma_scale import fitted_sigma_scale
 
     scale = fitted_sigma_scale(running(card, onnx), pairs)
-    say(f"sigma_m is {scale:.3f} times what the weights say: then 68 % of the errors are inside it in flight")
+    say(f"sigma_m is {scale:.3f} times what the weights say: then 68 % of the errors are inside it")
     return card.model_copy(update={"sigma_scale": round(scale, 4)})
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
+from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.precision_option import NetworkPrecision, PrecisionOption
 
 
@@ -36,9 +37,9 @@ def live(
         float | None, typer.Option(metavar="DEG", help="Horizontal field of view, instead of --camera.")
     ] = None,
     mount: Annotated[
-        Literal["gimbal", "fixed"],
+        Mount,
         typer.Option(help="gimbal: stabilised, attitude from the gimbal. fixed: screwed to the drone."),
-    ] = "gimbal",
+    ] = Mount.GIMBAL,
     tilt: Annotated[
         float, typer.Option(metavar="DEG", help="A fixed camera's angle below the drone's nose.")
     ] = 0.0,
@@ -94,27 +95,26 @@ def live(
     docs/live.md. Ctrl-C ends it.
     """
     from flightdepth.commands.live_session import Session
-    from flightdepth.commands.live_settings import LiveSettings, Mount
 
     Session(
         LiveSettings(
-            video,
-            mavlink,
-            telemetry,
-            telemetry_offset,
-            camera,
-            hfov,
-            Mount(mount),
-            tilt,
-            camera_delay_ms,
-            sender_clock,
-            network,
-            precision,
-            ranges,
-            out,
-            serve,
-            obstacles,
-            dry_run,
-            duration,
+            video=video,
+            mavlink=mavlink,
+            telemetry=telemetry,
+            telemetry_offset=telemetry_offset,
+            camera=camera,
+            hfov=hfov,
+            mount=mount,
+            tilt=tilt,
+            camera_delay_ms=camera_delay_ms,
+            sender_clock=sender_clock,
+            network=network,
+            precision=precision,
+            ranges=ranges,
+            out=out,
+            serve=serve,
+            obstacles=obstacles,
+            dry_run=dry_run,
+            duration=duration,
         )
     ).run()

@@ -6,16 +6,16 @@ import math
 import signal
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
 
-import numpy as np
-
 from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.terminal import say, warn
-from flightdepth.errors import BadInput
+from flightdepth.flight.gimbal import looking
+from flightdepth.flight.records import NS_PER_S, Telemetry
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.video import Video
 from flightdepth.live.autopilot_feed import AutopilotFeed, AutopilotListener
@@ -33,7 +33,6 @@ from flightdepth.live.recorder import Recorder
 from flightdepth.live.status import LiveStatus
 from flightdepth.live.video_address import video_address
 from flightdepth.live.video_input import VideoInput, VideoListener
-from flightdepth.motion import NED_FROM_CAMERA, Vector, rotation_from_euler
 from flightdepth.runtimes.network import Network, load_network, nearest_network
 
 # A file and a log begin so long after the start, so that both are open by then.
@@ -55,18 +54,20 @@ class Session:
             settings.network or nearest_network(self.nominal_camera), precision=settings.precision.chosen
         )
         fixed = settings.mount is Mount.FIXED
-        self.store = MotionStore(body_from_camera(settings.tilt) if fixed else None)
+        self.store = MotionStore(looking(math.radians(-settings.tilt)) if fixed else None)
         # Obstacles join two results in a row, so with one range these look near and far in turn.
         turns = 2 if settings.obstacles or settings.dry_run is not None else 1
         stage = DepthStage(
             self.network, self.lens, self.store, ranges=settings.ranges, fixed=fixed, turns=turns
         )
+        self.log = played_log(settings)
         if self.address.paced:  # a file must not run on while the network is prepared
             with Video(Path(self.address.target)) as first:
                 stage.prepare(*first.size)
         self.epoch_ns = time.monotonic_ns() + LEAD_NS
         self.feed: AutopilotFeed | None = None
         self.link: MavlinkLink | None = None
+        self.sender: ObstacleSender | None = None
         self.engine = LiveEngine(
             Parts(
                 stage=stage,
@@ -74,7 +75,7 @@ class Session:
                 video=self._video,
                 motion=self._motion,
                 boot_ns=lambda live_ns: None if self.feed is None else self.feed.boot_ns(live_ns),
-                telemetry_dropped=lambda: {} if self.feed is None else dict(self.feed.counts),
+                telemetry_dropped=self._telemetry_dropped,
             ),
             say=warn,
         )
@@ -103,11 +104,12 @@ class Session:
         settings = self.settings
         if settings.mavlink is not None:
             self.feed = AutopilotFeed(self.store, AutopilotListener(engine.on_velocity, engine.on_reboot))
-            self.link = MavlinkLink(settings.mavlink, self.feed, rate_hz=self.store.rate_hz, on_error=warn)
+            self.link = MavlinkLink(
+                settings.mavlink, self.feed, rate_hz=self.store.rate_hz, on_error=engine.on_link_error
+            )
             return self.link
-        assert settings.telemetry is not None
-        telemetry = read_telemetry(settings.telemetry).later_by(round(settings.telemetry_offset * 1e9))
-        return LogPlayer(telemetry, self.store, epoch_ns=self.epoch_ns, on_velocity=engine.on_velocity)
+        assert self.log is not None
+        return LogPlayer(self.log, self.store, epoch_ns=self.epoch_ns, on_velocity=engine.on_velocity)
 
     def _add_sinks(self, stack: ExitStack) -> None:
         settings, obstacles = self.settings, self._add_obstacles(stack)
@@ -117,7 +119,9 @@ class Session:
             self.engine.add_sink("page", page.take)
             say(f"page: {server.address}")
         if settings.out is not None:
-            recorder = Recorder(settings.out, self.network.card, settings.for_record)
+            recorder = Recorder(
+                settings.out, self.network.card, settings.for_record | {"video": self.address.name}
+            )
             stack.callback(lambda: recorder.close(dict(self.engine.status().frames.dropped)))
             self.engine.add_sink("recorder", recorder)
 
@@ -129,8 +133,17 @@ class Session:
         packer = ObstaclePacker(ObstacleSettings(), system=self._vehicle)
         feed = ObstacleFeed(ObstacleMap(sight), packer, camera_ahead=settings.mount is Mount.FIXED)
         self.engine.add_sink("obstacles", feed.take)
-        stack.enter_context(ObstacleSender(feed, self._obstacle_writer(stack)))
+        self.sender = stack.enter_context(ObstacleSender(feed, self._obstacle_writer(stack)))
         return feed
+
+    def _telemetry_dropped(self) -> dict[str, int]:
+        """What did not come in over MAVLink, or did not go out."""
+        dropped: Counter[str] = Counter()
+        if self.feed is not None and self.link is not None:
+            dropped = Counter(self.feed.counts) + Counter(self.link.counts)
+        if self.sender is not None and self.sender.failed:
+            dropped["obstacle messages that could not be made or written"] = self.sender.failed
+        return dict(dropped)
 
     def _vehicle(self) -> int | None:
         """The number of the system whose autopilot was heard."""
@@ -145,11 +158,11 @@ class Session:
         return self.link.write
 
 
-def body_from_camera(tilt_deg: float) -> Vector:
-    """Rotation (3, 3) of a camera that looks ahead and `tilt_deg` below the nose."""
-    if not (math.isfinite(tilt_deg) and -90 <= tilt_deg <= 90):
-        raise BadInput("--tilt", expected="-90 to 90 degrees", got=str(tilt_deg))
-    return np.asarray(rotation_from_euler(0.0, -math.radians(tilt_deg), 0.0) @ NED_FROM_CAMERA)
+def played_log(settings: LiveSettings) -> Telemetry | None:
+    """The log of --telemetry on the video's clock; None where an autopilot tells the velocity."""
+    if settings.telemetry is None:
+        return None
+    return read_telemetry(settings.telemetry).later_by(round(settings.telemetry_offset * NS_PER_S))
 
 
 @contextmanager
@@ -206,9 +219,7 @@ def summary(status: LiveStatus) -> str:
     """What came of it, a line for each thing."""
     lines = [f"{status.frames.used} of {status.frames.received} pictures used in {status.uptime_s:.1f} s"]
     lines += [f"  {count} dropped: {reason}" for reason, count in status.frames.dropped.items()]
-    lines += [
-        f"  {count} left out of the telemetry: {why}" for why, count in status.telemetry_dropped.items()
-    ]
+    lines += [f"  MAVLink: {count} {why}" for why, count in status.telemetry_dropped.items()]
     for name, counts in status.sinks.items():
         lines.append(f"  {name}: {counts.taken} results, {counts.missed} missed, {counts.failed} failed")
     return "\n".join(lines)

@@ -49,6 +49,13 @@ class LiveSettings:
             )
         if not (math.isfinite(self.camera_delay_ms) and 0 <= self.camera_delay_ms < 10_000):
             raise BadInput("--camera-delay-ms", expected="0 to 10000", got=str(self.camera_delay_ms))
+        if not math.isfinite(self.telemetry_offset):
+            got = str(self.telemetry_offset)
+            raise BadInput("--telemetry-offset", expected="a finite number of seconds", got=got)
+        if not -90 <= self.tilt <= 90:
+            raise BadInput("--tilt", expected="-90 to 90 degrees", got=str(self.tilt))
+        if self.duration is not None and not (math.isfinite(self.duration) and self.duration > 0):
+            raise BadInput("--duration", expected="more than 0 seconds", got=str(self.duration))
         if self.obstacles and self.mavlink is None and self.dry_run is None:
             raise BadInput("--obstacles", expected="--mavlink to send over, or --dry-run", got="neither")
 

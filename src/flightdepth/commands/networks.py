@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flightdepth.commands.terminal import say
+from flightdepth.commands.terminal import say, show_table
 
 
 def networks() -> None:
@@ -11,7 +11,6 @@ def networks() -> None:
     `flightdepth run` takes one for any lens by itself; its focal length is what its nominal displacement goes with.
     Any other fits a camera whose focal length in pixels is near to its own: video is scaled to that first.
     """
-    from rich.console import Console
     from rich.table import Table
 
     from flightdepth.weights.store import find_network, read_card, shipped_networks
@@ -25,6 +24,6 @@ def networks() -> None:
         focal = f"any ({card.focal_px:g})" if card.any_lens else f"{card.focal_px:g}"
         table.add_row(name, focal, depth, f"{card.D0_m:g}", f"{card.samples:,}")
     if table.row_count:
-        Console().print(table)
+        show_table(table)
     else:
         say("no network ships with this build; give `flightdepth run` one with --network FILE.onnx")

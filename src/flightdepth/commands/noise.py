@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flightdepth.commands.extras import extra_packages
-from flightdepth.commands.terminal import counted, say
-from flightdepth.errors import BadInput
+from flightdepth.commands.terminal import counted, say, show_table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -34,26 +33,24 @@ def noise(
     All networks see the same wrong pairs, so they must share a test set: the same
     focal length (a network for any lens has that of any other) and range.
 
-      flightdepth evaluate noise motion-tiny depthnet-256
+      flightdepth evaluate noise motion depthnet-256
 
     What `flightdepth run` gets, which mends what it can see:
 
-      flightdepth evaluate noise motion-tiny --derotate
+      flightdepth evaluate noise motion --derotate
     """
     with extra_packages("flightdepth evaluate", "train"):
         from flightdepth.evaluation.fixed_set import fixed_set, set_name
         from flightdepth.evaluation.noise import noise_rows
-    from rich.console import Console
 
-    from flightdepth.files import write_json
+    from flightdepth.files import check_parent, write_json
     from flightdepth.runtimes.network import load_network
 
-    if json is not None and not json.parent.is_dir():
-        raise BadInput("--json", expected="a file in an existing folder", got=str(json))
+    check_parent("--json", json)
     opened = [load_network(name, "openvino", precision="f32") for name in networks]
     pairs = fixed_set(next((n.card for n in opened if not n.card.any_lens), opened[0].card), scenes=scenes)
     rows = noise_rows(opened, counted(pairs, "noise", "scenes"), derotate=derotate)
-    Console().print(table(rows, set_name(pairs)))
+    show_table(table(rows, set_name(pairs)))
     if json is not None:
         write_json(json, {"set": set_name(pairs), "scenes": scenes, "rows": rows})
         say(f"figures: {json}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flightdepth.commands.extras import extra_packages
-from flightdepth.commands.terminal import counted, say, warn
+from flightdepth.commands.terminal import counted, say, show_table, warn
 from flightdepth.errors import BadInput
 
 if TYPE_CHECKING:
@@ -73,6 +73,7 @@ def ranges(
     from flightdepth.evaluation.ranges_result import result
     from flightdepth.evaluation.ranges_trials import all_trials
     from flightdepth.files import write_atomic, write_json
+    from flightdepth.processor import cpu_name
 
     if out.exists() and not out.is_dir():
         raise BadInput("--out", expected="a folder", got=str(out))
@@ -91,7 +92,7 @@ def ranges(
         )
     for _ in counted(study, "ranges", "flights"):
         pass
-    found = result(study, machine=machine())
+    found = result(study, machine=cpu_name())
     write_json(out / FIGURES, found)
     write_atomic(out / PAGE, page(found).encode())
     show(found)
@@ -102,21 +103,10 @@ def _minutes(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds >= 90 else f"{seconds:.0f} s"
 
 
-def machine() -> str:
-    """The processor's name."""
-    import platform
-
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text("utf-8").splitlines() if info.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
-
-
 def show(found: dict[str, Any]) -> None:
     """Print the figure as a table, and the verdicts."""
-    from rich.console import Console
 
-    Console().print(table(found))
+    show_table(table(found))
     for claim in found["claims"]:
         ends = claim["difference"]
         span = "" if claim["span"] == "all" else f", {claim['span']} depths"

@@ -11,6 +11,7 @@ import typer
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.terminal import progress_bar, say
 from flightdepth.errors import BadInput
+from flightdepth.files import check_parent, write_atomic, write_json
 
 if TYPE_CHECKING:
     from flightdepth.evaluation.renderer import Frame
@@ -46,9 +47,8 @@ def renderer(
     with extra_packages("flightdepth evaluate renderer", "train"):
         from flightdepth.evaluation.renderer import MEDIAN_LIMIT, OUTDOOR_MEDIAN_LIMIT, figures
         from flightdepth.renderers.blender import FINE, Blender
-    for option, path in (("--json", json), ("--picture", picture)):
-        if path is not None and not path.parent.is_dir():
-            raise BadInput(option, expected="a file in an existing folder", got=str(path))
+    check_parent("--json", json)
+    check_parent("--picture", picture)
     if picture is not None and picture.suffix not in (".jpg", ".png"):
         raise BadInput("--picture", expected="a .jpg or .png file", got=str(picture))
     with Blender(samples=samples, segments=FINE, threads=threads) as blender:
@@ -119,7 +119,6 @@ def keep(result: dict[str, Any], frames: list[Frame], json: Path | None, picture
 
     from flightdepth.evaluation.provenance import source_commit
     from flightdepth.evaluation.renderer import picture as drawn
-    from flightdepth.files import write_atomic, write_json
     from flightdepth.renderers.raycast import VERSION
 
     if json is not None:

@@ -12,10 +12,11 @@ import typer
 
 from flightdepth.commands.export import card_of, running
 from flightdepth.commands.extras import extra_packages
-from flightdepth.commands.terminal import counted, say, warn
+from flightdepth.commands.terminal import counted, say, show_table, warn
 from flightdepth.commands.textures import gathered_textures
 from flightdepth.commands.train import PROCEDURAL, run
 from flightdepth.errors import BadInput
+from flightdepth.files import check_parent, write_json
 
 if TYPE_CHECKING:
     from flightdepth.evaluation.table import Row
@@ -62,19 +63,17 @@ def paper_table(
     with extra_packages("flightdepth evaluate", "train"):
         from flightdepth.evaluation import table as paper
         from flightdepth.scenes import Textures
-    from rich.console import Console
 
     if samples is not None and not train:
         raise BadInput("--samples", expected="--train beside it", got="it alone")
-    if json is not None and not json.parent.is_dir():
-        raise BadInput("--json", expected="a file in an existing folder", got=str(json))
+    check_parent("--json", json)
     some = train or runs.is_dir()
     dressed = gathered_textures(textures, procedural) if some else Textures.from_images([])
     if train:
         train_all(runs, dressed, samples)
     rows = [(row, of_run(row, runs, dressed, scenes)) for row in paper.ROWS] + list(of_shipped())
     for each in paper.tables(rows):
-        Console().print(each)
+        show_table(each)
     say_what_was_measured(rows)
     if json is not None:
         write(json, rows, scenes)
@@ -104,7 +103,6 @@ def scaled(recipe: Recipe, samples: int | None) -> Recipe:
 
 def of_run(row: Row, runs: Path, textures: Textures, scenes: int) -> Found | None:
     """What was measured for a row, now or before; None where its checkpoint is missing."""
-    from flightdepth.files import write_json
     from flightdepth.training.run_folder import parent_checkpoint, read_trained
 
     checkpoint = parent_checkpoint(runs, row.source)
@@ -229,7 +227,6 @@ def write(path: Path, rows: list[tuple[Row, Found | None]], scenes: int) -> None
     from dataclasses import asdict
 
     from flightdepth.evaluation.provenance import source_commit
-    from flightdepth.files import write_json
 
     said = [asdict(row) | {"title": row.title, "measured": found} for row, found in rows]
     write_json(path, {"commit": source_commit(), "scenes": scenes, "rows": said})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sized
 from contextlib import contextmanager
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -17,6 +17,11 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.text import Text
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+UNBOUNDED = 1000  # columns
 
 Item_co = TypeVar("Item_co", covariant=True)
 
@@ -41,6 +46,12 @@ class Speed(ProgressColumn):
 def say(text: str) -> None:
     """One line of result."""
     Console().print(text, soft_wrap=True, markup=False, highlight=False)
+
+
+def show_table(table: Table) -> None:
+    """A table, into a file or a pipe as wide as it is."""
+    console = Console()
+    Console(width=console.width if console.is_terminal else UNBOUNDED).print(table)
 
 
 def warn(text: str) -> None:

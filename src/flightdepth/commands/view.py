@@ -11,6 +11,7 @@ import typer
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.terminal import progress_bar, say
 from flightdepth.errors import BadInput, FlightDepthError
+from flightdepth.files import check_parent, write_atomic
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
@@ -66,10 +67,7 @@ def write(recording: RecordingStream, flight: FlightFolder, file: Path, pictures
     """Write a recording; a half-written one is removed."""
     import rerun
 
-    from flightdepth.files import write_atomic
-
-    if not file.absolute().parent.is_dir():
-        raise BadInput(f"--save {file}", expected="an existing folder", got=f"no {file.parent}")
+    check_parent("--save", file)
     stream = rerun.binary_stream(recording)
     send(recording, flight, pictures)
     write_atomic(file, stream.read(flush=True) or b"")

@@ -12,7 +12,7 @@ from flightdepth.camera import Camera
 from flightdepth.evaluation.metrics import pooled
 from flightdepth.evaluation.peer import BLIND_PX, ClassicalPeer
 from flightdepth.evaluation.warping import NEAREST_M
-from flightdepth.ranges.fusion import BETA_MAX, ends
+from flightdepth.ranges.fusion import BETA_MAX, WORST_SIGMA, ends
 from flightdepth.runtimes.network import Network
 from flightdepth.sweep import FIELD_SCALE, motion_field
 from flightdepth.weights.card import NetworkCard
@@ -59,10 +59,13 @@ class NetworkMethod:
         return self.network.card.name
 
     def answer(self, previous: Image, current: Image, displacement: Vector, camera: Camera) -> Answer:
-        """See `Method`. An output counts as an end of the range as it does in the fusion of ranges."""
+        """See `Method`. What is a measurement is told as in the fusion of ranges: by range and by error bar."""
         found = self.network.predict([previous], current, displacement[None], camera)
         beta, (lower, upper) = found.beta[0], ends(self.network.card)
-        return Answer(found.depth_m[0], (beta > lower) & (beta < upper))
+        measured = (beta > lower) & (beta < upper)
+        if found.sigma_m is not None:
+            measured &= found.sigma_m[0] < WORST_SIGMA * found.depth_m[0]
+        return Answer(found.depth_m[0], measured)
 
 
 @dataclass(frozen=True)

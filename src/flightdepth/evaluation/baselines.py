@@ -4,7 +4,9 @@ Photometric: the earlier picture, warped by depth and displacement, looks like t
 Agreement: one frame has one depth, whichever baseline it is measured over. Slope: a point's depth falls with the
 metres flown (see tracked_points.py). Each alone can be had without being right: a constant depth agrees with
 itself, what is blurred or has no texture matches anything, and a track ends where its depth leaves a method's
-range, which draws the slope of points near that end towards 0.
+range, which draws the slope of points near that end towards 0. Near the focus of expansion hardly anything moves:
+there a method that dares to answer is measured on what it guesses, hence a second slope, of the points alone that
+moved by MOVED_PX or more.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 
 import cv2
@@ -24,12 +26,14 @@ from flightdepth.evaluation.baseline_methods import PEER, Answer, Method
 from flightdepth.evaluation.baseline_pairs import BaselinePair, Moment, Witness
 from flightdepth.evaluation.tracked_points import BOOTSTRAPS, TrackedPoints
 from flightdepth.evaluation.warping import Match, WarpedPair
+from flightdepth.sweep import motion_field
 
 Image = NDArray[np.uint8]
 Map = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 LEAST_SPAN_M = 3.0  # metres flown over which a tracked point must be seen
+MOVED_PX = 1.0  # between the two pictures, by the method's own depth
 CONSTANT = "best constant"
 
 
@@ -61,7 +65,8 @@ class BaselineStudy:
         self._matches: dict[tuple[str, float], list[Match]] = defaultdict(list)
         self._measured: dict[tuple[str, float], list[float]] = defaultdict(list)
         self._agreements: dict[tuple[str, float, float], list[tuple[float, ...]]] = defaultdict(list)
-        self._points = {(m.name, b): TrackedPoints() for m in self._methods for b in self.baselines_m}
+        keys = product((m.name for m in self._methods), self.baselines_m, (False, True))
+        self._points = {key: TrackedPoints() for key in keys}
         self._forward: dict[float, list[float]] = defaultdict(list)
         self._witnesses: Counter[Witness] = Counter()
 
@@ -69,7 +74,7 @@ class BaselineStudy:
         """Take the next frame; what was seen of each of its pairs."""
         sights = {pair.wanted_m: self._sight(moment, pair) for pair in moment.pairs}
         for method in self._methods:
-            self._track(method.name, moment, {b: sight.answers[method.name] for b, sight in sights.items()})
+            self._track(method.name, moment, sights)
         for shorter, longer in combinations(sights.values(), 2):
             self._compare(shorter, longer)
         return tuple(sights.values())
@@ -81,7 +86,8 @@ class BaselineStudy:
             "directions_told_by": {witness.value: self._witnesses[witness] for witness in Witness},
             "photometric": [self._photometric(*key) for key in sorted(self._matches, key=self._order)],
             "agreement": [self._agreement(*key) for key in sorted(self._agreements, key=self._order)],
-            "slope": [self._slope(*key) for key in self._points],
+            "slope": [self._slope(*key) for key in self._points if not key[-1]],
+            "slope_of_moved": [self._slope(*key) for key in self._points if key[-1]],
         }
 
     def _sight(self, moment: Moment, pair: BaselinePair) -> Sight:
@@ -115,18 +121,22 @@ class BaselineStudy:
             found = *agreement(*two, self._valid), *agreement(*two, np.all([self._valid, *masks], axis=0))
             self._agreements[name, shorter.pair.wanted_m, longer.pair.wanted_m].append(found)
 
-    def _track(self, name: str, moment: Moment, answers: dict[float, Answer]) -> None:
+    def _track(self, name: str, moment: Moment, sights: dict[float, Sight]) -> None:
         """Frames without an answer are given too: points are followed from each frame to the next."""
         if moment.flown_m is None:
             return
-        for baseline_m in self.baselines_m:
+        for baseline_m, moved in product(self.baselines_m, (False, True)):
             depth_m = np.full(self._known.shape, np.nan, np.float32)
-            if baseline_m in answers:
-                answer = answers[baseline_m]
-                known_m = np.where(answer.measured & self._valid, answer.depth_m, np.nan)
-                size = self._known.shape[::-1]
-                depth_m = np.asarray(cv2.resize(known_m.astype(np.float32), size), dtype=np.float32)
-            self._points[name, baseline_m].add(moment.current, depth_m, moment.flown_m)
+            if baseline_m in sights:
+                sight = sights[baseline_m]
+                answer = sight.answers[name]
+                wanted = answer.measured & self._valid
+                if moved:
+                    reach = np.hypot(*motion_field(sight.pair.displacement, self._camera))
+                    wanted &= reach * self._camera.fx >= MOVED_PX * answer.depth_m
+                known_m = np.where(wanted, answer.depth_m, np.nan).astype(np.float32)
+                depth_m = np.asarray(cv2.resize(known_m, self._known.shape[::-1]), dtype=np.float32)
+            self._points[name, baseline_m, moved].add(moment.current, depth_m, moment.flown_m)
 
     def _order(self, key: tuple[str, float] | tuple[str, float, float]) -> tuple[float, ...]:
         """Methods as they were given, then by baseline."""
@@ -153,8 +163,8 @@ class BaselineStudy:
             "median_log_ratio_where_peer_measures": interval(common),
         }
 
-    def _slope(self, name: str, baseline_m: float) -> dict[str, Any]:
-        slopes = self._points[name, baseline_m].slopes(least_span_m=LEAST_SPAN_M)
+    def _slope(self, name: str, baseline_m: float, moved: bool) -> dict[str, Any]:
+        slopes = self._points[name, baseline_m, moved].slopes(least_span_m=LEAST_SPAN_M)
         forward = self._forward[baseline_m]
         return {
             "method": name,

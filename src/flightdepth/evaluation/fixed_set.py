@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from flightdepth.errors import BadInput
+from flightdepth.runtimes.contract import STRIDE
 from flightdepth.scenes import StillBoxConfig, Textures
 from flightdepth.stillbox import OutdoorTestSet, PairRule, Picture, TestSet
 from flightdepth.stillbox.testset import SCENES
-from flightdepth.weights.card import NetworkCard
-
-ANY_LENS_PX = 256
+from flightdepth.weights.card import FLIGHT_DETAIL, NetworkCard
 
 
 def outdoor_set(card: NetworkCard, *, scenes: int = SCENES) -> OutdoorTestSet:
-    """Flights outdoors, like no training room, at the network's focal length (any lens: 256 px, 90 degrees)."""
-    return OutdoorTestSet(ANY_LENS_PX if card.any_lens else round(2 * card.focal_px), scenes)
+    """Flights outdoors, like no training room, `full_width` wide."""
+    return OutdoorTestSet(full_width(card), scenes)
 
 
 def fixed_set(
@@ -23,7 +22,7 @@ def fixed_set(
     textures: Textures | None = None,
     horizontal_fov_deg: float = 90.0,
 ) -> TestSet:
-    """Nominal pairs, square, at the network's focal length (any lens: 256 px, 90 degrees), clipped to its range.
+    """Nominal pairs, square, of pictures `full_width` wide or crops of them, clipped to the network's range.
 
     `textures` None takes the fixed set's own; others make a set of one's own, not to be compared, and so does
     another field of view, which a network for any lens alone can take.
@@ -34,11 +33,21 @@ def fixed_set(
         )
     if scenes < 1:
         raise BadInput("scenes of a test set", expected="at least 1", got=str(scenes))
-    width = ANY_LENS_PX if card.any_lens else square_width(card)
-    full_width = ANY_LENS_PX if card.any_lens else round(2 * card.focal_px)  # 90 degrees of view
+    full = full_width(card)
+    width = full if card.any_lens else square_width(card)
     rule = PairRule(card.nominal_shift, card.depth_min_m, card.depth_max_m)
     config = StillBoxConfig(horizontal_fov_deg=horizontal_fov_deg)
-    return TestSet(Picture(width, width, full_width), rule, scenes, textures=textures, config=config)
+    return TestSet(Picture(width, width, full), rule, scenes, textures=textures, config=config)
+
+
+def full_width(card: NetworkCard) -> int:
+    """Width of 90 degrees of view at the network's focal length.
+
+    For any lens at about its recipe's reference length, so that networks see no padding.
+    """
+    if not card.any_lens:
+        return round(2 * card.focal_px)
+    return STRIDE * max(1, round(2 * card.focal_px / FLIGHT_DETAIL / STRIDE))
 
 
 def set_name(pairs: TestSet | OutdoorTestSet) -> str:

@@ -80,12 +80,13 @@ def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str) -> str
 
 def what_it_is(card: NetworkCard) -> str:
     """The card in a sentence or two."""
-    lens = "any lens" if card.any_lens else f"a focal length of {card.focal_px:g} px"
+    lens = "any lens" if card.any_lens else "one focal length"
     told = "the displacement, a vector" if card.knows_direction else "the length of the displacement"
     return (
         f"{card.architecture} with {card.base_width} feature maps in its first layer, for {lens}. It is told {told},"
-        f" and says depth from {card.depth_min_m:g} to {card.depth_max_m:g} m at a displacement of {card.D0_m:.3g} m;"
-        f" at another one, depth in proportion. {card.samples:,} training pairs:"
+        f" and says depth from {card.depth_min_m:g} to {card.depth_max_m:g} m at a displacement of {card.D0_m:.3g} m"
+        f" and a focal length of {card.focal_px:g} px; at another one, depth in proportion."
+        f" {card.samples:,} training pairs:"
     )
 
 

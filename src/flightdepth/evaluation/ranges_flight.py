@@ -92,7 +92,7 @@ class ManyRanges(MultiRangeEstimator):
     ) -> None:
         allowed = min(ranges, MAX_RANGES)
         super().__init__(network, camera, ranges=allowed, fusion=fusion, derotate=derotate)
-        self._planner.ranges, self._most_pairs = ranges, ranges + 1
+        self._first.planner.ranges, self._most_pairs = ranges, ranges + 1
 
 
 class Tally:

@@ -23,7 +23,7 @@ QUICK = {
     "ranges": (0, 1, 2, 4, 6),
 }
 
-DEPTHNET, CLAMPED, TINY, MOTION = "depthnet-256", "clamped-256", "tiny-clamped-256", "motion-tiny"
+DEPTHNET, CLAMPED, TINY, MOTION = "depthnet-256", "clamped-256", "tiny-clamped-256", "motion"
 FLOW, CONSTANT = "DIS flow", "best constant"
 # The paper's last figure, the networks beyond it, and how many ranges each is given.
 FIGURE = {DEPTHNET: (1, 2), CLAMPED: (1, 2, 3), TINY: (1, 2, 3, 4), MOTION: (1, 2, 3)}
@@ -116,7 +116,7 @@ def orientation_noise() -> tuple[Trial, ...]:
 
 
 def as_run(noise_rad: float = NOISE_RAD) -> Trial:
-    """The defaults of `flightdepth run`: motion-tiny, two ranges, bounds, seen rotation taken out."""
+    """The defaults of `flightdepth run`: motion, two ranges, bounds, seen rotation taken out."""
     return Trial(MOTION, 2, "saturation", noise_rad, derotate=True)
 
 

@@ -25,15 +25,16 @@ NOISE_RAD = 0.001  # of each frame's orientation, as in the multi-range study: w
 FITS = 4  # which pixels count depends on the scale a little
 
 
-def calibration_set(card: NetworkCard, *, scenes: int = SCENES) -> TestSet:
-    """Pairs like those of the fixed test set, of other rooms with other textures, that turn a little."""
+def calibration_sets(card: NetworkCard, *, scenes: int = SCENES) -> tuple[TestSet, TestSet]:
+    """Pairs like those of the fixed test set, of other rooms with other textures: half of them turn a little."""
     textures = Textures.procedural(TEXTURES, TEXTURE_SEED)
-    pairs = fixed_set(card, scenes=scenes, textures=textures)
-    return replace(pairs, seed=SEED, config=StillBoxConfig(orientation_noise_rad=NOISE_RAD))
+    half = fixed_set(card, scenes=(scenes + 1) // 2, textures=textures)
+    turning = StillBoxConfig(orientation_noise_rad=NOISE_RAD)
+    return replace(half, seed=SEED, config=turning), replace(half, seed=SEED + 1)
 
 
 def fitted_sigma_scale(network: Network, pairs: Iterable[TruePair]) -> float:
-    """The scale with which 68 % of the errors are inside sigma, in flight.
+    """The scale with which 68 % of the errors are inside sigma, on flights that turn a little and on some that don't.
 
     Pairs are derotated first, and those pixels count that fusion would believe: inside the network's range and
     with a sigma below WORST_SIGMA of the depth. The card's own scale is part of what is multiplied.

@@ -6,14 +6,13 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.flight.records import NS_PER_S, Frame
 from flightdepth.flight.rotation import Flow, rotation_flow, smallest_rotation
-from flightdepth.flight.steadiness import MIN_POINTS, NOISE_PX, SMALL_WIDTH, Grey, follow
+from flightdepth.flight.steadiness import MIN_POINTS, NOISE_PX, Grey, follow, small_camera, small_grey
 from flightdepth.motion import Vector
 from flightdepth.runtimes.lens import undistort
 
@@ -38,14 +37,13 @@ class ApparentMotion:
 
 def apparent_motion(frames: Iterable[Frame], camera: Camera) -> ApparentMotion:
     """Of the pictures of a camera; about 4 ms a picture beside decoding."""
-    height = max(1, round(camera.height * SMALL_WIDTH / camera.width))
-    small = camera.resized(SMALL_WIDTH, height)
+    small = small_camera(camera)
     stamps, rows = [], []
     kept: deque[tuple[int, Grey]] = deque()
     for frame in frames:
         if kept and frame.stamp_ns - kept[-1][0] < LEAST_STEP_NS:
             continue
-        kept.append((frame.stamp_ns, _small(frame.image, small)))
+        kept.append((frame.stamp_ns, small_grey(frame.image, small)))
         while len(kept) > 2 and frame.stamp_ns - kept[1][0] >= PAIR_NS:
             kept.popleft()
         (before_ns, before), (now_ns, now) = kept[0], kept[-1]
@@ -54,12 +52,6 @@ def apparent_motion(frames: Iterable[Frame], camera: Camera) -> ApparentMotion:
             rows.append(_motion(before, now, small) * NS_PER_S / (now_ns - before_ns))
     table = np.array(rows, dtype=np.float64).reshape(-1, 4)
     return ApparentMotion(np.array(stamps, dtype=np.int64), table[:, :3], table[:, 3])
-
-
-def _small(image: NDArray[np.uint8], small: Camera) -> Grey:
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    size = (small.width, small.height)
-    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _motion(before: Grey, after: Grey, camera: Camera) -> Vector:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from flightdepth.errors import BadInput
 from flightdepth.flight.gimbal import GimbalAttitude, camera_attitude
 from flightdepth.flight.records import (
+    FASTEST_M_S,
     NS_PER_S,
     AttitudeSample,
     BodyAttitudeSample,
@@ -36,8 +37,7 @@ REBOOT_GAP_NS = 2 * NS_PER_S
 LAST_STAMP_US = 4 * 10**15
 # A reason that the walkers of binary logs share.
 DAMAGED_BYTES = "bytes skipped: damaged or cut off"
-# No drone flies faster; a filter's output that does not change for so long while moving has died.
-MAX_SPEED_M_S = 150.0
+# A filter's output that does not change for so long while moving has died.
 STUCK_NS = 2 * NS_PER_S
 # How old the body's heading may be where a gimbal's yaw counts from it.
 HEADING_AGE_NS = NS_PER_S // 2
@@ -162,8 +162,8 @@ class Gate:
         velocity = np.array(value.ned, dtype=np.float64)
         if not np.isfinite(velocity).all():
             self.counts["velocities that are not numbers"] += 1
-        elif np.linalg.norm(velocity) > MAX_SPEED_M_S:
-            self.counts[f"velocities above {MAX_SPEED_M_S:.0f} m/s"] += 1
+        elif np.linalg.norm(velocity) > FASTEST_M_S:
+            self.counts[f"velocities above {FASTEST_M_S:.0f} m/s"] += 1
         elif self._later(stamp_ns, self.velocities, "velocities") and self._alive(stamp_ns, velocity):
             sound = value.sigma is not None and math.isfinite(value.sigma) and value.sigma >= 0
             self.velocities.append(VelocitySample(stamp_ns, velocity, sigma=value.sigma if sound else None))

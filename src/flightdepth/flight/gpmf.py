@@ -18,7 +18,6 @@ import numpy as np
 from flightdepth.motion import Vector
 
 HEADER = struct.Struct(">4sBBH")
-NEST_LIMIT = 8
 NUMBERS = {
     "b": ">i1",
     "B": ">u1",
@@ -67,7 +66,10 @@ class Record:
         table = np.frombuffer(self.data, dtype=dtype, count=self.repeat)
         names = dtype.names or ()
         with np.errstate(invalid="ignore"):  # damaged bytes may be a signalling NaN
-            columns = [table[name].reshape(self.repeat, -1).astype(np.float64) for name in names]
+            # The width is told: of no samples, or of samples of no bytes, numpy cannot find it.
+            columns = [
+                table[name].reshape(self.repeat, *dtype[name].shape).astype(np.float64) for name in names
+            ]
         return np.concatenate(columns, axis=1)
 
 
@@ -128,7 +130,7 @@ def _stream(device: str, nest: Record, keys: frozenset[str]) -> Iterator[Stream]
     described: dict[str, Record] = {}
     for record in records(nest.data):
         described[record.key] = record
-        if record.key in keys and record.repeat:
+        if record.key in keys and record.data:
             values = _scaled(record, described)
             name = described["STNM"].text() if "STNM" in described else record.key
             units = _units(described, values.shape[1])

@@ -154,6 +154,8 @@ def _compared(witness: Witness, seen: Signal, told: Signal | None) -> ClockOffse
     """The offset by one witness."""
     if told is None:
         return _unknown(witness, "the log has none")
+    if not len(seen.at_s):
+        return _unknown(witness, "fewer than two pictures")
     video = _trimmed(seen)
     reason = _too_even(witness, video[1]) or _too_even(witness, told.values)
     if reason is not None:
@@ -167,7 +169,7 @@ def _compared(witness: Witness, seen: Signal, told: Signal | None) -> ClockOffse
 def _too_even(witness: Witness, values: Vector) -> str | None:
     """Why a signal [n, c] tells nothing; None where it does."""
     known = values[np.isfinite(values).all(axis=1)]
-    if len(known) * 1.0 < 3:
+    if len(known) < 3:
         return "too few points in the pictures"
     deviation = float(np.sqrt(known.var(axis=0).sum()))
     if witness == "turn rate":

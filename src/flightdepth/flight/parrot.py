@@ -32,6 +32,7 @@ import numpy as np
 from flightdepth.errors import BadInput
 from flightdepth.flight.order import in_time_order
 from flightdepth.flight.records import (
+    FASTEST_M_S,
     AttitudeSample,
     BodyAttitudeSample,
     Sample,
@@ -47,7 +48,6 @@ from flightdepth.motion import (
 )
 
 NS_PER_US = 1000
-SPEED_LIMIT_M_S = 150.0
 TIME_LIMIT_US = 1e12  # eleven days of video
 FRAME = re.compile(r'\{\s*"time"\s*:')
 SHIFTED_AFTER = "location_sv_count"
@@ -189,7 +189,7 @@ def _take(
     if damaged or not math.isfinite(time_us) or not np.isfinite(velocity).all():
         counts["rows without a time, a speed or a sound view"] += 1
         return False
-    if np.abs(velocity).max() > SPEED_LIMIT_M_S or not 0 <= time_us < TIME_LIMIT_US:
+    if np.abs(velocity).max() > FASTEST_M_S or not 0 <= time_us < TIME_LIMIT_US:
         counts["rows beyond reason"] += 1
         return False
     stamp_ns = round(time_us * NS_PER_US)

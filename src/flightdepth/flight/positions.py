@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.flight.records import NS_PER_S
+from flightdepth.flight.records import FASTEST_M_S, NS_PER_S
 from flightdepth.motion import Vector
 
 EARTH_RADIUS_M = 6378137.0  # WGS 84, equator
@@ -22,7 +22,6 @@ HALF_WINDOW_PERIODS = 1.5  # slower ones: the fix before, this one, the one afte
 HALF_WINDOW_LIMIT_S = 5.0
 ROUNDING_TARGET_M_S = 0.2  # the window grows until rounding costs less than this
 JUMP_M = 100.0  # off the median of its neighbours: not flown
-FASTEST_M_S = 150.0
 DEGREE_M = 111_320.0  # of the equator: the longest
 
 Indices = NDArray[np.int64]

@@ -17,6 +17,7 @@ from flightdepth.motion import Vector, unit_quaternion
 
 VelocityFrame = Literal["world", "camera"]
 NS_PER_S = 1_000_000_000
+FASTEST_M_S = 150.0  # no drone flies faster: a velocity beyond it is damage
 
 
 def seconds(stamp_ns: int) -> str:

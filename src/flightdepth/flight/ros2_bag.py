@@ -181,14 +181,26 @@ def sqlite_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterato
                 f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id",
                 tuple(topics),
             )
-            for number, log_ns, data in rows:
-                if isinstance(data, bytes) and isinstance(log_ns, int) and number in topics:
-                    yield RosMessage(*topics[number], "cdr", log_ns, _unpacked(data))
-                else:
-                    counts[DAMAGED_RECORDS] += 1
+            for row in rows:
+                message = _sqlite_message(row, topics, counts)
+                if message is not None:
+                    yield message
     # SQLite quotes damaged names in its messages, and Python cannot decode some.
-    except (sqlite3.Error, UnicodeDecodeError, DamagedError):
+    except (sqlite3.Error, UnicodeDecodeError):
         counts[CUT] = 1
+
+
+def _sqlite_message(
+    row: tuple[Any, Any, Any], topics: dict[int, tuple[str, str]], counts: Counter[str]
+) -> RosMessage | None:
+    number, log_ns, data = row
+    try:
+        if isinstance(data, bytes) and isinstance(log_ns, int) and number in topics:
+            return RosMessage(*topics[number], "cdr", log_ns, _unpacked(data))
+    except DamagedError:
+        pass
+    counts[DAMAGED_RECORDS] += 1
+    return None
 
 
 def _connected(path: Path) -> sqlite3.Connection:
@@ -229,5 +241,9 @@ def _unpacked(data: bytes) -> bytes:
     """A message that was packed on its own (rosbag2's compression mode "message")."""
     if not data.startswith(ZSTD_MAGIC):
         return data
-    size = required("zstandard").frame_content_size(data)
+    zstandard = required("zstandard")
+    try:
+        size = zstandard.frame_content_size(data)
+    except zstandard.ZstdError as error:
+        raise DamagedError(f"a message that cannot be unpacked ({error})") from error
     return decompressed(data, "zstd", size)

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from flightdepth.flight.records import NS_PER_S
+from flightdepth.flight.records import FASTEST_M_S, NS_PER_S
 from flightdepth.flight.ros_records import DamagedError, RosMessage, required
 from flightdepth.motion import Vector, rotation_from_quaternion
 
@@ -39,7 +39,6 @@ IMAGE_KINDS = (IMAGE, COMPRESSED_IMAGE)
 NED_FROM_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
 FLU_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-SPEED_LIMIT_M_S = 150.0
 MAP_NAMES = ("map", "odom", "world", "earth", "enu", "ned", "local_origin")
 BODY_NAMES = ("base", "body", "fcu", "imu", "vehicle", "drone", "uav", "frd", "flu")
 
@@ -138,7 +137,7 @@ def sigma_of(covariance: Any) -> float | None:
     if covariance is None:
         return None
     variances = np.asarray(covariance, dtype=np.float64).reshape(6, 6).diagonal()[:3]
-    known = (variances >= 0).all() and 0 < variances.max() < SPEED_LIMIT_M_S**2
+    known = (variances >= 0).all() and 0 < variances.max() < FASTEST_M_S**2
     return float(np.sqrt(variances.mean())) if known else None
 
 
@@ -162,7 +161,7 @@ def orientation_of(message: RosMessage, content: Any) -> Orientation | None:
 def speed_of(vector: Any) -> Vector:
     """A Vector3 of m/s as an array [3]; what is no number, or faster than any drone, is damage."""
     speed = np.array([vector.x, vector.y, vector.z], dtype=np.float64)
-    if not np.abs(speed).max() < SPEED_LIMIT_M_S:
+    if not np.abs(speed).max() < FASTEST_M_S:
         raise DamagedError("a velocity beyond reason")
     return speed
 

@@ -56,9 +56,7 @@ class Steadiness:
     def __init__(
         self, camera: Camera, gyroscope: GyroscopeTrack | None = None, *, max_turn_rad: float = MAX_TURN_RAD
     ) -> None:
-        height = max(1, round(camera.height * SMALL_WIDTH / camera.width))
-        self._source = camera
-        self._camera = camera.resized(SMALL_WIDTH, height)
+        self._source, self._camera = camera, small_camera(camera)
         self._gyroscope, self._max_turn_rad = gyroscope, max_turn_rad
         self._kept: deque[tuple[int, Grey]] = deque()
 
@@ -76,9 +74,7 @@ class Steadiness:
         if image.shape[:2] != (self._source.height, self._source.width):
             expected = f"{self._source.width}x{self._source.height}"
             raise BadInput("picture size", expected=expected, got=f"{image.shape[1]}x{image.shape[0]}")
-        size = (self._camera.width, self._camera.height)
-        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)  # first: one channel is cheaper to average
-        return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        return small_grey(image, self._camera)
 
     def _forget(self, stamp_ns: int) -> None:
         """Drop what is older than a pair, but never the picture before this one."""
@@ -110,6 +106,17 @@ def verdict(turn_rad: float, span_s: float, witness: str, max_turn_rad: float = 
         return TurnRate(turn_rad / span_s, True)
     reason = f"turns {np.degrees(turn_rad):.1f} degrees in {span_s:.2f} s, says {witness}"
     return TurnRate(turn_rad / span_s, False, reason)
+
+
+def small_camera(camera: Camera) -> Camera:
+    """The camera of pictures SMALL_WIDTH wide, in which points are followed."""
+    return camera.resized(SMALL_WIDTH, max(1, round(camera.height * SMALL_WIDTH / camera.width)))
+
+
+def small_grey(image: NDArray[np.uint8], small: Camera) -> Grey:
+    """A picture uint8 RGB [H, W, 3] in grey at the size of `small`."""
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)  # first: one channel is cheaper to average
+    return np.asarray(cv2.resize(grey, (small.width, small.height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def follow(before: Grey, after: Grey) -> tuple[Vector, Vector, int]:

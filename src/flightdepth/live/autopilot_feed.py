@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flightdepth.flight.autopilot import REBOOT_GAP_NS, STEP_NS, Gate, Velocity
-from flightdepth.flight.records import NS_PER_S, AttitudeSample, BodyAttitudeSample, Sample
+from flightdepth.flight.records import NS_PER_S, BodyAttitudeSample, Sample, VelocitySample
 from flightdepth.flight.tlog import ATTITUDES, GIMBAL, HEARTBEAT, KINDS, NO_AUTOPILOT, VELOCITIES, Source
 from flightdepth.live.clock import RemoteClock
 from flightdepth.live.motion_store import MotionStore
@@ -132,7 +132,7 @@ class AutopilotFeed:
         self._newest_live_ns = max(self._newest_live_ns, stamp_ns)
         for sample in newly_kept(self._gate, stamp_ns, value):
             self._store.add(sample, now_ns)
-            if not isinstance(sample, AttitudeSample | BodyAttitudeSample):
+            if isinstance(sample, VelocitySample):
                 self._listener.on_velocity(now_ns)
 
 

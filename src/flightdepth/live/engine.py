@@ -137,6 +137,12 @@ class LiveEngine:
         with self._lock:
             self._monitor.velocity(now_ns)
 
+    def on_link_error(self, why: str) -> None:
+        """The telemetry's connection broke, or cannot be opened; called on the telemetry's thread."""
+        with self._lock:
+            self._monitor.link_failed(why)
+        self._say(f"{why}; opening it again")
+
     def on_reboot(self, now_ns: int) -> None:
         """The autopilot rebooted; called on the telemetry's thread."""
         with self._lock:
@@ -170,7 +176,8 @@ class LiveEngine:
         self._note(staged, picture, ready_ns)
         self._publish(staged, picture, ready_ns)
         busy_ms = (time.monotonic_ns() - began_ns) / 1e6
-        pictures_hz = self._pictures.hz(ready_ns) or NOMINAL_HZ
+        with self._lock:
+            pictures_hz = self._pictures.hz(ready_ns) or NOMINAL_HZ
         self._stage.ranges = self._control.add(ready_ns, busy_ms, 1000 / pictures_hz)
 
     def _note(self, staged: Staged, picture: Picture, ready_ns: int) -> None:
@@ -211,4 +218,5 @@ class LiveEngine:
             self._say(why)
 
     def _dropped(self) -> dict[str, int]:
-        return dict(Counter(self._video.dropped) + self._stage.counts + self._uncalibrated)
+        # The stage counts on the thread of `run`: copied in one step, since a sum of it would see it grow.
+        return dict(Counter(self._video.dropped) + Counter(self._stage.counts) + self._uncalibrated)

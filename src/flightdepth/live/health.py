@@ -47,6 +47,7 @@ class HealthMonitor:
         self._refused: str | None = None
         self._changed_ns = self._resumed_ns = start_ns
         self._velocity_ns: int | None = None
+        self._link_error: str | None = None
         self._reboot_ns: int | None = None
         self._result_ns: int | None = None
         self._depth_ns = start_ns
@@ -73,7 +74,11 @@ class HealthMonitor:
 
     def velocity(self, now_ns: int) -> None:
         """A velocity came."""
-        self._velocity_ns = now_ns
+        self._velocity_ns, self._link_error = now_ns, None
+
+    def link_failed(self, why: str) -> None:
+        """The telemetry's connection could not be opened, or broke."""
+        self._link_error = why
 
     def rebooted(self, now_ns: int) -> None:
         """The autopilot's clock began again."""
@@ -126,12 +131,15 @@ class HealthMonitor:
         """The first trouble that counts, the worst first."""
         limits, velocity_ns, reboot_ns = self._limits, self._velocity_ns, self._reboot_ns
         late_ns = 0 if velocity_ns is None else now_ns - velocity_ns
+        why = self._link_error
+        silent = NO_TELEMETRY + (f": {why}" if why else "")
+        late = f"{LATE}: no velocity for {late_ns / NS_PER_S:.1f} s" + (f"; {why}" if why else "")
         results_hz, pictures_hz = self._results_hz, self._pictures_hz
         troubles = (
             (now_ns - self._changed_ns > limits.frozen_ns, FROZEN),
             (reboot_ns is not None and now_ns - reboot_ns < limits.reboot_ns, REBOOTED),
-            (velocity_ns is None, NO_TELEMETRY),
-            (late_ns > limits.late_ns, f"{LATE}: no velocity for {late_ns / NS_PER_S:.1f} s"),
+            (velocity_ns is None, silent),
+            (late_ns > limits.late_ns, late),
             (now_ns - self._depth_ns > limits.no_depth_ns, self._no_depth),
             (
                 0 < results_hz < min(limits.slow_hz, pictures_hz / 2),

@@ -20,7 +20,7 @@ SERIAL = re.compile(r"(?:serial:)?(/dev/[^:]+)(?::(\d+))?")
 DEFAULT_BAUD = 921600
 # Who we are: MAV_COMP_ID_ONBOARD_COMPUTER, in the vehicle's own system.
 COMPONENT = 191
-SELECT_S, LOCK_S = 0.05, 0.05
+SELECT_S, LOCK_S, WRITE_S = 0.05, 0.05, 0.05
 HEARTBEAT_NS = TIMESYNC_NS = NS_PER_S
 ASK_AGAIN_NS = 5 * NS_PER_S
 # Rates asked for, Hz; a link that gives half of the velocities is left in peace.
@@ -46,9 +46,13 @@ def open_transport(address: str) -> Any:
         return mavutil.mavlink_connection(address, retries=1)
     device, baud = check_address(address)
     try:
-        return mavutil.mavlink_connection(device, baud=baud or DEFAULT_BAUD)
+        transport = mavutil.mavlink_connection(device, baud=baud or DEFAULT_BAUD)
     except ModuleNotFoundError as error:
         raise MissingExtra("a serial MAVLink connection (pyserial)", "live") from error
+    # pymavlink would wait for ever where a peer takes nothing, print that the port is dead, and raise nothing.
+    transport.port.write_timeout = WRITE_S
+    transport.write = transport.port.write
+    return transport
 
 
 def check_address(address: str) -> tuple[str, int | None]:
@@ -103,8 +107,10 @@ class MavlinkLink:
             self._thread.join(2.0)
 
     def send(self, message: Message) -> None:
-        """Send one message of the common dialect as ours."""
-        self.write(message.pack(self._mav))
+        """Send one message of the common dialect as ours, with the next number of our own."""
+        data = message.pack(self._mav)
+        self._mav.seq = (self._mav.seq + 1) % 256
+        self.write(data)
 
     def write(self, data: bytes) -> None:
         """Send a packed message, of any component; never waits long, and counts what did not go out."""
@@ -117,7 +123,7 @@ class MavlinkLink:
             else:
                 self._transport.write(data)
         except OSError:
-            self.counts["messages not sent: the connection broke"] += 1
+            self.counts["messages not sent: the connection takes none"] += 1
         finally:
             self._writing.release()
 
@@ -128,8 +134,9 @@ class MavlinkLink:
                 self._transport = open_transport(self._address)
                 failures = 0
                 self._listen()
-            except (OSError, MissingExtra) as error:  # pyserial's errors are OSErrors
-                self._on_error(f"MAVLink {self._address}: {getattr(error, 'strerror', None) or error}")
+            except Exception as error:
+                # A driver's or a parser's, of any kind: without this thread all is lost.
+                self._on_error(f"MAVLink {self._address}: {_in_words(error)}")
                 failures += 1
             finally:
                 self._hang_up()
@@ -200,3 +207,10 @@ class MavlinkLink:
                     *(0,) * 5,
                 )
             )
+
+
+def _in_words(error: Exception) -> str:
+    """Why, short: of a port that is not there the system's words, and the kind of an error nobody expected."""
+    if isinstance(error, OSError | MissingExtra):
+        return str(getattr(error, "strerror", None) or error)
+    return f"{type(error).__name__}: {error}"

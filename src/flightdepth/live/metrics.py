@@ -84,7 +84,7 @@ def telemetry(status: LiveStatus) -> Iterator[Metric]:
     yield Metric(
         "telemetry_age_seconds", "gauge", "Since the newest velocity", seconds(status.telemetry_age_ms)
     )
-    yield Metric("telemetry_dropped_total", "counter", "Messages left out", dropped)
+    yield Metric("telemetry_dropped_total", "counter", "MAVLink messages left out or not sent", dropped)
 
 
 def sinks(status: LiveStatus) -> Iterator[Metric]:

@@ -10,7 +10,12 @@ import numpy as np
 
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, BodyAttitudeSample, Sample, VelocitySample
 from flightdepth.live.meters import Rate
-from flightdepth.motion import Vector, quaternion_from_rotation, rotation_from_quaternion
+from flightdepth.motion import (
+    Vector,
+    quaternion_from_rotation,
+    rotation_angle_rad,
+    rotation_from_quaternion,
+)
 from flightdepth.ranges.attitude import neighbours, orientations
 from flightdepth.ranges.timeline import Timeline
 
@@ -99,8 +104,7 @@ class MotionStore:
             turns, known = orientations(stamps, rows, at_ns)
         if not known.all():
             return None
-        cosine = (np.trace(turns[0].T @ turns[1]) - 1) / 2
-        return float(np.arccos(np.clip(cosine, -1, 1))) * NS_PER_S / over_ns
+        return rotation_angle_rad(turns[0].T @ turns[1]) * NS_PER_S / over_ns
 
     def rate_hz(self, now_ns: int) -> float:
         """Velocities received a second."""

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.flight.records import NS_PER_S
 from flightdepth.live.obstacle_rays import sectors_of
 from flightdepth.live.obstacles import (
     SECTOR_DEG,
@@ -30,14 +31,12 @@ from flightdepth.live.obstacles import (
 from flightdepth.motion import Vector
 from flightdepth.ranges.result import RangedDepth
 
-NS_PER_S = 1_000_000_000
 EVERY_NS = NS_PER_S // 5
 MAX_STEP_NS = NS_PER_S // 2  # a longer gap between results: nobody knows where the drone went meanwhile
 JOINED_NS = NS_PER_S // 4  # two results at most so far apart count as one
 STEP_M = 1.0
-WORTH = (
-    0.5  # of `max_m`: a sector remembered as clear less far than this is a gap between sectors, not a wall
-)
+# Of `max_m`: a sector remembered as clear less far than this is a gap between sectors, not a wall.
+WORTH = 0.5
 ACROSS_DEG = np.array([-2.0, 0.0, 2.0])
 
 

@@ -10,7 +10,8 @@ from types import TracebackType
 
 import numpy as np
 
-from flightdepth.live.obstacle_memory import NS_PER_S, ObstacleMap
+from flightdepth.flight.records import NS_PER_S
+from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import ObstaclePacker
 from flightdepth.live.obstacles import ObstacleSettings, Sectors, heading_rad, level_from_world
 from flightdepth.live.status import LiveResult
@@ -111,7 +112,10 @@ class ObstacleFeed:
 
 
 class ObstacleSender:
-    """A thread that gives what is due to `write`, which may block or fail: both are counted, neither spreads."""
+    """A thread that gives what is due to `write`, which may block or fail: neither spreads.
+
+    `sent` and `failed` count messages; a failure to make those that are due counts as one.
+    """
 
     def __init__(
         self, feed: ObstacleFeed, write: Write, *, clock: Callable[[], int] = time.monotonic_ns
@@ -133,7 +137,12 @@ class ObstacleSender:
 
     def _run(self) -> None:
         while not self._stop.wait(0.01):
-            for message in self._feed.due(self._clock()):
+            try:
+                messages = self._feed.due(self._clock())
+            except Exception:  # a number that no message can hold: the next result's may be sound
+                self.failed += 1
+                continue
+            for message in messages:
                 try:
                     self._write(message)
                     self.sent += 1

@@ -1,8 +1,8 @@
 """When a picture was taken, on the live clock: by the sender's word where it can be believed, else by arrival.
 
-Senders' words: a V4L2 driver stamps with this machine's monotonic clock; an RTP sender's RTCP reports tie its
-stream to its wall clock (FFmpeg hands them on as "producer reference time"), which means something here only
-where both machines' clocks are set by NTP or PTP, so it has to be asked for.
+Senders' words: a V4L2 driver stamps a picture that begins to come in, with this machine's monotonic clock; an RTP
+sender's RTCP reports tie its stream to its wall clock (FFmpeg hands them on as "producer reference time"), which
+means something here only where both machines' clocks are set by NTP or PTP, so it has to be asked for.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ SET_NS = NS_PER_S // 10
 
 
 class PictureClock:
-    """Stamps of one connection's pictures; `delay_ns`, exposure to sending, is taken off those by arrival.
+    """Stamps of one connection's pictures; `delay_ns`, exposure to sending, is taken off all but an RTCP report's.
 
     `wall_from_sender`: believe the wall clock of RTCP reports. `same_clock`: the stream's times are already
     those of our monotonic clock, if they look like it.
@@ -44,7 +44,8 @@ class PictureClock:
     def stamp(self, own_ns: int) -> tuple[int, AgeFrom]:
         """When the picture of the stream's time `own_ns` was taken; a packet must have come before."""
         if self._sender_offset_ns is not None:
-            return own_ns + self._sender_offset_ns, "sender"
+            delay_ns = self._delay_ns if self._same_clock else 0  # a driver knows nothing of the exposure
+            return own_ns + self._sender_offset_ns - delay_ns, "sender"
         return self._arrivals.live_ns(own_ns) - self._delay_ns, "reception"
 
     def _compare(self, own_ns: int, now_ns: int, claimed_ns: int) -> None:

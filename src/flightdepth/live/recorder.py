@@ -10,7 +10,7 @@ from flightdepth.flight.records import Frame
 from flightdepth.live.status import LiveResult
 from flightdepth.outputs.preview import Preview
 from flightdepth.outputs.record import Source
-from flightdepth.outputs.writer import FlightWriter, refuse_foreign_folder
+from flightdepth.outputs.writer import FlightWriter, check_target
 from flightdepth.weights.card import NetworkCard
 
 
@@ -20,7 +20,7 @@ class Recorder:
     def __init__(
         self, target: Path, network: NetworkCard, settings: dict[str, bool | int | float | str | None]
     ) -> None:
-        refuse_foreign_folder(target)  # now, not after the flight
+        check_target(target)  # now, not after the flight
         self._target, self._network, self._settings = target, network, settings
         self._stack = ExitStack()
         self._writer: FlightWriter | None = None

@@ -117,10 +117,8 @@ class RtpStream:
 
     def _take_report(self, data: bytes) -> None:
         report = SenderReport.parse(data)
-        if report is not None and self._source in (
-            None,
-            report.source,
-        ):  # the first may come before the pictures
+        # The first may come before the pictures.
+        if report is not None and self._source in (None, report.source):
             self._report = nanoseconds(self._units.unwrapped(report.timestamp)), report.wall_ns
 
     def _tell(self, clock: PictureClock, unit: Unit) -> None:

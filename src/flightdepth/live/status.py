@@ -82,7 +82,7 @@ class LiveStatus:
     uptime_s          since the engine began
     reconnects        times that the video stream was opened again
     sinks             by name: results taken, missed, failed on
-    telemetry_dropped messages left out, by reason
+    telemetry_dropped MAVLink messages left out or not sent, by reason
     """
 
     stamp_ns: int

@@ -8,14 +8,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, parse_qsl, urlsplit
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.video import refuse_non_video
 
 EXPECTED = (
     "rtsp://HOST/PATH, rtsp+udp://HOST/PATH, rtp://0.0.0.0:PORT (H.264), a .sdp file, udp://0.0.0.0:PORT"
-    " (MPEG-TS), tcp:// or srt:// (MPEG-TS), /dev/videoN, or a video file"
+    " (MPEG-TS), tcp:// or srt:// (MPEG-TS), /dev/videoN[?size=WxH&rate=FPS&format=mjpeg],"
+    " or a video file"
 )
 # Looking into a stream before it starts costs time and pictures; half a second holds a parameter set.
 QUICK = {"analyzeduration": "500000", "fpsprobesize": "0"}
@@ -25,6 +26,12 @@ WHOLE_PICTURES = {"fflags": "+noparse+nofillin"}
 # What `export_side_data` adds: the sender's wall clock, from RTCP reports.
 SENDER_CLOCK = {"export_side_data": "prft"}
 RTP = "rtp"  # read by our own `rtp_stream`
+# What may stand behind a camera's name, what FFmpeg calls it, and how it is written.
+CAMERA = {
+    "size": ("video_size", r"[1-9]\d*x[1-9]\d*"),
+    "rate": ("framerate", r"[1-9]\d*(\.\d+|/[1-9]\d*)?"),
+    "format": ("input_format", r"[a-z0-9_]+"),
+}
 DECODERS = {"h264": "h264", "h265": "hevc", "hevc": "hevc"}
 
 
@@ -32,7 +39,7 @@ DECODERS = {"h264": "h264", "h265": "hevc", "hevc": "hevc"}
 class VideoAddress:
     """What to open.
 
-    name        as the user gave it, without a password
+    name        as the user gave it, without a password or SRT's passphrase: what may be written down
     target      for FFmpeg: an address, or the text of a session description
     format      FFmpeg's name of the format, or RTP; None lets it look
     options     FFmpeg's options
@@ -54,7 +61,7 @@ class VideoAddress:
 
 def video_address(text: str) -> VideoAddress:
     """Understand `--video`; an address that cannot be one is refused before anything is opened."""
-    name = re.sub(r"(?<=://)[^/@]*@", "", text)
+    name = without_secrets(text)
     scheme = text.split("://", maxsplit=1)[0].lower() if "://" in text else ""
     if scheme in ("rtsp", "rtsps", "rtsp+udp"):
         transport = "udp" if scheme == "rtsp+udp" else "tcp"
@@ -62,19 +69,23 @@ def video_address(text: str) -> VideoAddress:
         options = {"rtsp_transport": transport, "reorder_queue_size": "16"} | SENDER_CLOCK | QUICK
         return VideoAddress(name, target, options=options)
     if scheme == "rtp":
-        _port(text)
+        _check_port(text)
         codec_of(text)
         return VideoAddress(name, text, format=RTP)
     if scheme in ("udp", "tcp", "srt"):
-        _port(text)
+        _check_port(text)
         options = {"overrun_nonfatal": "1"} | QUICK | WHOLE_PICTURES
         return VideoAddress(name, text, format="mpegts", options=options)
     if text.startswith("/dev/"):
-        options = {"timestamps": "default"}
-        return VideoAddress(name, text, format="v4l2", options=options, same_clock=True)
+        return _camera(text)
     if scheme:
         raise BadInput(f"video {name}", expected=EXPECTED, got=f"{scheme}://")
     return _file(text)
+
+
+def without_secrets(text: str) -> str:
+    """An address without the user and password before its host, and without a passphrase behind it."""
+    return re.sub(r"(?<=://)[^/?]*@|(?<=[?&]passphrase=)[^&]*", "", text)
 
 
 def codec_of(text: str) -> str:
@@ -83,6 +94,18 @@ def codec_of(text: str) -> str:
     if codec not in DECODERS:
         raise BadInput(f"codec of {text}", expected=" or ".join(DECODERS), got=codec)
     return DECODERS[codec]
+
+
+def _camera(text: str) -> VideoAddress:
+    device, _, query = text.partition("?")
+    options = {"timestamps": "default"}  # the driver's own
+    for key, value in parse_qsl(query, keep_blank_values=True):
+        name, written = CAMERA.get(key, (None, ""))
+        if name is None or not re.fullmatch(written, value):
+            expected = "size=640x480, rate=30, format=mjpeg or yuyv422, joined by &"
+            raise BadInput(f"video {text}", expected=expected, got=f"{key}={value}")
+        options[name] = value
+    return VideoAddress(text, device, format="v4l2", options=options, same_clock=True)
 
 
 def _session(name: str, path: Path) -> VideoAddress:
@@ -94,14 +117,14 @@ def _session(name: str, path: Path) -> VideoAddress:
     return VideoAddress(name, description, format="sdp", options=options)
 
 
-def _port(text: str) -> int:
+def _check_port(text: str) -> None:
     try:
         port = urlsplit(text).port
     except ValueError:
         port = None
     if not port:
-        raise BadInput(f"video {text}", expected="a port, as in udp://0.0.0.0:5600", got="none that is one")
-    return port
+        what = f"video {without_secrets(text)}"
+        raise BadInput(what, expected="a port, as in udp://0.0.0.0:5600", got="none that is one")
 
 
 def _file(text: str) -> VideoAddress:

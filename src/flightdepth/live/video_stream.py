@@ -28,6 +28,7 @@ from flightdepth.live.video_address import VideoAddress
 # A read that waits longer than READ_S is given up, so that a silent stream is noticed within two seconds.
 OPEN_S, READ_S = 5.0, 1.5
 MISSED = "RTP: missed"
+SILENT = logging.NullHandler()  # one for all connections: a second time a logger does not add it
 LATE_NS = 2 * NS_PER_S  # a file's picture that is due so long ago is passed over: the machine slept
 
 
@@ -85,7 +86,7 @@ class VideoStream:
                 if packet.pts is not None:
                     self._tell(clock, packet)
                 for decoded in self._decoder.decode(packet):
-                    yield Picture(decoded, *clock.stamp(self._nanoseconds(decoded.pts)))
+                    yield Picture(self._owned(decoded), *clock.stamp(self._nanoseconds(decoded.pts)))
         raise StreamEnded("it ended")
 
     def paced(self, epoch_ns: int, delay_ns: int, stop: threading.Event) -> Iterator[Picture]:
@@ -103,6 +104,10 @@ class VideoStream:
                     self._counts["pictures of a file that could not be read in time"] += 1
                     continue
                 yield Picture(decoded, due_ns - delay_ns, "reception")
+
+    def _owned(self, decoded: Any) -> Any:
+        """A picture that outlives the stream: raw ones lie in the camera driver's memory, which goes with it."""
+        return decoded.reformat(format="rgb24") if self._stream.codec_context.name == "rawvideo" else decoded
 
     def _tell(self, clock: PictureClock, packet: Any) -> None:
         sender_wall_ns = None
@@ -128,7 +133,7 @@ def losses_told() -> Iterator[list[tuple[int, str, str]]]:
     The decoder fills what they held with guesses and calls few of those pictures damaged: with 3 % of the packets
     lost, 4 of about 30.
     """
-    logging.getLogger("libav").addHandler(logging.NullHandler())  # said in counts, not on stderr
+    logging.getLogger("libav").addHandler(SILENT)  # said in counts, not on stderr
     av.logging.set_level(av.logging.WARNING)
     with av.logging.Capture(local=True) as told:
         yield told

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.records import NS_PER_S
 
 TICKS_PER_S = 90_000
-NS_PER_S = 1_000_000_000
 # Measured on 1820x534 previews, CPU time a picture: superfast 9 ms, veryfast 13 ms at 0.7 times the bytes,
 # ultrafast 5 ms at 1.9 times the bytes. Conversion to YUV in OpenCV spares 2 ms.
 ENCODER = {"preset": "superfast", "crf": "23"}

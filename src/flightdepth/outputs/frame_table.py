@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,17 +58,8 @@ class FrameRow:
         )
 
 
-def csv_bytes(rows: Sequence[FrameRow]) -> bytes:
-    """The table; numbers of one cell are separated by spaces."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows(map(cells_of, rows))
-    return text.getvalue().encode()
-
-
 def cells_of(row: FrameRow) -> list[object]:
-    """What stands in the table for one frame."""
+    """What stands in the table for one frame; numbers of one cell are separated by spaces."""
     return [
         row.index,
         row.stamp_ns,
@@ -84,7 +74,7 @@ def cells_of(row: FrameRow) -> list[object]:
 
 
 def rows_from_csv(text: str) -> list[FrameRow]:
-    """The rows of a table that `csv_bytes` wrote."""
+    """The rows of a table whose lines are those of `cells_of`."""
     return [
         FrameRow(
             index=int(cells["index"]),

@@ -45,7 +45,7 @@ def write(
 
 
 def legend(scale: DepthScale, height: int) -> Picture:
-    """The scale bar with ticks in metres, and what the two hatches mean: RGB [height, LEGEND_WIDTH, 3]."""
+    """The scale bar with ticks in metres, and what the hatches mean: RGB [height, LEGEND_WIDTH, 3]."""
     picture = np.full((height, LEGEND_WIDTH, 3), GROUND_RGB, np.uint8)
     write(picture, "metres", MARGIN, 14, FAINT_RGB)
     top, bottom = 26, height - len(SWATCHES) * SWATCH_STEP - 8

@@ -16,7 +16,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,7 +24,7 @@ from flightdepth.files import file_in_progress
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.motion import Vector, quaternion_from_rotation
 from flightdepth.outputs.cloud import ENU_FROM_NED, placed
-from flightdepth.outputs.encoding import bytes_from_confidence
+from flightdepth.outputs.encoding import bytes_from_confidence, jpeg
 from flightdepth.outputs.pictures import pictures
 from flightdepth.outputs.poses import FramePose
 from flightdepth.outputs.read import FlightFolder
@@ -43,7 +42,7 @@ KINDS = {
     LENS: "sensor_msgs/msg/CameraInfo",
     TRANSFORM: "tf2_msgs/msg/TFMessage",
 }
-JPEG = (cv2.IMWRITE_JPEG_QUALITY, 85)
+JPEG_QUALITY = 85
 
 
 def write_mcap(path: Path, folder: FlightFolder, on_frame: Callable[[], None] = lambda: None) -> None:
@@ -88,9 +87,9 @@ class Recording:
 
     def picture(self, stamp_ns: int, image: NDArray[np.uint8]) -> None:
         """RGB [H, W, 3], packed as JPEG."""
-        data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), JPEG)[1]
+        data = np.frombuffer(jpeg(image, JPEG_QUALITY), np.uint8)
         header = self._header(stamp_ns, OPTICAL)
-        self._write(PICTURE, stamp_ns, header=header, format="rgb8; jpeg compressed bgr8", data=data.ravel())
+        self._write(PICTURE, stamp_ns, header=header, format="rgb8; jpeg compressed bgr8", data=data)
 
     def lens(self, stamp_ns: int, camera: Camera) -> None:
         """The camera: K of the picture as it is, P of the same without distortion."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -118,17 +117,8 @@ class PoseTrack:
         return self._level.at(frame.stamp_ns)
 
 
-def csv_of_poses(poses: Iterable[FramePose]) -> bytes:
-    """The table; an unknown attitude leaves its cells empty."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows(map(pose_cells, poses))
-    return text.getvalue().encode()
-
-
 def pose_cells(pose: FramePose) -> list[object]:
-    """What stands in the table for one frame."""
+    """What stands in the table for one frame; an unknown attitude leaves its cells empty."""
     known = pose.attitude != "unknown"
     position = [f"{metres:.4f}" for metres in pose.position_ned]
     quaternion = [f"{part:.9f}" if known else "" for part in pose.world_from_camera]
@@ -136,7 +126,7 @@ def pose_cells(pose: FramePose) -> list[object]:
 
 
 def poses_from_csv(text: str) -> dict[int, FramePose]:
-    """The poses of a table that `csv_of_poses` wrote, by frame index."""
+    """The poses of a table whose lines are those of `pose_cells`, by frame index."""
     poses = {}
     for cells in csv.DictReader(io.StringIO(text)):
         if cells["attitude"] not in ("log", "pictures", "assumed", "unknown"):

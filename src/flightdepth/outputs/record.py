@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,7 +18,7 @@ from flightdepth.outputs.frame_table import FrameRow
 from flightdepth.weights.card import NetworkCard
 
 DepthFormat = Literal["png", "npz"]
-NUMBER = re.compile(r"\d+(\.\d+)?")
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
 class Source(BaseModel):
@@ -50,7 +50,7 @@ class DepthScaleNote(BaseModel):
 
 
 class Counts(BaseModel):
-    """How much depth there is, and why not more. A reason's numbers stand as N."""
+    """How much depth there is, and why not more. Reasons that differ in numbers only count as one."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -63,7 +63,7 @@ class Counts(BaseModel):
     @classmethod
     def of(cls, rows: Sequence[FrameRow], dropped: dict[str, int], saturated_pixels: int) -> Counts:
         """Counts of a whole flight."""
-        missing = Counter(NUMBER.sub("N", row.reason) for row in rows if row.reason)
+        missing = grouped(row.reason for row in rows if row.reason)
         return cls(
             frames=len(rows),
             frames_with_depth=len(rows) - missing.total(),
@@ -71,6 +71,23 @@ class Counts(BaseModel):
             dropped=dropped,
             pixels_at_655_m_or_farther=saturated_pixels,
         )
+
+
+def grouped(reasons: Iterable[str]) -> Counter[str]:
+    """How often each reason stands; where only its numbers differ, once with their spans: "turns 3 to 5 degrees"."""
+    groups: dict[tuple[str, ...], list[list[str]]] = defaultdict(list)
+    for reason in reasons:
+        groups[tuple(NUMBER.split(reason))].append(NUMBER.findall(reason))
+    found: Counter[str] = Counter()
+    for words, numbers in groups.items():
+        spans = [_span(column) for column in zip(*numbers, strict=True)]
+        found["".join(word + span for word, span in zip(words, [*spans, ""], strict=True))] = len(numbers)
+    return found
+
+
+def _span(numbers: Sequence[str]) -> str:
+    least, most = min(numbers, key=float), max(numbers, key=float)
+    return least if least == most else f"{least} to {most}"
 
 
 class FlightRecord(BaseModel):

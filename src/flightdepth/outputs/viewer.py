@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import cv2
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from flightdepth.errors import BadInput
 from flightdepth.outputs.cloud import ENU_FROM_NED, CloudSettings, cloud_of
-from flightdepth.outputs.encoding import UNIT_M, bytes_from_confidence, centimetres_from_depth, png
+from flightdepth.outputs.encoding import UNIT_M, bytes_from_confidence, centimetres_from_depth, jpeg, png
 from flightdepth.outputs.frame_table import FrameRow
 from flightdepth.outputs.pictures import pictures
 from flightdepth.outputs.poses import FramePose
@@ -20,7 +19,7 @@ from flightdepth.outputs.read import FlightFolder
 CAMERA, IMAGE = "world/camera", "world/camera/picture"
 DEPTH, CONFIDENCE = f"{IMAGE}/depth", f"{IMAGE}/confidence"
 TIME = "flight"
-JPEG = (cv2.IMWRITE_JPEG_QUALITY, 85)
+JPEG_QUALITY = 85
 FAR_M = 100.0  # of the colours; the cursor tells metres up to 655
 POINT_RADIUS_M = 0.12
 
@@ -83,8 +82,7 @@ def layout(flight: FlightFolder) -> rrb.Blueprint:
 
 
 def _log_maps(recording: rr.RecordingStream, flight: FlightFolder, index: int, image: np.ndarray) -> None:
-    packed = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), JPEG)[1].tobytes()
-    recording.log(IMAGE, rr.EncodedImage(contents=packed, media_type="image/jpeg"))
+    recording.log(IMAGE, rr.EncodedImage(contents=jpeg(image, JPEG_QUALITY), media_type="image/jpeg"))
     depth = png(centimetres_from_depth(flight.depth_m(index)))
     recording.log(
         DEPTH,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import tempfile
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -61,7 +62,7 @@ class FlightWriter:
         *,
         depth_format: DepthFormat = "png",
     ) -> None:
-        refuse_foreign_folder(target)
+        check_target(target)
         self._target, self._source, self._preview, self._format = target, source, preview, depth_format
         self._notes: dict[str, None] = {}  # a set in order
         self._dropped: dict[str, int] = {}
@@ -168,8 +169,15 @@ def npz(**maps: Map) -> bytes:
     return file.getvalue()
 
 
-def refuse_foreign_folder(target: Path) -> None:
-    """Refuse to replace a folder that holds anything but an older result."""
+def check_target(target: Path) -> None:
+    """Refuse to replace a folder that holds anything but an older result, and one that cannot be made."""
+    parent = next((folder for folder in target.absolute().parents if folder.exists()), target)
+    try:
+        tempfile.TemporaryDirectory(dir=parent, prefix=f".{target.name}.").cleanup()
+    except OSError as error:
+        raise BadInput(
+            f"output folder {target}", expected="a place to write", got=f"{parent}: {error.strerror}"
+        ) from error
     if not target.exists():
         return
     if not target.is_dir():

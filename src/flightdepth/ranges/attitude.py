@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.motion import Vector
 from flightdepth.ranges.timeline import Rows, Stamps
 
-Vector = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 # Between two samples farther apart nothing is interpolated. GPS-class logs come at 1 Hz with some jitter.

@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.motion import Vector
 from flightdepth.ranges.fusion import best_beta
 from flightdepth.ranges.network import Map
 from flightdepth.weights.card import NetworkCard
-
-Vector = NDArray[np.float64]
 
 # Clustering a thousand of the map's pixels moves a centroid by a few percent of its cluster's width.
 MAX_SAMPLES = 1024

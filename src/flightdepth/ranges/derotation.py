@@ -14,38 +14,34 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.motion import rotation_angle_rad
+from flightdepth.motion import Vector, rotation_angle_rad
 from flightdepth.ranges.direction import direction_of
 from flightdepth.ranges.network import Image
 from flightdepth.ranges.pairs import Frame, Pair
 from flightdepth.ranges.tracks import Tracker, in_grey, tracked_rays
-from flightdepth.ranges.turning import is_visible, turned
-
-Vector = NDArray[np.float64]
+from flightdepth.ranges.turning import turned
 
 FEWEST_POINTS = 12
 ROTATION_SIGMA_RAD = np.radians(0.3)  # what a gimbal and a log's attitude leave in a pair
 LOG_SIGMA_RAD = np.radians(4)  # of a direction that a log and a camera's mount tell
 SEEN_SIGMA_RAD = np.radians(10)  # of one seen in pictures that were taken not to turn
-MOST_LINEARISATIONS, MOST_WEIGHINGS = 5, 10
+MOST_STEPS = 15
 STRAIGHT_RAD = np.radians(0.2)  # what is linear at the start stays so that far
-CLOSE_ENOUGH = 0.01  # the square of a tenth of a deviation
+CLOSE, CLOSE_ENOUGH = 1.0, 0.01  # squares of a deviation, and of a tenth of one
 CAUCHY = 2.0  # a point this many deviations off has half the weight
 LEAST_NOISE_PX = 0.05
-NEAREST_TO_FOCUS = (
-    0.1  # closer to the focus of expansion than this, on the plane z = 1, a line has no direction
-)
+# Up to such a turn points are followed as well in pictures that are not turned back.
+TURNS_PATCHES_RAD = np.radians(1)
+# Closer to the focus of expansion than this, on the plane z = 1, a line has no direction.
+NEAREST_TO_FOCUS = 0.1
 # Neighbouring tracks err together: measured errors are this many times those of independent points.
 TOGETHER = 2.5
 # Beyond these nothing small is left to mend: the log or the tracks are of something else.
 MOST_SIGMAS, MOST_RAD = 4.0, np.radians(5)
 # Squared deviations (chi^2 of 3 and of 2 parameters, 95 %) from which on an error is taken out.
 CLEAR_ROTATION, CLEAR_DIRECTION = 7.8, 6.0
-# The matrix of e_k x ... for each axis, (3, 3, 3).
-CROSS = np.stack([np.cross(axis, np.eye(3)).T for axis in np.eye(3)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,10 +108,11 @@ class Derotation:
     def _rays(self, pair: Pair, current: Frame) -> tuple[Vector, Vector]:
         """Rays [N, 3] of corners now, and before in the current orientation as far as that is reported."""
         turn, image = pair.current_from_previous, pair.previous.image
-        if is_visible(pair.turn_rad, self._camera):
+        if pair.turn_rad > TURNS_PATCHES_RAD:
             return self._tracker.rays(turned(in_grey(image), turn, self._camera), current.image)
         now, before = self._tracker.rays(image, current.image)
-        return now, before @ turn.T
+        before = before @ turn.T
+        return now, before / before[:, 2:]
 
 
 def derotated(previous: Image, current: Image, displacement: Vector, camera: Camera) -> tuple[Image, Vector]:
@@ -148,69 +145,65 @@ def remainder(
     given = direction / np.linalg.norm(direction)
     aside = _aside(given)
     prior = 1 / np.array([ROTATION_SIGMA_RAD] * 3 + [direction_sigma_rad] * 2) ** 2
-    state = np.zeros(5)  # the rotation vector, and the direction's two angles
-    for _ in range(MOST_LINEARISATIONS):
-        seen = np.asarray(cv2.Rodrigues(state[:3])[0] @ before.T)
-        lines_px = focal_px * _lines(now.T, seen / seen[2], _tilted(given, aside, state[3:]), aside)
-        step, information = _least_squares(lines_px, prior, state)
-        state = state + step
-        if np.abs(step).max() < STRAIGHT_RAD:
+    # The rotation vector and the direction's two angles: where they were made linear, and the step from there.
+    state: Vector = np.zeros(5)
+    step: Vector = np.zeros(5)
+    settled = True
+    for _ in range(MOST_STEPS):
+        if settled:
+            state, step = state + step, np.zeros(5)
+            seen = cv2.Rodrigues(state[:3])[0] @ before.T
+            lines_px = focal_px * _lines(now.T, seen / seen[2], _tilted(given, aside, state[3:]), aside)
+        information, pull = _normal_equations(lines_px, step)
+        information.flat[::6] += prior
+        last, step = step, np.asarray(np.linalg.solve(information, -pull - prior * state), dtype=np.float64)
+        change, straight = step - last, np.abs(step).max() < STRAIGHT_RAD
+        settled = bool(change @ information @ change < (CLOSE_ENOUGH if straight else CLOSE))
+        if settled and straight:
             break
+    state = state + step
     covariance: Vector = np.linalg.inv(information).astype(np.float64)
     unit = _tilted(given, aside, state[3:])
     return Remainder(state[:3], unit, covariance * TOGETHER**2, state[3:], len(now))
 
 
-def _least_squares(lines_px: Vector, prior: Vector, state: Vector) -> tuple[Vector, Vector]:
-    """The step (5,) from a state (5,), and its information matrix (5, 5), of `_lines` in pixels (6, 2 N).
+def _normal_equations(lines_px: Vector, step: Vector) -> tuple[Vector, Vector]:
+    """Matrix (5, 5) and right side (5,) of `_lines` in pixels (6, 2 N), with Cauchy weights of what a step leaves.
 
     A point that moved against the parallax has no depth at all, and counts by how far it did.
     """
-    columns, off_px, points = lines_px[:5], lines_px[5], lines_px.shape[1] // 2
-    left_px, step = off_px, np.zeros(5)
-    for _ in range(MOST_WEIGHINGS):
-        noise_px = max(1.4826 * _median(np.abs(left_px[:points])), LEAST_NOISE_PX)
-        weights = 1 / (noise_px**2 + (left_px / CAUCHY) ** 2)
-        weights[points:] *= left_px[points:] < 0
-        weighted = columns * weights
-        information = weighted @ columns.T + np.diag(prior)
-        last, step = step, np.linalg.solve(information, -weighted @ off_px - prior * state)
-        if (step - last) @ information @ (step - last) < CLOSE_ENOUGH:
-            break
-        left_px = off_px + step @ columns
-    return step, information
+    left_px, points = lines_px[5] + step @ lines_px[:5], lines_px.shape[1] // 2
+    noise_px = max(1.4826 * _median(np.abs(left_px[:points])), LEAST_NOISE_PX)
+    weights = 1 / (noise_px**2 + (left_px / CAUCHY) ** 2)
+    weights[points:] *= left_px[points:] < 0
+    products = (lines_px[:5] * weights) @ lines_px.T
+    return np.ascontiguousarray(products[:, :5]), products[:, 5]
 
 
 def _lines(now: Vector, before: Vector, unit: Vector, aside: Vector) -> Vector:
     """Points' distances from their epipolar lines, then how far along them they moved, on the plane z = 1 (6, 2 N).
 
     The rows: what three turns and two angles of the direction add to the distance, and the distance.
+    `now` and `before` (3, N) with z = 1, `unit` (3,), `aside` (3, 2).
     """
-    towards = unit[:2, None] - now[:2] * unit[2]
-    reach = np.maximum(np.hypot(*towards), NEAREST_TO_FOCUS)
-    products = (before[:, None] * now).reshape(9, -1)
-    return np.hstack([_forms(unit, aside) @ products / reach, _along(now, before, towards / reach)])
-
-
-def _forms(unit: Vector, aside: Vector) -> Vector:
-    """Matrices M, flat (6, 9): before . M now is a point's row of `_lines`, but for the reach.
-
-    M = [d]x for the distance, [e_k]x^T [d]x for a turn about axis k.
-    """
-    across = (np.vstack([aside.T, unit]) @ CROSS.reshape(3, 9)).reshape(3, 3, 3)
-    return np.concatenate([-CROSS @ across[2], across]).reshape(6, 9)
-
-
-def _along(now: Vector, before: Vector, along: Vector) -> Vector:
-    """How far points moved along their lines the way that a depth allows, and what turns add to it (6, N)."""
-    (x, y), (along_x, along_y) = before[:2], along
-    moved = (x - now[0]) * along_x + (y - now[1]) * along_y
-    # What a rotation adds to x and to y of a ray with z = 1: (w x ray) brought back to z = 1.
-    about_x = -x * y * along_x - (1 + y * y) * along_y
-    about_y = (1 + x * x) * along_x + x * y * along_y
-    about_z = x * along_y - y * along_x
-    nothing = np.zeros_like(x)
-    return np.stack([about_x, about_y, about_z, nothing, nothing, moved])
+    (x1, y1, _), (x2, y2, _) = now, before
+    # The line d x x1, whose length on the plane is the reach: d . (x1 x x2) = x2 . (d x x1).
+    along_x, along_y = unit[0] - x1 * unit[2], unit[1] - y1 * unit[2]
+    reach = np.maximum(np.sqrt(along_x * along_x + along_y * along_y), NEAREST_TO_FOCUS)
+    along_x /= reach
+    along_y /= reach
+    across = (unit[0] * y1 - unit[1] * x1) / reach
+    right, down = x2 - x1, y2 - y1
+    rows = np.zeros((6, 2, len(x1)))
+    off, along = rows[:, 0], rows[:, 1]
+    # A turn w adds (w x x2) . (d x x1) = w . (x2 x (d x x1)).
+    toward = x2 * along_x + y2 * along_y
+    off[0], off[1], off[2] = y2 * across + along_x, along_y - x2 * across, -toward
+    off[3:] = np.vstack([aside.T, unit]) @ (np.array([-down, right, x1 * y2 - y1 * x2]) / reach)
+    # What it adds to x and to y of a ray with z = 1: (w x ray) brought back to z = 1.
+    along[0], along[1], along[2] = -y2 * toward - along_y, x2 * toward + along_x, x2 * along_y - y2 * along_x
+    along[5] = right * along_x + down * along_y
+    return rows.reshape(6, -1)
 
 
 def _median(values: Vector) -> float:
@@ -221,9 +214,12 @@ def _median(values: Vector) -> float:
 
 def _aside(unit: Vector) -> Vector:
     """Two unit vectors perpendicular to one and to each other, columns (3, 2)."""
-    first = np.cross(unit, np.eye(3)[int(np.argmin(np.abs(unit)))])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(unit, first)], axis=1)
+    # d x e_k for each axis; the one farthest from d is used.
+    x, y, z = unit
+    first = np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])[int(np.argmin(np.abs(unit)))]
+    first = first / np.linalg.norm(first)
+    (a, b, c) = first
+    return np.array([first, [y * c - z * b, z * a - x * c, x * b - y * a]]).T
 
 
 def _tilted(unit: Vector, aside: Vector, angles: Vector) -> Vector:

@@ -11,14 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.motion import Vector
 from flightdepth.ranges.network import Image
 from flightdepth.ranges.pairs import Frame, Pair, Served, same_way
 from flightdepth.ranges.tracks import Tracker, tracked_rays
-
-Vector = NDArray[np.float64]
 
 FEWEST_INLIERS = 12
 # A quarter of the points moved as far as this; less is within what tracking and gimbal get wrong.
@@ -29,9 +27,8 @@ INLIER_PX = 0.75  # between a point and its epipolar line
 TRIALS = 120
 REFINEMENTS = 3
 WORST_SIGMA_RAD = np.radians(15)
-HOLDS_NS = (
-    500_000_000  # how long a direction holds for pictures that do not tell one, if the log says the same way
-)
+# How long a direction holds for pictures that do not tell one, if the log says the same way.
+HOLDS_NS = 500_000_000
 
 
 @dataclass(frozen=True)

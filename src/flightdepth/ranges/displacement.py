@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.errors import BadInput
-from flightdepth.motion import quaternion_from_rotation, unit_quaternion
-from flightdepth.ranges.attitude import MAX_GAP_S, Flags, Vector, neighbours, orientations
+from flightdepth.motion import Vector, quaternion_from_rotation, unit_quaternion
+from flightdepth.ranges.attitude import MAX_GAP_S, Flags, neighbours, orientations
 from flightdepth.ranges.timeline import Rows, Stamps, Timeline
 
 VelocityFrame = Literal["world", "camera"]

@@ -103,14 +103,12 @@ class MultiRangeEstimator:
         planner = partial(
             Planner,
             ranges=ranges,
-            sides=min(camera.width / camera.fx, camera.height / camera.fy),
             memory_s=buffer_s,
             saturation=self._fusion is Fusion.SATURATION,
             turns=turns,
         )
         card = network.card.at_focal(self._grid.camera.fx)
-        self._first = Seer(network, card, planner(card))
-        self._planner = self._first.planner
+        self._first = Seer(network, card, planner(card, sides=sides_of(camera)))
         self._open_fallback, self._planner_of = fallback, planner
         self._fallback: Seer | None = None
         # Beyond a quarter of the view too little of the earlier picture is left.
@@ -122,14 +120,17 @@ class MultiRangeEstimator:
     @property
     def ranges(self) -> int:
         """Pairs a frame; may be set between two frames, where the machine has more or less to do."""
-        return self._planner.ranges
+        return self._first.planner.ranges
 
     @ranges.setter
     def ranges(self, ranges: int) -> None:
         check_ranges(ranges)
-        for seer in (self._first, self._fallback):
-            if seer is not None:
-                seer.planner.ranges = ranges
+        for seer in self._seers:
+            seer.planner.ranges = ranges
+
+    @property
+    def _seers(self) -> tuple[Seer, ...]:
+        return (self._first,) if self._fallback is None else (self._first, self._fallback)
 
     @property
     def max_turn_rad(self) -> float:
@@ -170,6 +171,8 @@ class MultiRangeEstimator:
         self._camera, self._grid = camera, self._network.grid(camera)
         card = self._network.card.at_focal(self._grid.camera.fx)
         self._first = replace(self._first, card=card)
+        for seer in self._seers:
+            seer.planner.look_through(seer.card, sides_of(camera))
         self._look_through(self._grid.camera)
         self._max_turn_rad = math.radians(camera.horizontal_fov_deg) / 4
         self.forget_frames()
@@ -243,7 +246,8 @@ class MultiRangeEstimator:
                 raise BadInput(
                     "fallback", expected="a network that needs no direction", got=network.card.name
                 )
-            self._fallback = Seer(network, network.card, self._planner_of(network.card, ranges=self.ranges))
+            planner = self._planner_of(network.card, ranges=self.ranges, sides=sides_of(self._camera))
+            self._fallback = Seer(network, network.card, planner)
         return self._picked(lines, frames, current, self._fallback), self._fallback
 
     def _picked(
@@ -327,9 +331,8 @@ class MultiRangeEstimator:
         self, pairs: tuple[Pair, ...], prediction: Prediction, fused: Fused, seer: Seer, started: float
     ) -> RangedDepth:
         depth_m = self._grid.to_source(fused.depth_m)
-        known = np.isfinite(depth_m)
         confidence = self._grid.to_source(fused.confidence)
-        np.copyto(confidence, np.float32(0), where=~known)
+        np.copyto(confidence, np.float32(0), where=np.isnan(depth_m))
         return RangedDepth(
             depth_m=depth_m,
             confidence=confidence,
@@ -338,8 +341,8 @@ class MultiRangeEstimator:
             shifts=np.array([pair.shift for pair in pairs]),
             displacements_m=np.array([pair.length_m for pair in pairs]),
             centroids_m=np.array([pair.depth_m for pair in pairs]),
-            farther_than_m=self._bound(fused.farther_than_m, known),
-            nearer_than_m=self._bound(fused.nearer_than_m, known),
+            farther_than_m=self._bound(fused.farther_than_m, depth_m),
+            nearer_than_m=self._bound(fused.nearer_than_m, depth_m),
             latency_ms=_since_ms(started),
             notes=self._notes(seer),
             moved_m=self._moved(pairs, seer.card),
@@ -355,13 +358,11 @@ class MultiRangeEstimator:
         told = card.knows_direction or all(pair.directed for pair in pairs)
         return np.stack([pair.displacement_m for pair in pairs]) if told else None
 
-    def _bound(self, bound_m: Map, known: NDArray[np.bool_]) -> Map:
-        """A bound at the source's size, where depth is not `known`; it is one value over wide areas."""
+    def _bound(self, bound_m: Map, depth_m: Map) -> Map:
+        """A bound at the size of `depth_m`; it is one value over wide areas, and known only where depth is not."""
         if not np.isfinite(bound_m).any():
-            return np.full(known.shape, np.nan, dtype=np.float32)
-        bound_m = self._grid.to_source(bound_m, "nearest")
-        np.copyto(bound_m, np.float32(np.nan), where=known)
-        return bound_m
+            return np.full_like(depth_m, np.nan)
+        return self._grid.to_source(bound_m, "nearest")
 
     def _skip(self, reason: str, started: float) -> RangedDepth:
         if not self._trajectory.knows_attitude:
@@ -374,6 +375,11 @@ class MultiRangeEstimator:
     def _forget_before(self, stamp_ns: int) -> None:
         self._buffer.expire(stamp_ns)
         self._trajectory.forget(stamp_ns)
+
+
+def sides_of(camera: Camera) -> float:
+    """Smaller side of a camera's pictures over its focal length."""
+    return min(camera.width / camera.fx, camera.height / camera.fy)
 
 
 def check_ranges(ranges: int) -> None:

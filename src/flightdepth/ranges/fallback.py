@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
-from flightdepth.ranges.network import DepthNetwork, FrameGrid, Image, Map, Movable, Vector
+from flightdepth.motion import Vector
+from flightdepth.ranges.network import DepthNetwork, FrameGrid, Image, Map, Movable
 from flightdepth.runtimes.prediction import Prediction
 
 

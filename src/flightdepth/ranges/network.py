@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.motion import Vector
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
 Image = NDArray[np.uint8]
 Map = NDArray[np.float32]
-Vector = NDArray[np.float64]
 
 
 class FrameGrid(Protocol):

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flightdepth.ranges.attitude import Flags, Vector
+from flightdepth.motion import Vector
+from flightdepth.ranges.attitude import Flags
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.network import Image
 

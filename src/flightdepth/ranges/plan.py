@@ -7,12 +7,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.motion import Vector
 from flightdepth.ranges.clusters import centroids, wanted_displacements
 from flightdepth.ranges.fusion import Fused, best_beta, ends
 from flightdepth.ranges.network import Map
 from flightdepth.weights.card import NetworkCard
-
-Vector = NDArray[np.float64]
 
 # Below this share of measured pixels their clusters say nothing about the picture.
 MIN_MEASURED = 0.01
@@ -75,6 +74,11 @@ class Planner:
         self._scouted_ns: int | None = None
         self._near_next = True
         self._start_over = False
+
+    def look_through(self, card: NetworkCard, sides: float) -> None:
+        """The lens changed: the card at the new focal length, and `sides`. What was learnt in metres holds."""
+        before, self._shift_per_depth = self._shift_per_depth, MAX_PICTURE_SHIFT * sides
+        self._card, self._limit_m = card, self._limit_m * self._shift_per_depth / before
 
     def wanted(self, stamp_ns: int, usable_m: Vector) -> tuple[Vector, Vector]:
         """Wanted displacements [m] and the depths [m] that ask for them (NaN at start-up), metres.

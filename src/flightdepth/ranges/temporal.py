@@ -10,14 +10,12 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.motion import Vector
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fusion import Fused, chance
 from flightdepth.ranges.network import Map
-
-Vector = NDArray[np.float64]
 
 GAIN = 0.4  # weight of the new frame
 AGREE_WITHIN = 1.25  # ratio of two depths of one point beyond which they are of different things
@@ -60,8 +58,9 @@ class TemporalAverage:
     def __init__(self, camera: Camera, shape: tuple[int, int]) -> None:
         """`camera` of the network's pictures, `shape` (h, w) of its maps."""
         height, width = shape
-        self._camera = camera.resized(width, height)
-        self._rays = self._camera.rays().astype(np.float32)
+        small = camera.resized(width, height)
+        self._matrix = small.matrix
+        self._rays = small.rays().reshape(-1, 3).T.astype(np.float32)  # (3, h w)
         self._last: Fused | None = None
 
     def add(self, fused: Fused, step: Step | None) -> Fused:
@@ -90,16 +89,18 @@ class TemporalAverage:
 
     def _seen_before(self, depth_m: Map, step: Step) -> tuple[Map, Map, Map]:
         """Where the last frame saw each point: pixels x and y, and its depth there, metres [h, w]."""
-        turn = step.current_from_previous.astype(np.float32)
-        # Rows of vectors: v @ R is R^T v. X_previous = X_current + displacement, in the current orientation.
-        points = (self._rays * depth_m[..., None] + step.displacement_m.astype(np.float32)) @ turn
-        camera, ahead_m = self._camera, points[..., 2]
+        # X_previous = R^T (X_current + displacement), R turning the earlier camera's axes into the present one's.
+        seen = self._matrix @ step.current_from_previous.T
+        moved = (seen @ step.displacement_m).astype(np.float32)
+        points = seen.astype(np.float32) @ self._rays
+        points *= depth_m.ravel()
+        points += moved[:, None]
+        ahead_m = points[2]
         with np.errstate(invalid="ignore", divide="ignore"):
-            x = np.float32(camera.fx) * points[..., 0] / ahead_m + np.float32(camera.cx)
-            y = np.float32(camera.fy) * points[..., 1] / ahead_m + np.float32(camera.cy)
-        out = ~(ahead_m > 0)
-        x[out], y[out] = -1e6, -1e6  # beside the picture; cv2.remap does not take NaN
-        return x.astype(np.float32), y.astype(np.float32), ahead_m.astype(np.float32)
+            pixels = points[:2] / ahead_m
+        # What lies behind goes beside the picture; cv2.remap does not take NaN.
+        x, y = np.where(ahead_m > 0, pixels, np.float32(-1e6)).reshape(2, *depth_m.shape)
+        return x, y, ahead_m.reshape(depth_m.shape)
 
 
 def _looked_up(map_hw: Map, x: Map, y: Map) -> Map:

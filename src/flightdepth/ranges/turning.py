@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.motion import Vector
 from flightdepth.ranges.network import Image
-
-Vector = NDArray[np.float64]
 
 # A turn that moves no pixel by more than this is left alone: resampling would cost more than it mends.
 UNSEEN_PX = 0.1

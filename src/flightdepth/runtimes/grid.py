@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.runtimes.lens import LensSampling
-from flightdepth.runtimes.sampling import PinholeSampling
+from flightdepth.runtimes.lens import LensSampling, padded, view_bounds
+from flightdepth.runtimes.sampling import PinholeSampling, pinhole_axes
 
+HAIR_LESS = 1 - 1e-6  # than full, so that rounding asks for no further 64 px
 NARROW_PX = 256  # below it little is left of the picture; said once, by whoever talks to the user
 
 Interpolation = Literal["bilinear", "nearest"]
@@ -26,7 +27,7 @@ class Sampling(Protocol):
 
     camera: Camera
     valid: NDArray[np.bool_]
-    width: int
+    extent: tuple[float, float]  # width and height of what the source shows, in pixels of the grid
 
     def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The source picture on the grid."""
@@ -46,11 +47,12 @@ class NetworkGrid:
     valid   [h, w] bool at 1/4 of that size: inside the source's view, not padding
     """
 
-    def __init__(self, camera: Camera, focal_px: float) -> None:
-        self.source = camera
-        self.focal_px = focal_px
-        ideal = camera.model == "pinhole" and not any(camera.distortion)
-        self._sampling: Sampling = (PinholeSampling if ideal else LensSampling)(camera, focal_px)
+    def __init__(self, camera: Camera, focal_px: float | None) -> None:
+        """`focal_px` None: `camera` is a grid's, and nothing moves, whatever rounding did to its focal lengths."""
+        self.source, self.focal_px = camera, focal_px or camera.fx
+        self._sampling: Sampling = (
+            PinholeSampling(camera, focal_px) if is_ideal(camera) else LensSampling(camera, self.focal_px)
+        )
         self.camera = self._sampling.camera
         self.valid = self._sampling.valid
 
@@ -76,14 +78,29 @@ class NetworkGrid:
     @property
     def warning(self) -> str | None:
         """One line for the user where the grid's picture is so narrow that the result will be poor."""
-        if self._sampling.width >= NARROW_PX:
+        if self._sampling.extent[0] >= NARROW_PX:
             return None
         return (
-            f"the network sees only {self._sampling.width} px across ({self.source.width}x"
+            f"the network sees only {self._sampling.extent[0]:.0f} px across ({self.source.width}x"
             f"{self.source.height} at focal length {self.source.fx:.0f} px, scaled to "
             f"{self.focal_px:.0f} px): expect coarse depth; "
             "a network trained at a longer focal length would do better"
         )
+
+
+def filling_focal_px(camera: Camera, focal_px: float) -> float:
+    """The focal length at which `camera` fills the grid that it has at `focal_px`: finer, at the same price."""
+    if is_ideal(camera):
+        rooms = [axis.size / axis.extent for axis in pinhole_axes(camera, focal_px)]
+    else:
+        left, right, top, bottom = (bound * focal_px for bound in view_bounds(camera))
+        rooms = [padded(extent) / extent for extent in (right - left, bottom - top)]
+    return focal_px * max(1.0, min(rooms) * HAIR_LESS)
+
+
+def is_ideal(camera: Camera) -> bool:
+    """Whether resizes are all that leads from the camera to a pinhole."""
+    return camera.model == "pinhole" and not any(camera.distortion)
 
 
 def check_image(what: str, image: NDArray[np.uint8], camera: Camera) -> None:

@@ -1,7 +1,7 @@
 """Convolutions on bytes, for CPUs that multiply them faster (VNNI, AMX): half the time of a DepthNet.
 
 A byte needs to know which range it stands for. Weights say it themselves, one range for each output channel; those of
-the feature maps are measured at export (`measured_ranges`) and kept on the card. FakeQuantize nodes (rounding to 256
+the feature maps are measured at export (`RangeMeter`) and kept on the card. FakeQuantize nodes (rounding to 256
 levels, in float) then mark both inputs of a convolution, which OpenVINO compiles to one on bytes (Jacob et al. 2018).
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import openvino as ov
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from openvino import opset13 as ops
 
 from flightdepth.runtimes.contract import Arrays
@@ -25,24 +25,36 @@ OTHER_AXES = {"Convolution": (1, 2, 3), "ConvolutionBackpropData": (0, 2, 3)}
 EXACT = ("predict_", "upsampled_", "deconv2", "deconv3", "refinement")
 
 
-def measured_ranges(model: Any, batches: Iterable[Arrays]) -> dict[str, tuple[float, float]]:
-    """Least and largest value that enters each convolution, by the name of its weights, over some batches.
+class RangeMeter:
+    """A runtime that, while it answers, measures what enters each convolution.
 
     `model` is an OpenVINO graph, which is changed: it is of no use afterwards.
     """
-    layers = list(_layers(model))
-    entering = {_place(layer): layer.input_value(0) for layer in layers}
-    known = len(model.outputs)
-    model.add_outputs(list(entering.values()))
-    settings = {"INFERENCE_PRECISION_HINT": "f32"}
-    request = ov.Core().compile_model(model, "CPU", settings).create_infer_request()
-    least, largest = np.full(len(entering), np.inf), np.full(len(entering), -np.inf)
-    for batch in batches:
-        maps = list(request.infer(dict(batch)).to_tuple())[known:]
-        least = np.minimum(least, [each.min() for each in maps])
-        largest = np.maximum(largest, [each.max() for each in maps])
-    found = dict(zip(entering, zip(least.tolist(), largest.tolist(), strict=True), strict=True))
-    return {_weights(layer).get_friendly_name(): found[_place(layer)] for layer in layers}
+
+    description = "OpenVINO, measuring"
+
+    def __init__(self, model: Any, architecture: str) -> None:
+        self.architecture = architecture
+        self._answers = [port.any_name for port in model.outputs]
+        self._places = {_weights(layer).get_friendly_name(): _place(layer) for layer in _layers(model)}
+        entering = {_place(layer): layer.input_value(0) for layer in _layers(model)}
+        model.add_outputs(list(entering.values()))
+        settings = {"INFERENCE_PRECISION_HINT": "f32"}
+        self._request = ov.Core().compile_model(model, "CPU", settings).create_infer_request()
+        self._ends = dict.fromkeys(entering, (np.inf, -np.inf))
+
+    def __call__(self, inputs: Arrays) -> dict[str, NDArray[np.float32]]:
+        """The network's answer."""
+        maps = self._request.infer(dict(inputs)).to_tuple()
+        known = len(self._answers)
+        for (place, (least, largest)), entered in zip(self._ends.items(), maps[known:], strict=True):
+            self._ends[place] = min(least, float(entered.min())), max(largest, float(entered.max()))
+        return {name: np.array(each) for name, each in zip(self._answers, maps[:known], strict=True)}
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Least and largest value so far, by the name of the convolution's weights."""
+        return {name: self._ends[place] for name, place in self._places.items()}
 
 
 def to_int8(model: Any, ranges: Ranges) -> None:

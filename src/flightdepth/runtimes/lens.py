@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -29,8 +30,8 @@ class LensSampling:
 
     def __init__(self, camera: Camera, focal_px: float) -> None:
         left, right, top, bottom = (bound * focal_px for bound in view_bounds(camera))
-        self.width = max(1, round(right - left))
-        width, height = (max(1, math.ceil(span / STRIDE)) * STRIDE for span in (right - left, bottom - top))
+        self.extent = right - left, bottom - top
+        width, height = map(padded, self.extent)
         # The view's middle becomes the picture's middle, so padding is shared between both sides.
         cx = (width - 1) / 2 - (left + right) / 2
         cy = (height - 1) / 2 - (top + bottom) / 2
@@ -58,8 +59,7 @@ class LensSampling:
         sampled = self._sample(filled, cv2.INTER_LINEAR)
         sampled += self._unseen
         if unknown is not None:
-            hidden = cv2.remap(unknown, *self._to_source, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
-            np.copyto(sampled, np.float32(np.nan), where=np.asarray(hidden, dtype=np.bool_))
+            sampled += self._sample(unknown, cv2.INTER_NEAREST)
         return sampled
 
     def _sample(self, map_hw: NDArray[np.float32], how: int) -> NDArray[np.float32]:
@@ -86,6 +86,12 @@ def fixed_point(points: NDArray[np.float32]) -> Table:
     return np.asarray(coarse, dtype=np.int16), np.asarray(fine, dtype=np.uint16)
 
 
+def padded(extent_px: float) -> int:
+    """The least multiple of 64 px that holds it."""
+    return max(1, math.ceil(extent_px / STRIDE)) * STRIDE
+
+
+@lru_cache(maxsize=8)
 def view_bounds(camera: Camera, steps: int = 257) -> tuple[float, float, float, float]:
     """Left, right, top, bottom of what the source sees at z = 1, at most 60 degrees off the axis.
 

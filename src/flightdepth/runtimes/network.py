@@ -15,7 +15,7 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.runtimes.contract import DEPTH, SIGMA, Arrays, Precision, Runtime
 from flightdepth.runtimes.devices import OPENVINO_DEVICES, on_cpu, open_runtime
-from flightdepth.runtimes.grid import NetworkGrid, check_image
+from flightdepth.runtimes.grid import NetworkGrid, check_image, filling_focal_px
 from flightdepth.runtimes.inputs import paired_inputs, swept_inputs
 from flightdepth.runtimes.memory import OutOfMemory
 from flightdepth.runtimes.onnx_openvino import unfit_weights
@@ -26,6 +26,7 @@ from flightdepth.weights.store import SHIPPED, StoredNetwork, read_card, read_ne
 Image = NDArray[np.uint8]
 
 GRIDS_KEPT = 8  # cameras in use at the same time; a source and its grid make two
+WORTH_IT = 1.02  # a network for any lens sees that much finer, if its grid has room
 
 
 class Network:
@@ -43,14 +44,24 @@ class Network:
         self._grids: dict[Camera, NetworkGrid] = {}
 
     def grid(self, camera: Camera) -> NetworkGrid:
-        """The network's view of `camera`; the tables are made once per camera."""
+        """The network's view of `camera`; the tables are made once per camera. A view's own view is itself."""
         if camera not in self._grids:
-            if len(self._grids) == GRIDS_KEPT:
-                self._grids.pop(next(iter(self._grids)))
-            # Pixels that the source does not have would tell a network for any lens nothing.
-            focal_px = min(self.card.focal_px, camera.fx) if self.card.any_lens else self.card.focal_px
-            self._grids[camera] = NetworkGrid(camera, focal_px)
-        return self._grids[camera]
+            for seldom in list(self._grids)[: max(0, len(self._grids) + 2 - GRIDS_KEPT)]:
+                del self._grids[seldom]
+            grid = self._laid_out(camera)
+            self._grids[grid.camera] = NetworkGrid(grid.camera, None)
+            self._grids[camera] = grid
+        grid = self._grids.pop(camera)
+        self._grids[camera] = grid
+        return grid
+
+    def _laid_out(self, camera: Camera) -> NetworkGrid:
+        if not self.card.any_lens:
+            return NetworkGrid(camera, self.card.focal_px)
+        # Pixels that the source does not have would tell nothing; those that the padding takes cost nothing.
+        focal_px = min(self.card.focal_px, camera.fx)
+        filled_px = min(filling_focal_px(camera, focal_px), camera.fx)
+        return NetworkGrid(camera, focal_px if filled_px < focal_px * WORTH_IT else filled_px)
 
     def depth(
         self, previous: Image, current: Image, displacement: ArrayLike, camera: Camera
@@ -95,6 +106,15 @@ class Network:
         """The same network with its pictures scaled to another focal length, where it knows any."""
         card = self.card.at_focal(focal_px)
         return self if card == self.card else Network(card, self.runtime, self._cpu)  # itself keeps its grids
+
+    def finer(self, times: float) -> Network:
+        """The same network with pictures that much finer (0.5: coarser), at `times`^2 the price; for any lens."""
+        if times == 1:
+            return self
+        if not (self.card.any_lens and 0.2 <= times <= 5):
+            expected = "0.2 to 5" if self.card.any_lens else f"1: {self.card.name} knows one focal length"
+            raise BadInput("detail", expected=expected, got=f"{times:g}")
+        return self.at_focal(self.card.focal_px * times)
 
     def move_to_cpu(self) -> bool:
         """Go on there, where the device has no memory left; False where this is the last resort already."""
@@ -194,7 +214,8 @@ def networks() -> tuple[str, ...]:
 def nearest_network(camera: Camera, folder: Path = SHIPPED) -> str:
     """The network in `folder` for a camera: one for any lens, else that of the nearest focal length, as a ratio.
 
-    Of several the smallest, which is the one for flights in real time; then by name.
+    Of several the smallest, which is the one for flights in real time, and of those the one that sees finest;
+    then by name.
     """
     names = shipped_networks(folder)
     if not names:
@@ -202,9 +223,9 @@ def nearest_network(camera: Camera, folder: Path = SHIPPED) -> str:
             "network", expected="a shipped one", got="none in this build", mend="Give --network FILE."
         )
 
-    def rank(name: str) -> tuple[float, int, str]:
+    def rank(name: str) -> tuple[float, int, float, str]:
         card = read_card(folder / f"{name}.onnx")
         off = 0.0 if card.any_lens else round(abs(math.log(card.focal_px / camera.fx)), 6)
-        return off, card.base_width, name
+        return off, card.base_width, -card.focal_px if card.any_lens else 0.0, name
 
     return min(names, key=rank)

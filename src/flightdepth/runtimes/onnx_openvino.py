@@ -12,6 +12,7 @@ import openvino as ov
 from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
+from flightdepth.runtimes.block_means import by_convolution
 from flightdepth.runtimes.contract import Arrays, Precision, architecture_of, check_inputs
 from flightdepth.runtimes.int8 import Ranges, to_int8
 
@@ -41,6 +42,8 @@ class OpenVinoRuntime:
         self._model, self.architecture = open_graph(self._core, onnx)
         if precision == "int8":
             to_int8(self._model, ranges or {})
+        if precision != "bf16":
+            by_convolution(self._model)
         self._outputs = [port.any_name for port in self._model.outputs]
         # The precision is always said: OpenVINO takes bf16 by itself where the CPU has it.
         self._settings: dict[str, Any] = {

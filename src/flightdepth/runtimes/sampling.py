@@ -26,7 +26,8 @@ NEAR_ENOUGH = 0.01
 class Axis:
     """How one axis of the source lies on the grid, in pixels.
 
-    `used` source pixels from `start` on become `inner` grid pixels from `pad` on, out of `size`.
+    `used` source pixels from `start` on become `inner` grid pixels from `pad` on, out of `size`; all of the source
+    would become `extent`.
     """
 
     start: int
@@ -35,12 +36,13 @@ class Axis:
     pad: int
     size: int
     halvings: int
+    extent: float
 
     @classmethod
     def fit(cls, source: int, scale: float) -> Axis:
         """Lay `source` pixels out at about `scale`: at most 3 grid px are cut off to reach a whole cell."""
         if source % STRIDE == 0 and abs(scale - 1) < NEAR_ENOUGH:
-            return cls(0, source, source, 0, source, 0)
+            return cls(0, source, source, 0, source, 0, source * scale)
         inner = int(source * scale + 0.5) // OUTPUT_STRIDE * OUTPUT_STRIDE
         if inner == 0:
             raise BadInput(
@@ -53,7 +55,7 @@ class Axis:
         used = min(round(inner / scale / step), source // step) * step
         size = math.ceil(inner / STRIDE) * STRIDE
         pad = (size - inner) // 2 // OUTPUT_STRIDE * OUTPUT_STRIDE
-        return cls((source - used) // 2, used, inner, pad, size, halvings)
+        return cls((source - used) // 2, used, inner, pad, size, halvings, source * scale)
 
     @property
     def whole(self) -> bool:
@@ -71,14 +73,19 @@ class Axis:
         return slice(self.start, self.start + self.used)
 
 
-class PinholeSampling:
-    """Resizes for a source without distortion; see `grid.Sampling`."""
+def pinhole_axes(camera: Camera, focal_px: float | None) -> tuple[Axis, Axis]:
+    """How both axes of a camera lie on its grid; `focal_px` None leaves them as they are."""
+    scale_x, scale_y = (focal_px / camera.fx, focal_px / camera.fy) if focal_px else (1.0, 1.0)
+    return Axis.fit(camera.width, scale_x), Axis.fit(camera.height, scale_y)
 
-    def __init__(self, camera: Camera, focal_px: float) -> None:
+
+class PinholeSampling:
+    """Resizes for a source without distortion; see `grid.Sampling`. `focal_px` None leaves it as it is."""
+
+    def __init__(self, camera: Camera, focal_px: float | None) -> None:
         self._source = camera
-        self._x = x = Axis.fit(camera.width, focal_px / camera.fx)
-        self._y = y = Axis.fit(camera.height, focal_px / camera.fy)
-        self.width = x.inner
+        self._x, self._y = x, y = pinhole_axes(camera, focal_px)
+        self.extent = x.extent, y.extent
         self._same = x.whole and y.whole
         used = camera.without_distortion().cropped(x.start, y.start, x.used, y.used)
         padded = used.resized(x.inner, y.inner).cropped(-x.pad, -y.pad, x.size, y.size)
@@ -127,12 +134,11 @@ def enlarge(map_hw: NDArray[np.float32], target: NDArray[np.float32], *, nearest
     filled, unknown = without_nan(map_hw)
     cv2.resize(filled, size, dst=target, interpolation=cv2.INTER_LINEAR)
     if unknown is not None:
-        hidden = cv2.resize(unknown, size, interpolation=cv2.INTER_NEAREST_EXACT)
-        np.copyto(target, np.float32(np.nan), where=np.asarray(hidden, dtype=np.bool_))
+        target += cv2.resize(unknown, size, interpolation=cv2.INTER_NEAREST_EXACT)
 
 
-def without_nan(map_hw: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
-    """The map with each NaN replaced by the mean of its known neighbours, and where they were (1).
+def without_nan(map_hw: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """The map with each NaN replaced by the mean of its known neighbours, and what to add for them: 0, or NaN.
 
     Bilinear sampling looks one cell far, so one step of filling keeps NaN out of its neighbours.
     """
@@ -143,4 +149,4 @@ def without_nan(map_hw: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArr
     weight = cv2.boxFilter(known.astype(np.float32), -1, window, normalize=False)
     total = cv2.boxFilter(np.where(known, map_hw, np.float32(0)), -1, window, normalize=False)
     filled = np.where(known, map_hw, total / np.maximum(weight, np.float32(1)))
-    return filled.astype(np.float32), (~known).astype(np.uint8)
+    return filled.astype(np.float32), np.where(known, np.float32(0), np.float32(np.nan))

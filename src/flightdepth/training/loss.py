@@ -48,8 +48,8 @@ def multi_scale_l1(
     1 + near_weight_m / Z times; with `inverse` it is the error of inverse depth (`inverse_error_m`).
     """
     total = torch.zeros((), device=target_m.device)
-    # One more than the decoder's scales: the finest was refined, and counts as much again.
-    weights = SCALE_WEIGHTS[: max(len(depths) - len(SCALE_WEIGHTS), 0)] + SCALE_WEIGHTS
+    # More than the decoder's scales: the finest was refined, and each refinement counts as much again.
+    weights = (SCALE_WEIGHTS[0],) * max(len(depths) - len(SCALE_WEIGHTS), 0) + SCALE_WEIGHTS
     for depth, weight in zip(depths, weights, strict=True):
         truth = _pooled(target_m, depth)
         beyond = ((truth >= upper) & (depth > upper)) | ((truth <= lower) & (depth < lower))

@@ -26,7 +26,9 @@ def drawn(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
         last = recipe.stages[-1]
         focal_px = recipe.reference_focal_px or recipe.scenes.focal_px(last.full_width)
         shift_px_m = recipe.nominal_shift * recipe.scenes.step_m * focal_px
-        return MotionNet(recipe.base_width, shift_px_m=shift_px_m, largest_m=recipe.depth_max_m)
+        return MotionNet(
+            recipe.base_width, shift_px_m=shift_px_m, largest_m=recipe.depth_max_m, looks=recipe.looks
+        )
     if recipe.architecture == "FlowNetS":
         return FlowNetS(recipe.base_width, recipe.activation)
     return DepthNet(recipe.base_width, recipe.activation)

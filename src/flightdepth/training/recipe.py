@@ -60,6 +60,7 @@ class Recipe(_Strict):
     leaky_slope: float = Field(
         default=0.0, ge=0, lt=1, description="LeakyReLU of that slope where the network has ReLU"
     )
+    looks: int = Field(default=1, ge=1, description="times that MotionNet refines its depth")
     batch_norm_momentum: float = Field(default=0.1, gt=0, le=1, description="of the running statistics")
     nominal_shift: int = Field(gt=0)
     depth_min_m: float = Field(ge=0)

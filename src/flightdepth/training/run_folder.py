@@ -48,6 +48,11 @@ class Trained:
             if number >= first and (seen := self._seen(number, stage))
         )
 
+    @property
+    def first_shipped(self) -> NetworkCard | None:
+        """The card of the shipped network that this run or one of those it started from went on from."""
+        return self.shipped or (self.parent.first_shipped if self.parent else None)
+
     def _seen(self, number: int, stage: Stage) -> int:
         if number == self.progress.stage:
             return self.progress.sample

@@ -6,6 +6,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+# A network for any lens sees flights that much finer than at its recipe's reference focal length.
+FLIGHT_DETAIL = 2
+
 
 class Stage(BaseModel):
     """One stage of a training curriculum."""
@@ -43,6 +46,7 @@ class NetworkCard(BaseModel):
     architecture: Literal["DepthNet", "FlowNetS", "MotionNet"]
     base_width: int = Field(description="feature maps of the first convolution: 32, or 16 for Tiny")
     activation: Literal["elu+1", "none"]
+    looks: int = Field(default=1, ge=1, description="times that MotionNet refines its depth")
     nominal_shift: int = Field(gt=0, description="frames between the images of a nominal training pair")
     D0_m: float = Field(gt=0, description="displacement of a nominal training pair")
     depth_min_m: float = Field(ge=0, description="lower clip of the training depth; 0 where there is none")

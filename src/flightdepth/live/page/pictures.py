@@ -8,9 +8,8 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from flightdepth.errors import FlightDepthError
 from flightdepth.live.status import LiveResult
-from flightdepth.outputs.encoding import centimetres_from_depth
+from flightdepth.outputs.encoding import centimetres_from_depth, jpeg
 from flightdepth.outputs.palette import Bounds, DepthScale, Palette, Picture
 
 WIDEST_PX = 800
@@ -51,7 +50,7 @@ class Pictures:
         with self._making:
             made = self._made.get(name)
             if made is None or made[0] < number:
-                made = number, encoded(self._makers[name](result), QUALITY[name])
+                made = number, jpeg(self._makers[name](result), QUALITY[name])
                 self._made[name] = made
         return made
 
@@ -76,11 +75,3 @@ def fitted(picture: np.ndarray, how: int) -> np.ndarray:
     if width <= WIDEST_PX:
         return picture
     return np.asarray(cv2.resize(picture, (WIDEST_PX, round(height * WIDEST_PX / width)), interpolation=how))
-
-
-def encoded(picture: Picture, quality: int) -> bytes:
-    """JPEG of RGB [H, W, 3]."""
-    done, data = cv2.imencode(".jpg", picture[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, quality))
-    if not done:
-        raise FlightDepthError(f"could not encode a {picture.shape[1]}x{picture.shape[0]} picture")
-    return data.tobytes()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flightdepth.live.obstacle_memory import NS_PER_S
+from flightdepth.flight.records import NS_PER_S
 from flightdepth.live.obstacle_messages import UNKNOWN, distances_cm
 from flightdepth.live.obstacle_sender import Newest
 from flightdepth.live.obstacles import ObstacleSettings, Sectors

@@ -1,0 +1,16 @@
+"""Tables into files and pipes lose no column."""
+
+from rich.table import Table
+
+from flightdepth.commands.terminal import show_table
+
+
+def test_a_table_in_a_pipe_is_as_wide_as_it_is(capsys):
+    table = Table(*(f"column {i:02d}" for i in range(30)))
+    table.add_row(*(f"figure {i:02d}" for i in range(30)))
+    show_table(table)
+    printed = capsys.readouterr().out
+    for i in range(30):
+        assert f"column {i:02d}" in printed
+        assert f"figure {i:02d}" in printed
+    assert len({len(line) for line in printed.splitlines()}) == 1

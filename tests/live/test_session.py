@@ -1,0 +1,53 @@
+"""What `flightdepth live` puts together; nothing is opened."""
+
+from contextlib import ExitStack
+from types import SimpleNamespace
+
+import pytest
+from live_peers import free_port
+
+from flightdepth.commands.live_session import Session
+from flightdepth.commands.live_settings import LiveSettings, Mount
+from flightdepth.commands.precision_option import NetworkPrecision
+
+
+@pytest.fixture
+def session(tmp_path, save_difference_network):
+    return Session(
+        LiveSettings(
+            video="rtsp://pilot:secret@127.0.0.1/main",
+            mavlink=f"udpin:127.0.0.1:{free_port()}",
+            telemetry=None,
+            telemetry_offset=0.0,
+            camera=None,
+            hfov=80.0,
+            mount=Mount.FIXED,
+            tilt=15.0,
+            camera_delay_ms=0.0,
+            sender_clock=False,
+            network=str(save_difference_network()),
+            precision=NetworkPrecision.AUTO,
+            ranges=2,
+            out=tmp_path / "out",
+            serve=None,
+            obstacles=False,
+            dry_run=None,
+            duration=None,
+        )
+    )
+
+
+def test_what_is_recorded_holds_no_password(session, monkeypatch):
+    """flight.json held the address as it was given."""
+    recorded = []
+    monkeypatch.setattr(session.engine, "add_sink", lambda name, sink: recorded.append(sink))
+    with ExitStack() as stack:
+        session._add_sinks(stack)
+    assert recorded[0]._settings["video"] == "rtsp://127.0.0.1/main"
+
+
+def test_obstacle_messages_that_fail_stand_in_the_state(session):
+    """They were counted where nobody looked."""
+    session.sender = SimpleNamespace(failed=3)
+    dropped = session.engine.status().telemetry_dropped
+    assert dropped == {"obstacle messages that could not be made or written": 3}

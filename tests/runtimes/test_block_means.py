@@ -1,0 +1,42 @@
+"""Block means by convolution: the same numbers, where they may be exchanged."""
+
+import numpy as np
+import openvino as ov
+import pytest
+from openvino import opset13 as ops
+
+from flightdepth.runtimes.block_means import by_convolution
+
+MAPS = np.random.default_rng(0).normal(size=(2, 5, 16, 24)).astype(np.float32)
+
+
+def graph(*, channels=5, strides=(4, 4), padding=(0, 0)):
+    maps = ops.parameter([-1, channels, -1, -1], np.float32)
+    means = ops.avg_pool(maps, list(strides), list(padding), list(padding), [4, 4], True)
+    return ov.Model([ops.abs(means)], [maps])
+
+
+def kinds(model):
+    return {node.get_type_name() for node in model.get_ops()}
+
+
+def answer(model):
+    compiled = ov.Core().compile_model(model, "CPU", {"INFERENCE_PRECISION_HINT": "f32"})
+    return compiled([MAPS])[0]
+
+
+def test_they_are_the_means_of_blocks():
+    model = graph()
+    by_convolution(model)
+    assert "AvgPool" not in kinds(model)
+    blocks = MAPS.reshape(2, 5, 4, 4, 6, 4).mean(axis=(3, 5))
+    assert answer(model) == pytest.approx(np.abs(blocks), abs=1e-6)
+
+
+@pytest.mark.parametrize("facts", [{"channels": -1}, {"strides": (2, 2)}, {"padding": (1, 1)}])
+def test_what_is_no_mean_of_blocks_or_of_unknown_channels_stays(facts):
+    model = graph(**facts)
+    before = answer(model)
+    by_convolution(model)
+    assert "AvgPool" in kinds(model)
+    assert np.array_equal(answer(model), before)
