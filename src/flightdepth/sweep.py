@@ -60,7 +60,8 @@ def sweep(previous: Image, current: Image, displacement: ArrayLike, camera: Came
     Only the direction counts; displacement 0 sweeps nothing.
     """
     direction = unit_direction(displacement)
-    swept = tuple(_swept(_grey(previous), _grey(current), direction, camera, level) for level in LEVELS)
+    pictures = _grey(previous), _grey(current)
+    swept = tuple(_swept(*pictures, direction, camera, level) for level in LEVELS)
     return Sweep(current, swept, motion_field(direction, camera))
 
 

@@ -59,20 +59,19 @@ def test_each_look_starts_from_what_the_one_before_it_gave(small):
     seen, look = [], small.refinement.forward
 
     def watched(depth, spread, features, difference):
-        seen.append((depth, spread))
+        seen.append((depth, difference.every))
         return look(depth, spread, features, difference)
 
     small.refinement.forward = watched
-    (once, *unrefined), _ = small(*inputs())
+    (_, *unrefined), _ = small(*inputs())
+    assert seen.pop()[1] == 1
     small.looks = 3
-    seen.clear()
     depths, spread = small(*inputs())
     assert len(depths) == 8
-    assert torch.equal(depths[2], once)
     assert torch.equal(depths[3], unrefined[0])
-    assert [torch.equal(start, depth) for (start, _), depth in zip(seen, depths[3:0:-1], strict=True)] == [
-        True
-    ] * 3
+    assert [every for _, every in seen] == [2, 2, 1]
+    for (start, _), depth in zip(seen, depths[3:0:-1], strict=True):
+        assert torch.equal(start, depth)
     assert not torch.allclose(depths[0], depths[1])
     assert spread.shape == depths[0].shape
 

@@ -26,9 +26,9 @@ def planes(image):
     return torch.from_numpy(image[..., 0].astype(np.float32))[None, None]
 
 
-def difference(previous, current, move):
+def difference(previous, current, move, every=1):
     field = torch.from_numpy(motion_field(unit_direction(move), CAMERA))[None]
-    return Difference(planes(previous), planes(current), field)
+    return Difference(planes(previous), planes(current), field, every=every)
 
 
 def flat(value, hypotheses=1):
@@ -66,6 +66,16 @@ def test_each_pixel_has_a_shift_of_its_own():
     found = seen(mixed)[0]
     assert torch.allclose(found[..., :40], far[..., :40])
     assert torch.allclose(found[..., 40:], near[..., 40:])
+
+
+@pytest.mark.parametrize("move", MOVES)
+def test_every_second_pixel_has_the_same_difference(move):
+    previous, current = texture(1), texture(2)
+    shifts = flat(1.0, 3) * torch.tensor([0.5, 2.0, 9.0]).view(1, 3, 1, 1)
+    left, inside = difference(previous, current, move)(shifts)
+    sparse, same = difference(previous, current, move, every=2)(shifts)
+    assert torch.allclose(sparse, left[..., ::2, ::2], atol=2e-2)  # grey levels
+    assert torch.equal(same, inside)
 
 
 def test_what_the_earlier_picture_does_not_hold_is_said():

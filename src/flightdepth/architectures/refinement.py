@@ -57,12 +57,15 @@ class Refinement(nn.Module):
         far = -functional.max_pool2d(-reach, NEIGHBOURHOOD, 1)
         hypotheses = torch.cat((shift - STEP, shift, shift + STEP, near, far), 1)
         left, inside = difference(torch.exp(hypotheses))
+        # Means over blocks of 4x4 pixels. A convolution is faster in OpenVINO, but in bf16 costs 7 % of the error:
+        # `runtimes.block_means` makes them one where that is not asked for.
+        block = 4 // difference.every
         gradient = left[:, 2:3] - left[:, 0:1]
-        square = _block_means(gradient * gradient) * inside[:, 1:2]
-        product = _block_means(gradient * left[:, 1:2]) * inside[:, 1:2]
+        square = functional.avg_pool2d(gradient * gradient, block) * inside[:, 1:2]
+        product = functional.avg_pool2d(gradient * left[:, 1:2], block) * inside[:, 1:2]
         off = (-product / (square + LEAST_GRADIENT)).clamp(-1, 1)
         clues = (
-            _block_means(left.abs()) * inside,
+            functional.avg_pool2d(left.abs(), block) * inside,
             2 * off,
             0.3 * torch.log1p(square / LEAST_GRADIENT),
             near - shift,
@@ -85,14 +88,15 @@ class Difference:
 
     previous, current  grey, in contrasts, [B, 1, H, W]
     field              [B, 2, H/4, W/4], `flightdepth.sweep.motion_field`
+    every              1, or 2 to look at every second pixel of every second row: a quarter of the work
     """
 
-    def __init__(self, previous: Tensor, current: Tensor, field: Tensor) -> None:
-        self.previous, self.current, self.field = previous, current, field
+    def __init__(self, previous: Tensor, current: Tensor, field: Tensor, *, every: int = 1) -> None:
+        self.previous, self.current, self.field, self.every = previous, current, field, every
 
     def __call__(self, shift_px: Tensor) -> tuple[Tensor, Tensor]:
-        """shift_px [B, k, H/4, W/4] to the differences [B, k, H, W], and 1 where the earlier picture holds the
-        middle of a block of 4x4 pixels, else 0, [B, k, H/4, W/4]."""
+        """shift_px [B, k, H/4, W/4] to the differences [B, k, H / every, W / every], and 1 where the earlier picture
+        holds the middle of a block of 4x4 pixels, else 0, [B, k, H/4, W/4]."""
         batch, hypotheses, rows, columns = shift_px.shape
         height, width = 4 * rows, 4 * columns
         across, down = self.field[:, 0:1], self.field[:, 1:2]
@@ -106,31 +110,28 @@ class Difference:
         inside = ((x.abs() < 1) & (y.abs() < 1)).to(scale.dtype)
         # Written as one sum over (x, y), so that no picture of coordinates is copied; all hypotheses of a picture
         # below one another, so that neither is the picture.
-        column = torch.arange(width, device=shift_px.device, dtype=shift_px.dtype)[:, None]
-        row = torch.arange(height, device=shift_px.device, dtype=shift_px.dtype)[:, None, None]
-        across = (corner - closing * (column - 1.5))[:, :, None] * (2 / width)  # [B, 1, 1, W, 1]
-        down = (top + (below - top) / 4 * (row - 1.5)[None])[:, None] * (2 / height)  # [B, 1, H, 1, 1]
+        every = self.every
+        column = torch.arange(0, width, every, device=shift_px.device, dtype=shift_px.dtype)[:, None]
+        row = torch.arange(0, height, every, device=shift_px.device, dtype=shift_px.dtype)[:, None, None]
+        # [B, 1, 1, W / every, 1] and [B, 1, H / every, 1, 1]
+        across = (corner - closing * (column - 1.5))[:, :, None] * (2 / width)
+        down = (top + (below - top) / 4 * (row - 1.5)[None])[:, None] * (2 / height)
         first, second = shift_px.new_tensor((1.0, 0.0)), shift_px.new_tensor((0.0, 1.0))
         moves = across * first + down * second
         stands = (
-            _middles(width, shift_px)[:, None] * first + _middles(height, shift_px)[:, None, None] * second
+            _middles(width, shift_px)[::every, None] * first
+            + _middles(height, shift_px)[::every, None, None] * second
         )
-        large = functional.interpolate(scale, scale_factor=4, mode="nearest")[..., None]
-        grid = (stands + large * moves).reshape(batch, hypotheses * height, width, 2)
+        large = functional.interpolate(scale, scale_factor=4 // every, mode="nearest")[..., None]
+        grid = (stands + large * moves).reshape(batch, hypotheses * (height // every), width // every, 2)
         warped = functional.grid_sample(self.previous, grid, padding_mode="border", align_corners=False)
-        return warped.reshape(batch, hypotheses, height, width) - self.current, inside
+        current = self.current[:, :, ::every, ::every]
+        return warped.reshape(batch, hypotheses, *current.shape[2:]) - current, inside
 
 
 def _middles(pixels: int, like: Tensor) -> Tensor:
     """Middles of pixels in a row, -1..1 from edge to edge of the picture, as grid_sample counts."""
     return (2 * torch.arange(pixels, device=like.device, dtype=like.dtype) + 1) / pixels - 1
-
-
-def _block_means(maps: Tensor) -> Tensor:
-    """Means over blocks of 4x4 pixels. A convolution is faster in OpenVINO, but in bf16 costs 7 % of the error:
-    `runtimes.block_means` makes them one where that is not asked for.
-    """
-    return functional.avg_pool2d(maps, 4)
 
 
 def _conv(taken: int, dilation: int = 1) -> tuple[nn.Module, ...]:
