@@ -45,6 +45,7 @@ class VideoAddress:
     options     FFmpeg's options
     paced       a file, played in real time and then over; else a stream, opened again when it breaks
     same_clock  its times are those of this machine's monotonic clock
+    rtp         FFmpeg receives RTP, and says in its log alone when packets are missing
     """
 
     name: str
@@ -53,6 +54,7 @@ class VideoAddress:
     options: Mapping[str, str] = field(default_factory=dict)
     paced: bool = False
     same_clock: bool = False
+    rtp: bool = False
 
     def source(self) -> Any:
         """What `av.open` takes as its file."""
@@ -67,7 +69,7 @@ def video_address(text: str) -> VideoAddress:
         transport = "udp" if scheme == "rtsp+udp" else "tcp"
         target = text.replace("rtsp+udp", "rtsp", 1)
         options = {"rtsp_transport": transport, "reorder_queue_size": "16"} | SENDER_CLOCK | QUICK
-        return VideoAddress(name, target, options=options)
+        return VideoAddress(name, target, options=options, rtp=True)
     if scheme == "rtp":
         _check_port(text)
         codec_of(text)
@@ -114,7 +116,7 @@ def _session(name: str, path: Path) -> VideoAddress:
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"video {name}", expected="a session description", got=str(error)) from error
     options = {"protocol_whitelist": "file,udp,rtp", "reorder_queue_size": "16"} | SENDER_CLOCK | QUICK
-    return VideoAddress(name, description, format="sdp", options=options)
+    return VideoAddress(name, description, format="sdp", options=options, rtp=True)
 
 
 def _check_port(text: str) -> None:

@@ -8,7 +8,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +29,8 @@ from flightdepth.live.video_address import VideoAddress
 OPEN_S, READ_S = 5.0, 1.5
 MISSED = "RTP: missed"
 SILENT = logging.NullHandler()  # one for all connections: a second time a logger does not add it
+Told = list[tuple[int, str, str]]  # level, who, what
+_listeners, _listening = 0, threading.Lock()
 LATE_NS = 2 * NS_PER_S  # a file's picture that is due so long ago is passed over: the machine slept
 
 
@@ -67,6 +69,9 @@ class VideoStream:
             self._container.close()
             raise StreamEnded("it has no video")
         self._stream = self._container.streams.video[0]
+        if address.rtp:
+            # A thread of FFmpeg's that logs waits for Python, while Python, freeing the codec, waits for that thread.
+            self._stream.codec_context.thread_count = 1
         self._decoder = SoundDecoder(self._stream.codec_context, counts)
 
     def close(self) -> None:
@@ -75,7 +80,8 @@ class VideoStream:
 
     def pictures(self, clock: PictureClock, stop: threading.Event) -> Iterator[Picture]:
         """Pictures as they come, stamped by `clock`; raises StreamEnded or FFmpegError when it breaks."""
-        with losses_told() as told:
+        log: AbstractContextManager[Told] = losses_told() if self._address.rtp else nullcontext([])
+        with log as told:
             for packet in self._container.demux(self._stream):
                 if stop.is_set():
                     return
@@ -127,13 +133,23 @@ class VideoStream:
 
 
 @contextmanager
-def losses_told() -> Iterator[list[tuple[int, str, str]]]:
+def losses_told() -> Iterator[Told]:
     """FFmpeg's warnings of this thread: the only word there is of lost RTP packets.
 
     The decoder fills what they held with guesses and calls few of those pictures damaged: with 3 % of the packets
-    lost, 4 of about 30.
+    lost, 4 of about 30. Only meanwhile does FFmpeg's log go through Python: see `VideoStream`.
     """
     logging.getLogger("libav").addHandler(SILENT)  # said in counts, not on stderr
-    av.logging.set_level(av.logging.WARNING)
-    with av.logging.Capture(local=True) as told:
-        yield told
+    _listen(1)
+    try:
+        with av.logging.Capture(local=True) as told:
+            yield told
+    finally:
+        _listen(-1)
+
+
+def _listen(change: int) -> None:
+    global _listeners  # noqa: PLW0603
+    with _listening:
+        _listeners += change
+        av.logging.set_level(av.logging.WARNING if _listeners else None)
