@@ -22,6 +22,7 @@ class Flying:
         self.clock_ns = 1_000_000_000
         self.step = 0
         self.health = Health(State.OK, None, 0)
+        self.distrusted: str | None = None
         self.feed = ObstacleFeed(ObstacleMap(SIGHT), ObstaclePacker(ObstacleSettings()))
         self.page = Page(self.status, self.feed)
         self.server = PageServer(self.page, "127.0.0.1:0")
@@ -45,6 +46,7 @@ class Flying:
             health=self.health,
             age_ms=40.0,
             age_p95_ms=52.0,
+            distrusted=self.distrusted,
             frames=FrameCounts(100 + self.step, 98 + self.step, {"a newer one came first": 2}),
             ranges=2,
             shifts=(3, 12),

@@ -173,6 +173,59 @@ def test_a_stall_of_the_link_is_no_reboot(vehicle, heard):
     assert heard["reboots"] == []
 
 
+JUMPS = "jumps of the autopilot's clock"
+
+
+def flying(vehicle, first_s, last_s, *, asked):
+    """Velocities at 20 Hz and, if `asked`, each second an answer to a question; at the true time the speed north."""
+    for tick in range(round(first_s * 20), round(last_s * 20)):
+        at_s = tick / 20
+        vehicle.velocity(at_s, (at_s % 10, 0.0, 0.0))
+        if asked and tick % 20 == 0:
+            boot_ns = round(at_s * S) + vehicle.delay_ns // 2 - vehicle.zero_ns
+            vehicle.send(mavlink.MAVLink_timesync_message(boot_ns, round(at_s * S)), at_s)
+
+
+@pytest.mark.parametrize("asked", [True, False])
+@pytest.mark.parametrize("jump_s", [0.5, 0.9, 10.0, 3600.0])
+def test_a_jump_of_the_clock_is_followed(vehicle, feed, store, jump_s, asked):
+    """Ten seconds long answers from before it counted: half a second ahead, or all left out as damage."""
+    flying(vehicle, 100, 105, asked=asked)
+    store.take_new()
+    vehicle.zero_ns -= round(jump_s * S)
+    flying(vehicle, 105, 110, asked=asked)
+    samples = store.take_new()
+    assert len(samples) >= 100 - 2 - 1  # two to be sure; after the next answer one stands earlier by the way
+    off_s = [sample.stamp_ns / S % 10 - sample.velocity[0] for sample in samples]
+    assert max(np.abs(off_s)) < 0.03
+    assert feed.counts[JUMPS] == (asked or jump_s > 2)
+    assert feed.counts["records with a damaged time"] == 2 * feed.counts[JUMPS]
+    assert feed.reboots == 0
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_one_damaged_time_is_neither_a_jump_nor_a_reboot(vehicle, feed, store, heard, asked):
+    """The next good one looked like a reboot."""
+    flying(vehicle, 100, 103, asked=asked)
+    vehicle.zero_ns -= 100 * S
+    vehicle.velocity(103)
+    vehicle.zero_ns += 100 * S
+    flying(vehicle, 103.05, 104, asked=asked)
+    assert heard["reboots"] == []
+    assert feed.counts[JUMPS] == 0
+    assert feed.counts["records with a damaged time"] == 1
+    assert len(store.take_new()) >= 78
+
+
+def test_a_stall_of_the_link_is_no_jump(vehicle, feed):
+    flying(vehicle, 100, 103, asked=True)
+    vehicle.delay_ns = 3 * S
+    vehicle.velocity(103)
+    vehicle.delay_ns = 20 * MS
+    flying(vehicle, 106.05, 108, asked=True)
+    assert feed.counts[JUMPS] == feed.counts["records with a damaged time"] == 0
+
+
 @pytest.mark.parametrize(("orientation", "height"), [(25, 12.34), (0, None)])
 def test_only_a_range_finder_that_looks_down_tells_the_height(vehicle, store, orientation, height):
     vehicle.send(mavlink.MAVLink_distance_sensor_message(0, 20, 4000, 1234, 0, 0, orientation, 0), 100)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from flightdepth.live.clock import WINDOW_NS, RemoteClock
 from flightdepth.live.meters import Ages, Rate
-from flightdepth.live.picture_clock import PictureClock
+from flightdepth.live.picture_clock import NO_REPORT, PictureClock
 
 MS, S = 10**6, 10**9
 FRAME = 33_333_333
@@ -77,6 +77,53 @@ def test_the_quickest_answer_counts():
     assert clock.live_ns(6 * S) == S
 
 
+def test_late_messages_stand_where_answers_say():
+    """A link that stalled gave three seconds of messages the time of their coming."""
+    clock = RemoteClock()
+    clock.arrived(100 * S, 200 * S + 30 * MS)
+    clock.answered(201 * S, 101 * S + 10 * MS, 201 * S + 20 * MS)
+    assert not clock.arrived(102 * S, 205 * S)
+    assert clock.live_ns(102 * S) == 202 * S
+
+
+def test_an_answer_ends_what_it_contradicts():
+    clock = RemoteClock()
+    clock.answered(0, 50 * S + MS, 2 * MS)
+    clock.answered(S, 49 * S + 5 * MS, S + 10 * MS)  # set back by two seconds; a slower trip
+    assert clock.live_ns(49 * S) == S
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(1, S), st.integers(0, S), st.integers(0, S // 2), st.integers(0, S // 2)),
+        min_size=1,
+    )
+)
+def test_nothing_true_is_ahead(steps):
+    """However long anything took, as long as it came after it was sent."""
+    clock, now = RemoteClock(), 0
+    for wait, delay, there, back in steps:
+        now += wait + there + back
+        assert not clock.is_ahead(now - delay + 7 * S, now)
+        clock.arrived(now - delay + 7 * S, now)
+        clock.answered(now - there - back, now - back + 7 * S, now)
+
+
+def test_a_time_is_ahead_that_answers_rule_out():
+    clock = RemoteClock()
+    clock.answered(0, 5 * S + 10 * MS, 20 * MS)
+    assert not clock.is_ahead(6 * S + 50 * MS, S)
+    assert clock.is_ahead(6 * S + 100 * MS, S)
+    assert not clock.is_ahead(16 * S + 100 * MS, 11 * S)  # the answer is too old
+
+
+def test_without_answers_only_seconds_are_ahead():
+    clock = RemoteClock()
+    clock.arrived(5 * S, 0)
+    assert not clock.is_ahead(7 * S + 900 * MS, S)
+    assert clock.is_ahead(8 * S + 100 * MS, S)
+
+
 def test_pictures_by_arrival_lose_the_cameras_delay():
     clock = PictureClock(40 * MS)
     clock.packet(0, 5 * S)
@@ -119,7 +166,18 @@ def test_it_is_not_believed_unasked():
 
 @pytest.mark.parametrize("off", [3 * S, -10 * S, -3600 * S])
 def test_a_sender_whose_clock_cannot_be_right_is_not_believed(off):
-    assert sender(PictureClock(0, wall_from_sender=True), 30, sender_off=off)[1] == "reception"
+    clock = PictureClock(0, wall_from_sender=True)
+    assert sender(clock, 30, sender_off=off)[1] == "reception"
+    assert f"{0.015 - off / S:.2f} s after they were taken" in clock.distrusted
+
+
+def test_why_a_clock_that_was_asked_for_is_not_believed_is_told():
+    assert PictureClock(0).distrusted is None
+    clock = PictureClock(0, wall_from_sender=True)
+    clock.packet(0, 5 * S)
+    assert clock.distrusted == NO_REPORT
+    sender(clock, 30)
+    assert clock.distrusted is None
 
 
 @pytest.mark.parametrize("step", [-S, S // 2, 3600 * S])
@@ -128,6 +186,7 @@ def test_a_stepped_wall_clock_moves_no_stamp(step):
     before, _ = sender(clock, 30)
     after, age_from = sender(clock, 30, first=30, set_by=step)
     assert age_from == "reception"
+    sender(clock, 30, first=60)
     assert "set by" in clock.distrusted
     assert abs(after - before - 30 * FRAME) <= 15 * MS  # what the way took; the step is nowhere
 

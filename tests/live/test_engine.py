@@ -7,13 +7,18 @@ from collections import Counter
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from flightdepth.camera import Camera
-from flightdepth.live.depth_stage import Staged
+from flightdepth.errors import BadInput
+from flightdepth.live.depth_stage import DepthStage, Lens, NoCalibration, Staged
 from flightdepth.live.engine import LiveEngine, Parts
 from flightdepth.live.meters import Rate
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.live.slots import Newest
+from flightdepth.live.status import State
+from flightdepth.live.video_address import VideoAddress
+from flightdepth.live.video_input import VideoInput, VideoListener
 from flightdepth.ranges.result import RangedDepth
 
 CAMERA = Camera.from_fov(6, 4, 90)
@@ -22,32 +27,47 @@ PICTURE = SimpleNamespace(stamp_ns=1_000, age_from="sender", rgb=lambda: IMAGE)
 
 
 class Stage:
-    """Says of every picture that it has no depth."""
+    """Says of every picture that it has no depth, of the first ones with an error for each."""
 
     ranges = 1
 
-    def __init__(self, counts: Counter[str]) -> None:
-        self.counts = counts
+    def __init__(self, counts: Counter[str], errors: tuple[Exception, ...] = ()) -> None:
+        self.counts, self.errors = counts, list(errors)
 
     def take(self, stamp_ns, image):
+        if self.errors:
+            raise self.errors.pop(0)
         depth = RangedDepth.unknown(CAMERA.height, CAMERA.width, "hovering", 1.0)
         return Staged(depth, image, CAMERA, changed=True)
 
 
 class Video:
-    """One picture, and the end."""
+    """So many pictures, and the end."""
 
-    def __init__(self) -> None:
-        self.slot, self.ended, self.error = Newest(), threading.Event(), None
-        self.received, self.reconnects, self.dropped = 1, 0, {}
-        self.slot.put(PICTURE)
+    def __init__(self, pictures: int = 1) -> None:
+        self.slot, self.ended, self.error = Pictures(pictures), threading.Event(), None
+        self.received, self.reconnects, self.dropped, self.distrusted = pictures, 0, {}, None
         self.ended.set()
 
 
-def engine(counts: Counter[str] | None = None) -> LiveEngine:
-    stage = Stage(Counter() if counts is None else counts)
-    parts = Parts(stage, MotionStore(), video=lambda listener: Video(), motion=lambda engine: None)
-    return LiveEngine(parts)
+class Pictures(Newest):
+    """PICTURE, so often."""
+
+    def __init__(self, count: int) -> None:
+        super().__init__()
+        self.left = count
+
+    def take(self, timeout_s):
+        self.left -= 1
+        return PICTURE if self.left >= 0 else None
+
+
+def engine(counts: Counter[str] | None = None, errors=(), say=lambda text: None) -> LiveEngine:
+    stage = Stage(Counter() if counts is None else counts, errors)
+    parts = Parts(
+        stage, MotionStore(), video=lambda listener: Video(1 + len(errors)), motion=lambda engine: None
+    )
+    return LiveEngine(parts, say=say)
 
 
 def test_a_picture_becomes_a_result():
@@ -83,3 +103,81 @@ def test_the_state_can_be_asked_while_a_picture_is_dropped_for_a_new_reason():
 
     dropped = engine(Growing({"not later than the one before": 2})).status().frames.dropped
     assert dropped["not later than the one before"] == 2
+
+
+UNCALIBRATED = NoCalibration("camera: expected a calibration for 100x100, got one for 6x4")
+DAMAGED = BadInput("velocity frame", expected="world or camera", got="'sea'")
+
+
+def test_each_refusal_is_counted_by_its_own_reason_and_the_next_picture_counts():
+    """Whatever could not be used was called a size without a calibration, and only the first was told."""
+    said = []
+    run = engine(errors=(UNCALIBRATED, DAMAGED, UNCALIBRATED, DAMAGED, DAMAGED), say=said.append)
+    run.run(threading.Event())
+    frames = run.status().frames
+    assert frames.dropped == {"size without a calibration": 2, "refused: velocity frame": 3}
+    assert frames.used == 1
+    assert said == [str(UNCALIBRATED), str(DAMAGED)]
+
+
+def test_why_no_picture_can_be_used_is_the_state():
+    run = engine(errors=(DAMAGED,))
+    run._on_picture(1)
+    run._work(PICTURE)
+    health = run._monitor.judge(2)
+    assert health.state is State.LOST
+    assert health.reason.endswith(str(DAMAGED))
+
+
+def test_only_a_size_that_the_camera_does_not_fit_is_one_without_a_calibration(monkeypatch):
+    def refuse(*arguments):
+        raise DAMAGED
+
+    network = SimpleNamespace(grid=refuse)
+    stage = DepthStage(network, Lens(CAMERA), MotionStore(), ranges=1, fixed=True)
+    with pytest.raises(NoCalibration, match="100x100"):
+        stage.take(1, np.zeros((100, 100, 3), np.uint8))
+    with pytest.raises(BadInput, match="velocity frame") as other:
+        stage.take(1, IMAGE)
+    assert not isinstance(other.value, NoCalibration)
+
+
+class SetClock:
+    """A stream whose sender's clock is right at first, and then set by three seconds."""
+
+    def pictures(self, clock, stop):
+        for i in range(60):
+            own_ns = i * 33_000_000
+            set_ns = 3 * 10**9 * (i >= 30)
+            clock.packet(own_ns, 10**12 + own_ns, sender_wall_ns=own_ns + set_ns, wall_now_ns=own_ns)
+            yield SimpleNamespace(stamp_ns=own_ns)
+
+    def close(self):
+        pass
+
+
+def test_a_senders_clock_that_is_no_longer_followed_is_said_once_and_shown(monkeypatch):
+    """Who asked for --sender-clock saw ages from reception, and not why."""
+    said = []
+    parts = Parts(
+        Stage(Counter()),
+        MotionStore(),
+        video=lambda listener: VideoInput(VideoAddress("camera", "camera"), listener, sender_clock=True),
+        motion=lambda engine: None,
+    )
+    run = LiveEngine(parts, say=said.append)
+    monkeypatch.setattr(run._video, "_open", SetClock)
+    run._video._read()
+    why = "a wall clock was set by 3.0 s"
+    assert run.status().distrusted == why
+    assert said == [f"video: ages count from reception, not by the sender's clock: {why}"]
+
+
+def test_of_a_clock_that_nobody_asked_for_nothing_is_said(monkeypatch):
+    said = []
+    video = VideoInput(
+        VideoAddress("camera", "camera"), VideoListener(lambda now_ns: None, said.append, said.append)
+    )
+    monkeypatch.setattr(video, "_open", SetClock)
+    video._read()
+    assert (video.distrusted, said) == (None, [])

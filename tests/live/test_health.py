@@ -169,6 +169,12 @@ def test_after_silence_the_estimator_gets_its_time(flight):
     assert flight.fly(1, results=False)[-1].state is not State.LOST
 
 
+def test_pictures_that_never_could_be_used_are_no_preparation():
+    flight = Flight()
+    flight.monitor.refused("camera: expected its shape, got 100x100")
+    assert flight.fly(1, results=False)[-1].reason == f"{STUCK}: camera: expected its shape, got 100x100"
+
+
 def test_why_pictures_cannot_be_used_is_told(flight):
     flight.monitor.refused("camera: expected its shape, got 100x100")
     assert flight.fly(3, results=False)[-1].reason.startswith(f"{STUCK}: camera")

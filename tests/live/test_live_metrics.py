@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 
@@ -63,6 +64,11 @@ def test_values_in_seconds_and_metres():
     assert found['flightdepth_shift_frames{range="1"}'] == 3
     assert found['flightdepth_frames_dropped_total{reason="a \\"newer\\" one\\ncame"}'] == 11
     assert found['flightdepth_sink_results_total{sink="page",outcome="missed"}'] == 3
+
+
+def test_whose_clock_the_age_counts_from():
+    assert values(prometheus(STATUS))["flightdepth_age_from_sender"] == 0
+    assert values(prometheus(replace(STATUS, age_from="sender")))["flightdepth_age_from_sender"] == 1
 
 
 def test_one_state_at_a_time():

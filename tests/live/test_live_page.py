@@ -61,6 +61,12 @@ def test_state_says_health_ages_counts_and_the_fan(flying):
     assert all((sector["m"] is None) == (sector["kind"] == "unknown") for sector in told["fan"]["sectors"])
 
 
+def test_state_says_why_the_senders_clock_is_not_followed(flying):
+    assert json.loads(get(flying.server, "state.json")[2])["age"]["distrusted"] is None
+    flying.distrusted = "a wall clock was set by 3.0 s"
+    assert json.loads(get(flying.server, "state.json")[2])["age"]["distrusted"] == flying.distrusted
+
+
 def test_old_sectors_are_unknown_on_the_page_too(flying):
     flying.fly()
     flying.clock_ns += 2_000_000_000

@@ -107,6 +107,13 @@ def test_figures_are_those_of_the_engine(watched):
     assert watched.tab.inner_text("#telemetry") == "30 Hz"
 
 
+def test_why_the_senders_clock_is_not_followed_is_shown(watched):
+    watched.flying.distrusted = "a wall clock was set by 3.0 s"
+    watched.until(
+        "document.getElementById('age-more').textContent.endsWith('reception: a wall clock was set by 3.0 s')"
+    )
+
+
 def test_a_server_that_died_is_said(watched):
     watched.until("document.getElementById('state').textContent === 'ok'")
     watched.flying.server.close()

@@ -12,13 +12,18 @@ from itertools import islice
 import av
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from live_peers import encode, free_port
 
 from flightdepth.flight.decoding import BUILT_ON_DAMAGE
 from flightdepth.live.picture_clock import PictureClock
 from flightdepth.live.rtp import (
     LONGEST_HELD_NS,
+    MAX_DROPOUT,
+    MAX_MISORDER,
     START_CODE,
+    Continuity,
     Reorder,
     RtpPacket,
     SenderReport,
@@ -210,8 +215,10 @@ def pictures_of(datagrams, count, *, gone=()):
 
         thread = threading.Thread(target=work)
         thread.start()
-        found = list(islice(stream.pictures(PictureClock(0), stop), count))
-        thread.join()
+        try:
+            found = list(islice(stream.pictures(PictureClock(0), stop), count))
+        finally:
+            thread.join()
     return found, counts
 
 
@@ -249,6 +256,82 @@ def test_silence_and_another_sender_end_a_connection():
         with pytest.raises(StreamEnded):
             stream._is_ours(other, 800_000_000)
     assert counts == {"RTP packets of another sender": 1}
+
+
+NEWEST = RtpPacket.parse(rtp(65_000, 2**32 - 1000))
+
+
+def strays(*steps, ms=33):
+    """What Continuity says of packets that lie (numbers, ticks) from NEWEST, `ms` after each other."""
+    continuity = Continuity()
+    assert continuity.strays(NEWEST, 0) == 0
+    return [
+        continuity.strays(
+            RtpPacket.parse(rtp((65_000 + n) % 2**16, (2**32 - 1000 + ticks) % 2**32)), i * ms * 10**6
+        )
+        for i, (n, ticks) in enumerate(steps, 1)
+    ]
+
+
+@pytest.mark.parametrize("number", [5, 50 - MAX_MISORDER, MAX_DROPOUT + 1, 20_000, 32_768, 45_000])
+@pytest.mark.parametrize("ticks", [2**31 - 1, 300_000, -2_000_000, -(2**31)])
+def test_a_restart_with_the_same_source_is_known_by_its_second_packet(number, ticks):
+    """Its packets were taken for late ones, half of all numbers long, or its times for those of the stream before."""
+    assert strays((1, 3000), (number, ticks), (number + 1, ticks)) == [0, 1, 2]
+
+
+def test_numbers_alone_tell_a_restart_too():
+    assert strays((20_000, 3000), (20_001, 6000)) == [1, 2]
+    assert strays((-20_000, 3000), (-19_999, 6000)) == [1, 2]
+
+
+def test_one_stray_packet_is_no_restart():
+    assert strays((1, 3000), (9000, 5), (2, 6000), (9001, 5), (3, 9000)) == [0, 1, 0, 1, 0]
+    assert strays((9000, 3000), (30_000, 3000), (9001, 3000)) == [1, 1, 1]
+
+
+@given(st.lists(st.tuples(st.integers(1, MAX_DROPOUT - 1), st.integers(0, MAX_MISORDER - 1)), max_size=40))
+def test_lost_late_and_repeated_packets_are_no_restart(gaps):
+    number, steps = 0, []
+    for gap, back in gaps:
+        number += gap
+        steps += [(number, 30 * number), (number - back, 30 * (number - back))]
+    assert not any(strays(*steps, ms=500))
+
+
+def test_packets_that_waited_while_this_process_slept_are_no_restart():
+    assert strays((1, 3000), (2, 6000), ms=60_000) == [0, 0]
+
+
+def renumbered(datagrams, *, number, ticks):
+    """The same pictures as a restarted sender's."""
+    packets = [RtpPacket.parse(data) for data in datagrams]
+    return [
+        rtp(
+            (packet.sequence + number) % 2**16,
+            (packet.timestamp + ticks) % 2**32,
+            marker=packet.marker,
+            payload=packet.payload,
+            source=packet.source,
+        )
+        for packet in packets
+    ]
+
+
+def test_a_restart_with_the_same_source_ends_the_connection(datagrams):
+    """It is opened again, with a new decoder, order and clock; before, no picture came for minutes."""
+    with pytest.raises(StreamEnded, match="anew"):
+        pictures_of(datagrams + renumbered(datagrams, number=-20_000, ticks=2**30), 90)
+
+
+def test_no_packet_of_the_new_stream_is_taken_for_one_of_the_old():
+    counts = Counter()
+    with closing(RtpStream(f"rtp://127.0.0.1:{free_port()}", counts)) as stream:
+        assert stream._is_ours(RtpPacket.parse(rtp(5, 0)), 0)
+        assert not stream._is_ours(RtpPacket.parse(rtp(6, 2**31)), 33_000_000)
+        with pytest.raises(StreamEnded):
+            stream._is_ours(RtpPacket.parse(rtp(7, 2**31)), 33_000_000)
+    assert counts == {"RTP packets that do not go on from those before": 1}
 
 
 def test_ages_count_from_the_senders_clock(clip):

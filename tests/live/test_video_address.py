@@ -65,6 +65,14 @@ def test_others_are_refused(text):
         video_address(text)
 
 
+def test_rtcp_needs_a_port_too():
+    """At 65535 the reports were awaited at a port that the system chose, and never came."""
+    with pytest.raises(BadInput, match="up to 65534, since RTCP"):
+        video_address("rtp://0.0.0.0:65535")
+    assert video_address("rtp://0.0.0.0:65534").format == RTP
+    assert video_address("udp://0.0.0.0:65535").format == "mpegts"
+
+
 def test_an_unknown_codec_is_refused():
     with pytest.raises(BadInput, match="h264 or h265"):
         video_address("rtp://0.0.0.0:5600?codec=vp9")

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from flightdepth.flight.autopilot import REBOOT_GAP_NS, STEP_NS, Gate, Velocity
+from flightdepth.flight.autopilot import REBOOT_GAP_NS, SHORTEST_RUN, STEP_NS, Gate, Velocity
 from flightdepth.flight.records import NS_PER_S, BodyAttitudeSample, Sample, VelocitySample
 from flightdepth.flight.tlog import ATTITUDES, GIMBAL, HEARTBEAT, KINDS, NO_AUTOPILOT, VELOCITIES, Source
 from flightdepth.live.clock import RemoteClock
@@ -21,7 +21,6 @@ from flightdepth.live.motion_store import MotionStore
 # Of two messages that tell the same the better one counts, as long as it keeps coming.
 PREFERRED_FOR_NS = NS_PER_S
 DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270: a range finder that looks down
-LATEST_NS = NS_PER_S  # a stamp so far ahead of its arrival is damage
 
 Message = Any
 
@@ -51,6 +50,7 @@ class AutopilotFeed:
         self._gimbal_clocks: dict[Source, RemoteClock] = defaultdict(RemoteClock)
         self._seen: dict[str, int] = {}
         self._offset_ns: int | None = None  # a copy of the clock's, for other threads
+        self._ahead = 0  # times in a row that lie ahead of the clock
         self._newest_boot_ns = 0
         self._newest_live_ns = 0
         self._held_until_ns = 0
@@ -75,7 +75,7 @@ class AutopilotFeed:
 
     def _take_autopilot(self, name: str, message: Message, now_ns: int) -> None:
         if name == "TIMESYNC":
-            if message.tc1 != 0:
+            if message.tc1 != 0 and not self._is_damaged(message.tc1, now_ns):
                 self.clock.answered(message.ts1, message.tc1, now_ns)
         elif name == "DISTANCE_SENSOR":
             self._take_range(message, now_ns)
@@ -86,6 +86,8 @@ class AutopilotFeed:
             self._seen[name] = now_ns
             for boot_ns, value in KINDS[name](message, self.counts):
                 if not self._is_best(name, VELOCITIES if isinstance(value, Velocity) else ATTITUDES, now_ns):
+                    continue
+                if self._is_damaged(boot_ns, now_ns):
                     continue
                 self._watch_for_reboot(boot_ns, now_ns)
                 self.clock.arrived(boot_ns, now_ns)
@@ -112,6 +114,17 @@ class AutopilotFeed:
         better = [self._seen[kind] for kind in family[: family.index(name)] if kind in self._seen]
         return all(now_ns - seen_ns >= PREFERRED_FOR_NS for seen_ns in better)
 
+    def _is_damaged(self, boot_ns: int, now_ns: int) -> bool:
+        """Whether a time lies ahead of the autopilot's clock; SHORTEST_RUN of them in a row are a clock that jumped."""
+        self._ahead = self._ahead + 1 if self.clock.is_ahead(boot_ns, now_ns) else 0
+        if 0 < self._ahead < SHORTEST_RUN:
+            self.counts["records with a damaged time"] += 1
+            return True
+        if self._ahead:
+            self.counts["jumps of the autopilot's clock"] += 1
+            self.clock, self._ahead = RemoteClock(), 0
+        return False
+
     def _watch_for_reboot(self, boot_ns: int, now_ns: int) -> None:
         if boot_ns < self._newest_boot_ns - STEP_NS:
             self.reboots += 1
@@ -125,9 +138,6 @@ class AutopilotFeed:
     def _keep(self, stamp_ns: int, value: Any, now_ns: int) -> None:
         if stamp_ns < self._held_until_ns:
             self.counts["records just after a reboot"] += 1
-            return
-        if stamp_ns > now_ns + LATEST_NS:
-            self.counts["records with a damaged time"] += 1
             return
         self._newest_live_ns = max(self._newest_live_ns, stamp_ns)
         for sample in newly_kept(self._gate, stamp_ns, value):

@@ -14,6 +14,8 @@ from flightdepth.flight.autopilot import STEP_NS
 from flightdepth.flight.records import NS_PER_S
 
 WINDOW_NS = 10 * NS_PER_S  # two crystals 50 ppm apart drift by 0.5 ms meanwhile
+# What one clock says of itself differs by less: milliseconds are rounded, filters predict, crystals drift.
+AHEAD_NS = NS_PER_S // 20
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,10 @@ class Answer:
     answered_ns: int
     offset_ns: int
     trip_ns: int
+
+    def contradicts(self, other: Answer) -> bool:
+        """Whether no one clock can have given both."""
+        return abs(self.offset_ns - other.offset_ns) > (self.trip_ns + other.trip_ns) // 2 + AHEAD_NS
 
 
 class RemoteClock:
@@ -34,18 +40,20 @@ class RemoteClock:
         # (arrival, arrival - own time), offsets rising: the first is the smallest of the window.
         self._arrivals: deque[tuple[int, int]] = deque()
         self._answers: deque[Answer] = deque(maxlen=32)
+        self._least_ns: int | None = None  # the smallest offset that any arrival had
 
     def arrived(self, own_ns: int, now_ns: int) -> bool:
         """Something stamped `own_ns` by the other clock came at `now_ns`; False where that clock stepped back.
 
-        Something very late looks the same: what is known is forgotten, and the next faster one puts it right.
+        Something very late looks the same: earlier arrivals are forgotten, and the next faster one puts it right.
+        Answers stay, since they know better; where the clock did step, the next one is without those before.
         """
         offset_ns = now_ns - own_ns
         stepped = bool(self._arrivals) and offset_ns - self._arrivals[0][1] > STEP_NS
         if stepped:
             self.steps += 1
             self._arrivals.clear()
-            self._answers.clear()
+        self._least_ns = offset_ns if self._least_ns is None else min(self._least_ns, offset_ns)
         while self._arrivals and self._arrivals[-1][1] >= offset_ns:
             self._arrivals.pop()
         self._arrivals.append((now_ns, offset_ns))
@@ -57,7 +65,21 @@ class RemoteClock:
         """A question sent at `sent_ns` was answered with the other clock's time, at `now_ns`."""
         trip_ns = now_ns - sent_ns
         if 0 <= trip_ns <= NS_PER_S:
-            self._answers.append(Answer(now_ns, sent_ns + trip_ns // 2 - own_ns, trip_ns))
+            answer = Answer(now_ns, sent_ns + trip_ns // 2 - own_ns, trip_ns)
+            if any(answer.contradicts(before) for before in self._answers):
+                self._answers.clear()
+            self._answers.append(answer)
+
+    def is_ahead(self, own_ns: int, now_ns: int) -> bool:
+        """Whether something stamped `own_ns` that came at `now_ns` would be from the future, by what is known.
+
+        Then the other clock jumped ahead, or the stamp is damaged: hear it with `arrived` only if others follow.
+        """
+        offset_ns = now_ns - own_ns
+        if self._least_ns is not None and offset_ns < self._least_ns - STEP_NS:
+            return True
+        recent = [a for a in self._answers if now_ns - a.answered_ns <= self._window_ns]
+        return any(offset_ns < a.offset_ns - a.trip_ns // 2 - AHEAD_NS for a in recent)
 
     @property
     def known(self) -> bool:

@@ -75,6 +75,10 @@ class Staged:
     changed: bool
 
 
+class NoCalibration(BadInput):
+    """Pictures of a size that what the user said of the camera does not hold for."""
+
+
 class DepthStage:
     """One estimator, made anew when the pictures' size changes. `counts` says what was left out.
 
@@ -132,7 +136,10 @@ class DepthStage:
 
     def prepare(self, width: int, height: int) -> None:
         """Make ready for pictures of this size; takes the network's time to compile, seconds on a small machine."""
-        camera = self._lens.at(width, height)
+        try:
+            camera = self._lens.at(width, height)
+        except BadInput as error:
+            raise NoCalibration(str(error)) from error
         grid = self._network.grid(camera)
         self._network.warm_up(grid.camera, self._most + 1)  # one more for a scout
         self._estimator = MultiRangeEstimator(self._network, camera, ranges=self._ranges, turns=self._turns)

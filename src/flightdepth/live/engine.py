@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Protocol
 
 from flightdepth.errors import BadInput
-from flightdepth.live.depth_stage import DepthStage, Staged
+from flightdepth.live.depth_stage import DepthStage, NoCalibration, Staged
 from flightdepth.live.health import HealthMonitor, Limits
 from flightdepth.live.meters import Ages, Rate
 from flightdepth.live.motion_store import MotionStore
@@ -70,10 +70,10 @@ class LiveEngine:
         self._control = RangeControl(parts.stage.ranges)
         self._pictures, self._results, self._ages = Rate(), Rate(), Ages()
         self._used = 0
-        self._uncalibrated: Counter[str] = Counter()
+        self._refused: Counter[str] = Counter()
         self._last: tuple[Staged, Picture] | None = None
         self._sinks: list[SinkThread] = []
-        self._video = parts.video(VideoListener(self._on_picture, self._on_stream_error))
+        self._video = parts.video(VideoListener(self._on_picture, self._on_stream_error, self._on_distrusted))
         self._motion = parts.motion(self)
 
     def __enter__(self) -> LiveEngine:
@@ -117,6 +117,7 @@ class LiveEngine:
                 health=self._monitor.judge(now_ns),
                 age_ms=self._ages.last_ms,
                 age_from="reception" if last is None else last[1].age_from,
+                distrusted=self._video.distrusted,
                 age_p95_ms=self._ages.p95_ms,
                 frames=FrameCounts(self._video.received, self._used, self._dropped()),
                 ranges=self._stage.ranges,
@@ -159,6 +160,9 @@ class LiveEngine:
             self._monitor.stream_failed(why)
         self._say(f"video: {why}; opening it again")
 
+    def _on_distrusted(self, why: str) -> None:
+        self._say(f"video: ages count from reception, not by the sender's clock: {why}")
+
     def _on_sink_failure(self, name: str, error: Exception) -> None:
         self._say(f"{name} failed, the estimator goes on: {type(error).__name__}: {error}")
 
@@ -167,8 +171,11 @@ class LiveEngine:
         began_ns = time.monotonic_ns()
         try:
             staged = self._stage.take(picture.stamp_ns, picture.rgb())
-        except BadInput as error:  # the stream's size changed to one without a calibration
-            self._refuse(str(error))
+        except NoCalibration as error:  # the stream's size changed
+            self._refuse("size without a calibration", str(error))
+            return
+        except BadInput as error:  # counted by what is wrong, without its figures
+            self._refuse(f"refused: {str(error).split(':', maxsplit=1)[0]}", str(error))
             return
         if staged is None:
             return
@@ -209,14 +216,14 @@ class LiveEngine:
         for sink in self._sinks:
             sink.put(result)
 
-    def _refuse(self, why: str) -> None:
+    def _refuse(self, reason: str, why: str) -> None:
         with self._lock:
-            first = not self._uncalibrated
-            self._uncalibrated["size without a calibration"] += 1
+            first = reason not in self._refused
+            self._refused[reason] += 1
             self._monitor.refused(why)
         if first:
             self._say(why)
 
     def _dropped(self) -> dict[str, int]:
         # The stage counts on the thread of `run`: copied in one step, since a sum of it would see it grow.
-        return dict(Counter(self._video.dropped) + Counter(self._stage.counts) + self._uncalibrated)
+        return dict(Counter(self._video.dropped) + Counter(self._stage.counts) + self._refused)

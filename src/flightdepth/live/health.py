@@ -122,7 +122,7 @@ class HealthMonitor:
             return SILENT + because
         refused = f": {self._refused}" if self._refused else ""
         if self._result_ns is None:
-            return PREPARING + refused
+            return STUCK + refused if refused else PREPARING
         if now_ns - max(self._result_ns, self._resumed_ns) > self._limits.stuck_ns:
             return STUCK + refused
         return None

@@ -54,6 +54,10 @@ def engine(status: LiveStatus) -> Iterator[Metric]:
     yield Metric(
         "age_p95_seconds", "gauge", "95 % of the last minute were younger", seconds(status.age_p95_ms)
     )
+    from_sender = None if status.age_ms is None else float(status.age_from == "sender")
+    yield Metric(
+        "age_from_sender", "gauge", "1: since the sender's time, 0: since reception", only(from_sender)
+    )
     yield Metric("ranges", "gauge", "Frame pairs a frame", only(status.ranges))
     lengths = enumerate(status.displacements_m, 1)
     yield Metric(
@@ -84,7 +88,12 @@ def telemetry(status: LiveStatus) -> Iterator[Metric]:
     yield Metric(
         "telemetry_age_seconds", "gauge", "Since the newest velocity", seconds(status.telemetry_age_ms)
     )
-    yield Metric("telemetry_dropped_total", "counter", "MAVLink messages left out or not sent", dropped)
+    yield Metric(
+        "telemetry_dropped_total",
+        "counter",
+        "MAVLink messages left out or not sent, jumps of its clock",
+        dropped,
+    )
 
 
 def sinks(status: LiveStatus) -> Iterator[Metric]:

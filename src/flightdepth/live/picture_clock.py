@@ -15,6 +15,7 @@ from flightdepth.live.status import AgeFrom
 OLDEST_NS, AHEAD_NS = 2 * NS_PER_S, NS_PER_S // 100
 # The stream's and the sender's clock drift apart by less, within one connection; more is a clock that was set.
 SET_NS = NS_PER_S // 10
+NO_REPORT = "no report of the sender's clock has come"
 
 
 class PictureClock:
@@ -22,14 +23,17 @@ class PictureClock:
 
     `wall_from_sender`: believe the wall clock of RTCP reports. `same_clock`: the stream's times are already
     those of our monotonic clock, if they look like it.
+
+    `distrusted`: why the wall clock asked for is not believed now; None where it is, or nobody asked for one.
     """
 
     def __init__(self, delay_ns: int, *, wall_from_sender: bool = False, same_clock: bool = False) -> None:
-        self.distrusted: str | None = None
+        self.distrusted = NO_REPORT if wall_from_sender else None
         self._delay_ns = delay_ns
         self._wall_from_sender, self._same_clock = wall_from_sender, same_clock
         self._arrivals = RemoteClock()
         self._sender_offset_ns: int | None = None
+        self._was_set = False
 
     def packet(
         self, own_ns: int, now_ns: int, *, sender_wall_ns: int | None = None, wall_now_ns: int = 0
@@ -38,7 +42,7 @@ class PictureClock:
         self._arrivals.arrived(own_ns, now_ns)
         if self._same_clock and _credible(own_ns, now_ns):
             self._sender_offset_ns = 0
-        elif self._wall_from_sender and sender_wall_ns is not None and self.distrusted is None:
+        elif self._wall_from_sender and sender_wall_ns is not None and not self._was_set:
             self._compare(own_ns, now_ns, now_ns + sender_wall_ns - wall_now_ns)
 
     def stamp(self, own_ns: int) -> tuple[int, AgeFrom]:
@@ -53,9 +57,12 @@ class PictureClock:
         before_ns = self._sender_offset_ns
         if before_ns is not None and abs(offset_ns - before_ns) > SET_NS:
             self.distrusted = f"a wall clock was set by {(offset_ns - before_ns) / NS_PER_S:.1f} s"
-            self._sender_offset_ns = None
+            self._sender_offset_ns, self._was_set = None, True
         elif _credible(claimed_ns, now_ns):
-            self._sender_offset_ns = offset_ns
+            self._sender_offset_ns, self.distrusted = offset_ns, None
+        elif self.distrusted == NO_REPORT:
+            age_s = (now_ns - claimed_ns) / NS_PER_S
+            self.distrusted = f"by the wall clocks pictures come {age_s:.2f} s after they were taken"
 
 
 def _credible(claimed_ns: int, now_ns: int) -> bool:

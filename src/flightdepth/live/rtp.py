@@ -18,6 +18,8 @@ NTP_UNIX_S = 2_208_988_800  # from 1900, where NTP begins, to 1970
 START_CODE = b"\x00\x00\x00\x01"
 MOST_HELD = 16  # packets that wait for one before them
 LONGEST_HELD_NS = 40_000_000
+MAX_DROPOUT, MAX_MISORDER = 3000, 100  # packets lost, and late, of one sender: RFC 3550, A.1
+MAX_STEP_NS = 2 * NS_PER_S  # a stream's time that steps back, or ahead of our clock, by more is another's
 H264_AGGREGATE, H264_FRAGMENT = 24, 28  # STAP-A, FU-A
 H265_AGGREGATE, H265_FRAGMENT = 48, 49
 
@@ -76,6 +78,40 @@ class Unit:
     data: bytes | None
     ticks: int
     came_ns: int
+
+
+class Continuity:
+    """Tells a sender that began anew, with the same source number: its packets go on anywhere (RFC 3550, A.1).
+
+    Numbers alone would not do: one in twenty restarts lands within MAX_DROPOUT.
+    """
+
+    def __init__(self) -> None:
+        self._newest: tuple[RtpPacket, int] | None = None
+        self._stray: RtpPacket | None = None
+        self._strays = 0
+
+    def strays(self, packet: RtpPacket, now_ns: int) -> int:
+        """How many in a row do not go on from those before, this the last: 0 for one that does, 2 for a new stream."""
+        if not self._goes_on(packet, now_ns):
+            follows = self._stray is not None and packet.sequence == (self._stray.sequence + 1) & 0xFFFF
+            self._stray, self._strays = packet, self._strays + 1 if follows else 1
+            return self._strays
+        self._stray, self._strays = None, 0
+        return 0
+
+    def _goes_on(self, packet: RtpPacket, now_ns: int) -> bool:
+        before, before_ns = self._newest or (packet, now_ns)
+        step = ((packet.sequence - before.sequence + 0x8000) & 0xFFFF) - 0x8000
+        ticks = ((packet.timestamp - before.timestamp + 2**31) & 0xFFFFFFFF) - 2**31
+        own_ns = ticks * NS_PER_S // CLOCK_HZ
+        if not -MAX_MISORDER < step < MAX_DROPOUT:
+            return False
+        if own_ns < -MAX_STEP_NS or own_ns - (now_ns - before_ns) > MAX_STEP_NS:
+            return False
+        if self._newest is None or step > 0:
+            self._newest = packet, now_ns
+        return True
 
 
 class Reorder:

@@ -18,7 +18,7 @@ import av
 from flightdepth.flight.decoding import NO_KEY_FRAME_YET
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.live.picture_clock import PictureClock
-from flightdepth.live.rtp import CLOCK_HZ, Reorder, RtpPacket, SenderReport, Unit, Units, begins
+from flightdepth.live.rtp import CLOCK_HZ, Continuity, Reorder, RtpPacket, SenderReport, Unit, Units, begins
 from flightdepth.live.sound_decoder import SoundDecoder
 from flightdepth.live.video_address import codec_of
 from flightdepth.live.video_stream import READ_S, Picture, StreamEnded
@@ -41,6 +41,7 @@ class RtpStream:
         codec = codec_of(target)
         self._counts, self._h265 = counts, codec == "hevc"
         self._decoder = SoundDecoder(av.CodecContext.create(codec, "r"), counts)
+        self._continuity = Continuity()
         self._reorder, self._units = Reorder(), Units(h265=self._h265)
         self._source: int | None = None
         self._heard_ns = 0
@@ -101,7 +102,7 @@ class RtpStream:
                     heard_s = time.monotonic()
 
     def _is_ours(self, packet: RtpPacket, now_ns: int) -> bool:
-        """The first sender counts, until it was silent for CHANGED_NS and another is heard."""
+        """The first sender counts, until it was silent for CHANGED_NS and another is heard, or began anew itself."""
         if packet.kind != PAYLOAD_TYPE:
             self._counts["RTP packets of another payload type"] += 1
             return False
@@ -113,7 +114,12 @@ class RtpStream:
             self._counts["RTP packets of another sender"] += 1
             return False
         self._heard_ns = now_ns
-        return True
+        strays = self._continuity.strays(packet, now_ns)
+        if strays > 1:  # decoder, order and clock know the stream before it: a new connection has new ones
+            raise StreamEnded("the sender began anew")
+        if strays:
+            self._counts["RTP packets that do not go on from those before"] += 1
+        return strays == 0
 
     def _take_report(self, data: bytes) -> None:
         report = SenderReport.parse(data)

@@ -70,6 +70,7 @@ class LiveStatus:
     health            OK, DEGRADED or LOST, with the reason
     age_ms            capture of the last result's picture to its result; None before the first
     age_from          whose clock `age_ms` counts from
+    distrusted        why it is not the sender's wall clock, though that was asked for
     age_p95_ms        95 % of the last minute's results were younger; None before the first
     frames            received, used, dropped by reason
     ranges            n in use now, 1..4: fewer when the machine cannot keep up
@@ -82,13 +83,14 @@ class LiveStatus:
     uptime_s          since the engine began
     reconnects        times that the video stream was opened again
     sinks             by name: results taken, missed, failed on
-    telemetry_dropped MAVLink messages left out or not sent, by reason
+    telemetry_dropped MAVLink messages left out or not sent, and jumps of the autopilot's clock, by reason
     """
 
     stamp_ns: int
     health: Health
     age_ms: float | None = None
     age_from: AgeFrom = "reception"
+    distrusted: str | None = None
     age_p95_ms: float | None = None
     frames: FrameCounts = field(default_factory=FrameCounts)
     ranges: int = 1

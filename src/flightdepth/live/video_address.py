@@ -26,6 +26,7 @@ WHOLE_PICTURES = {"fflags": "+noparse+nofillin"}
 # What `export_side_data` adds: the sender's wall clock, from RTCP reports.
 SENDER_CLOCK = {"export_side_data": "prft"}
 RTP = "rtp"  # read by our own `rtp_stream`
+LAST_PORT = 65_535
 # What may stand behind a camera's name, what FFmpeg calls it, and how it is written.
 CAMERA = {
     "size": ("video_size", r"[1-9]\d*x[1-9]\d*"),
@@ -71,7 +72,7 @@ def video_address(text: str) -> VideoAddress:
         options = {"rtsp_transport": transport, "reorder_queue_size": "16"} | SENDER_CLOCK | QUICK
         return VideoAddress(name, target, options=options, rtp=True)
     if scheme == "rtp":
-        _check_port(text)
+        _check_port(text, last=LAST_PORT - 1)  # RTCP comes to the next one
         codec_of(text)
         return VideoAddress(name, text, format=RTP)
     if scheme in ("udp", "tcp", "srt"):
@@ -119,14 +120,16 @@ def _session(name: str, path: Path) -> VideoAddress:
     return VideoAddress(name, description, format="sdp", options=options, rtp=True)
 
 
-def _check_port(text: str) -> None:
+def _check_port(text: str, last: int = LAST_PORT) -> None:
+    what = f"video {without_secrets(text)}"
     try:
         port = urlsplit(text).port
     except ValueError:
         port = None
     if not port:
-        what = f"video {without_secrets(text)}"
         raise BadInput(what, expected="a port, as in udp://0.0.0.0:5600", got="none that is one")
+    if port > last:
+        raise BadInput(what, expected=f"a port up to {last}, since RTCP comes to the next one", got=str(port))
 
 
 def _file(text: str) -> VideoAddress:

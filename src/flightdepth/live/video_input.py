@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from av.error import ExitError, FFmpegError
 
-from flightdepth.live.picture_clock import PictureClock
+from flightdepth.live.picture_clock import NO_REPORT, PictureClock
 from flightdepth.live.rtp_stream import RtpStream
 from flightdepth.live.slots import Newest
 from flightdepth.live.video_address import RTP, VideoAddress
@@ -24,10 +24,11 @@ NOT_TAKEN = "a newer picture came first"
 
 @dataclass(frozen=True)
 class VideoListener:
-    """Who hears of the stream, on its thread: each picture (live clock), and why it broke."""
+    """Who hears of the stream, on its thread: each picture (live clock), why it broke, why its clock is distrusted."""
 
     on_picture: Callable[[int], None]
     on_error: Callable[[str], None]
+    on_distrusted: Callable[[str], None]
 
 
 class VideoInput:
@@ -38,7 +39,7 @@ class VideoInput:
     epoch_ns      when a file's first picture is due
 
     `reconnects` counts how often the stream was opened again; `ended` is set when a file is over; `error`
-    holds what killed the thread, if anything did.
+    holds what killed the thread, if anything did; `distrusted` is PictureClock's.
     """
 
     def __init__(
@@ -55,6 +56,7 @@ class VideoInput:
         self.reconnects = 0
         self.ended = threading.Event()
         self.error: BaseException | None = None
+        self.distrusted: str | None = None
         self._counts: Counter[str] = Counter()
         self._address, self._listener = address, listener
         self._delay_ns, self._sender_clock, self._epoch_ns = delay_ns, sender_clock, epoch_ns
@@ -100,24 +102,30 @@ class VideoInput:
             self.reconnects += 1
 
     def _read(self) -> None:
+        clock = PictureClock(
+            self._delay_ns, wall_from_sender=self._sender_clock, same_clock=self._address.same_clock
+        )
         with closing(self._open()) as stream:
-            for picture in self._pictures(stream):
+            for picture in self._pictures(stream, clock):
                 now_ns = time.monotonic_ns()
                 self.received += 1
                 self.slot.put(picture)
                 self._listener.on_picture(now_ns)
+                self._tell_distrust(clock.distrusted)
+
+    def _tell_distrust(self, why: str | None) -> None:
+        changed, self.distrusted = why != self.distrusted, why
+        if changed and why is not None and why != NO_REPORT:  # the first report may come seconds later
+            self._listener.on_distrusted(why)
 
     def _open(self) -> VideoStream | RtpStream:
         if self._address.format == RTP:
             return RtpStream(self._address.target, self._counts)
         return VideoStream(self._address, self._counts)
 
-    def _pictures(self, stream: VideoStream | RtpStream) -> Iterator[Picture]:
+    def _pictures(self, stream: VideoStream | RtpStream, clock: PictureClock) -> Iterator[Picture]:
         if isinstance(stream, VideoStream) and self._address.paced:
             return stream.paced(self._epoch_ns, self._delay_ns, self._stop)
-        clock = PictureClock(
-            self._delay_ns, wall_from_sender=self._sender_clock, same_clock=self._address.same_clock
-        )
         return stream.pictures(clock, self._stop)
 
 

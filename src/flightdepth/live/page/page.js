@@ -37,7 +37,8 @@ function show(state, fan) {
   health(state.health.state, state.health.reason);
   put("speed", dash(state.speed_m_s, (v) => `${v.toFixed(1)} m/s`));
   put("uptime", lasting(state.uptime_s));
-  const source = state.age.from === "sender" ? "since capture, sender's clock" : "since reception";
+  const distrusted = state.age.distrusted ? `: ${state.age.distrusted}` : "";
+  const source = state.age.from === "sender" ? "since capture, sender's clock" : `since reception${distrusted}`;
   const p95 = dash(state.age.p95_ms, (ms) => `95 % under ${ms.toFixed(0)} ms`);
   figure("age", dash(state.age.ms, (ms) => ms.toFixed(0)), "ms", `${p95}, ${source}`, state.age.p95_ms > 200);
   figure("fps", state.fps.out.toFixed(1), "/ s", `${state.fps.in.toFixed(1)} / s received, ${state.reconnects} reconnects`);

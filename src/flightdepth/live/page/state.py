@@ -35,7 +35,12 @@ def state(
             "reason": status.health.reason,
             "since_s": max(0.0, (status.stamp_ns - status.health.since_ns) / NS_PER_S),
         },
-        "age": {"ms": status.age_ms, "p95_ms": status.age_p95_ms, "from": status.age_from},
+        "age": {
+            "ms": status.age_ms,
+            "p95_ms": status.age_p95_ms,
+            "from": status.age_from,
+            "distrusted": status.distrusted,
+        },
         "fps": {"in": status.fps_in, "out": status.fps},
         "frames": {
             "received": status.frames.received,
