@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
@@ -13,12 +13,17 @@ from flightdepth.errors import BadInput
 from flightdepth.files import make_folder
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from flightdepth.runtimes.contract import Precision
     from flightdepth.runtimes.network import Network
     from flightdepth.stillbox import TestPair, TestSet
+    from flightdepth.training import Recipe
     from flightdepth.training.run_folder import Trained
     from flightdepth.weights.card import NetworkCard
+    from flightdepth.weights.store import StoredNetwork
 
+Weights: TypeAlias = "dict[str, Tensor]"
 PRECISIONS: tuple[Precision, ...] = ("bf16", "int8")  # whose cost is measured
 INT8_PAIRS = 64  # whose largest values are the ranges of int8
 HALF_COST_LIMIT = 0.01  # of the test error: half-precision storage must not cost more
@@ -36,6 +41,12 @@ def export(
     full_precision: Annotated[
         bool, typer.Option("--full-precision", help="Store weights as float32, twice the size.")
     ] = False,
+    mean_with: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NETWORK", help="Take the mean of the weights with those that training went on from."
+        ),
+    ] = None,
     scenes: Annotated[
         int, typer.Option(metavar="N", help="Scenes of the fixed test set that the card's errors are from.")
     ] = 300,
@@ -46,15 +57,26 @@ def export(
     of the test error, and measured on the fixed test set.
 
       flightdepth export runs/depthnet-256 --out networks
+
+    After some more training from a shipped network, half-way back to it is often
+    better on what was not trained for (Wortsman et al. 2022, WiSE-FT):
+
+      flightdepth export runs/motion --mean-with motion --out networks
     """
     with extra_packages("flightdepth export", "train"):
         from flightdepth.evaluation.fixed_set import fixed_set
+        from flightdepth.training.checkpoint import read_weights
         from flightdepth.training.run_folder import read_trained
+        from flightdepth.weights.store import read_network
     run = read_trained(trained)
-    card = card_of(run, name or run.recipe.name)
+    card, weights = card_of(run, name or run.recipe.name), read_weights(run.checkpoint, "averaged")
+    if mean_with is not None:
+        other = read_network(mean_with)
+        weights = mean_of(weights, other)
+        card = card.model_copy(update={"mean_with": other.card.sha256})
     make_folder("--out", out)
     pairs = rendered(fixed_set(card, scenes=scenes))
-    path = write_network(run, card, pairs, out, full_precision=full_precision)
+    path = write_network(run.recipe, weights, card, pairs, out, full_precision=full_precision)
     say(f"next: flightdepth evaluate network {path}")
 
 
@@ -110,18 +132,40 @@ def card_of(run: Trained, name: str) -> NetworkCard:
     return card.at_focal(FLIGHT_DETAIL * card.focal_px)
 
 
+def mean_of(weights: Weights, other: StoredNetwork) -> Weights:
+    """Half-way between trained weights and those of a network file of the same architecture."""
+    from flightdepth.training.export import weights_of
+
+    before = weights_of(other.onnx)
+    if {name: each.shape for name, each in before.items()} != {n: each.shape for n, each in weights.items()}:
+        expected = "a network of the run's architecture and width"
+        raise BadInput("--mean-with", expected=expected, got=other.card.name)
+    return {
+        name: (each + before[name]) / 2 if each.is_floating_point() else each
+        for name, each in weights.items()
+    }
+
+
 def rendered(pairs: TestSet) -> list[TestPair]:
     """Every pair of a test set, with a progress bar."""
     return list(counted(pairs, "test set", "scenes"))
 
 
 def write_network(
-    run: Trained, card: NetworkCard, pairs: list[TestPair], out: Path, *, full_precision: bool
+    recipe: Recipe,
+    weights: Weights,
+    card: NetworkCard,
+    pairs: list[TestPair],
+    out: Path,
+    *,
+    full_precision: bool,
 ) -> Path:
     """Choose the storage, measure, write; the ONNX file's path."""
+    from flightdepth.training.export import deployed, to_onnx
     from flightdepth.weights.store import save_network
 
-    onnx, storage = stored(run, card, pairs, full_precision=full_precision)
+    exact = to_onnx(deployed(recipe, weights))
+    onnx, storage = (exact, "float32") if full_precision else stored(exact, card, pairs)
     calibration = calibration_pairs(card, len(pairs))
     card = with_int8_ranges(card, onnx, calibration)
     card = with_sigma_scale(card, onnx, calibration)
@@ -136,18 +180,11 @@ def write_network(
     return path
 
 
-def stored(
-    run: Trained, card: NetworkCard, pairs: list[TestPair], *, full_precision: bool
-) -> tuple[bytes, str]:
-    """The ONNX file, in half precision unless that is not wanted or costs too much, and how it is stored."""
-    with extra_packages("flightdepth export", "train"):
-        from flightdepth.evaluation.network import relative_cost
-        from flightdepth.training.checkpoint import read_weights
-        from flightdepth.training.export import deployed, in_half_precision, to_onnx
-    model = deployed(run.recipe, read_weights(run.checkpoint, "averaged"))
-    exact = to_onnx(model)
-    if full_precision:
-        return exact, "float32"
+def stored(exact: bytes, card: NetworkCard, pairs: list[TestPair]) -> tuple[bytes, str]:
+    """The ONNX file, in half precision unless that costs too much, and how it is stored."""
+    from flightdepth.evaluation.network import relative_cost
+    from flightdepth.training.export import in_half_precision
+
     half = in_half_precision(exact)
     networks = (running(card, exact), running(card, half))
     cost = relative_cost(*networks, pairs)["relative_cost"]

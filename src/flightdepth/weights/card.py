@@ -66,6 +66,7 @@ class NetworkCard(BaseModel):
     height: int = Field(gt=0, description="picture height of the last training stage")
     samples: int = Field(ge=0, description="training pairs seen, all stages")
     stages: tuple[Stage, ...] = ()
+    mean_with: str = Field(default="", description="SHA-256 of the network whose weights were averaged in")
     renderer: str = ""
     set_version: str = ""
     seed: int = 0
