@@ -17,7 +17,8 @@ from flightdepth import cli
 from flightdepth.scenes.config import SET_VERSION
 from flightdepth.stillbox import PairStream
 from flightdepth.training import Recipe, loop
-from flightdepth.training.checkpoint import read_progress
+from flightdepth.training.checkpoint import read_progress, read_weights
+from flightdepth.training.export import weights_of
 from flightdepth.weights.store import read_network
 
 TOML = """
@@ -194,12 +195,37 @@ def test_the_card_holds_the_errors(exported):
     assert metrics["constant_l1_m"] > 0
 
 
-def test_a_checkpoint_within_a_stage_says_how_far_it_came(exported, monkeypatch):
-    monkeypatch.chdir(exported)
-    assert cli.main(["export", "runs/small/square.safetensors", "--name", "half", "--scenes", "1"]) == 0
-    card = read_network("half.onnx").card
+@pytest.fixture(scope="module")
+def halfway(exported):
+    """The network of a stage's end, and its mean with that of the run's end."""
+    end = "runs/small/square.safetensors"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(exported)
+        command = ["export", end, "--name", "halfway", "--mean-with", "small.onnx", "--scenes", "1"]
+        assert cli.main(command) == 0
+    return read_network(exported / "halfway.onnx")
+
+
+def test_a_checkpoint_within_a_run_says_how_far_it_came(halfway):
+    card = halfway.card
     assert [(stage.name, stage.samples) for stage in card.stages] == [("square", 8)]
     assert (card.focal_px, card.samples) == (32, 8)
+
+
+def test_the_mean_with_another_network_is_told_and_lies_half_way(exported, halfway):
+    other = read_network(exported / "small.onnx")
+    assert halfway.card.mean_with == other.card.sha256
+    trained = read_weights(exported / "runs/small/square.safetensors", "averaged")
+    after, mean = weights_of(other.onnx), weights_of(halfway.onnx)
+    for name, weights in mean.items():
+        if weights.is_floating_point():
+            torch.testing.assert_close(weights, (trained[name] + after[name]) / 2, rtol=2e-3, atol=1e-4)
+    assert not torch.allclose(mean["conv1.0.weight"], after["conv1.0.weight"], rtol=2e-3, atol=1e-4)
+
+
+def test_there_is_no_mean_of_two_architectures(exported, capsys):
+    assert cli.main(["export", str(exported / "runs/small"), "--mean-with", "tiny-clamped-256"]) == 2
+    assert "--mean-with: expected a network of the run's architecture" in capsys.readouterr().err
 
 
 def test_evaluate_agrees_with_the_card(exported, capsys):
