@@ -50,6 +50,12 @@ def test_an_error_bar_is_told_where_there_is_one(network, result):
     assert "Error bar" not in page_text(network.card, result, "x.jpg")
 
 
+def test_a_mean_with_another_network_is_told(network, result):
+    mean = network.card.model_copy(update={"mean_with": "0123456789abcdef" * 4})
+    assert "of network 0123456789abcdef." in page_text(mean, result, "x.jpg")
+    assert "mean of these weights" not in page_text(network.card, result, "x.jpg")
+
+
 def test_the_picture_holds_the_pairs_side_by_side(network):
     shown = pairs()[:2]
     picture = sheets(network, shown)

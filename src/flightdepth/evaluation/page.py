@@ -46,6 +46,12 @@ def sheets(network: Network, pairs: Iterable[TruePair]) -> Image:
     return np.hstack([part for tile in tiles for part in (tile, gap)][:-1]).astype(np.uint8)
 
 
+def mean_of(card: NetworkCard) -> list[str]:
+    """What else is in the weights, if anything."""
+    other = card.mean_with[:16]
+    return [f"What ships is the mean of these weights and of those of network {other}."] if other else []
+
+
 def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str) -> str:
     """The page."""
     parts = [
@@ -65,6 +71,7 @@ def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str) -> str
                 for s in card.stages
             ],
         ),
+        *mean_of(card),
         f"## Errors\n\nOn {result['set']}, {result['pairs']} pairs:",
         errors_table(result),
         "By true depth, L1 in metres:",
