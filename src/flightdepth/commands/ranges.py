@@ -105,7 +105,6 @@ def _minutes(seconds: float) -> str:
 
 def show(found: dict[str, Any]) -> None:
     """Print the figure as a table, and the verdicts."""
-
     show_table(table(found))
     for claim in found["claims"]:
         ends = claim["difference"]

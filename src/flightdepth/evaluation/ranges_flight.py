@@ -20,9 +20,9 @@ from flightdepth.evaluation.ranges_flicker import flicker
 from flightdepth.evaluation.ranges_peers import FixedShift, least_relative_m
 from flightdepth.evaluation.ranges_sequences import SPEED_M_S, STEP_S, Sequence, log_of
 from flightdepth.evaluation.ranges_trials import CONSTANT, Trial
+from flightdepth.flight.records import VelocityFrame
 from flightdepth.outputs.encoding import centimetres_from_depth, png
 from flightdepth.ranges import DepthNetwork, FrameGrid, MultiRangeEstimator, RangedDepth
-from flightdepth.ranges.displacement import VelocityFrame
 from flightdepth.ranges.estimator import MAX_RANGES
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard

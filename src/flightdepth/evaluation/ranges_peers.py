@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.evaluation.baseline_methods import PeerMethod
+from flightdepth.flight.records import VelocityFrame
 from flightdepth.ranges import DepthNetwork, RangedDepth
-from flightdepth.ranges.displacement import Trajectory, VelocityFrame
+from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fusion import Fusion, fuse
 from flightdepth.ranges.pairs import Frame, baselines
 from flightdepth.runtimes.grid import NetworkGrid

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.records import VelocityFrame
 from flightdepth.motion import Vector, quaternion_from_rotation, unit_quaternion
 from flightdepth.ranges.attitude import MAX_GAP_S, Flags, neighbours, orientations
 from flightdepth.ranges.timeline import Rows, Stamps, Timeline
-
-VelocityFrame = Literal["world", "camera"]
 
 # A drone hardly accelerates by more; a lone sample that jumps farther is a glitch.
 MAX_ACCELERATION_M_S2 = 30.0

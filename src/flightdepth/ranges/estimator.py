@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.flight.records import VelocityFrame
 from flightdepth.flight.steadiness import MAX_DEROTATED_RAD, MAX_TURN_RAD
 from flightdepth.ranges.derotation import Derotation
 from flightdepth.ranges.direction import SeenDirections
-from flightdepth.ranges.displacement import Trajectory, VelocityFrame
+from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fallback import OnGridOf
 from flightdepth.ranges.fusion import Fused, Fusion, fuse
 from flightdepth.ranges.network import DepthNetwork, Image, Map, Movable
