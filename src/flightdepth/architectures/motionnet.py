@@ -57,7 +57,7 @@ class MotionNet(Trunk):
         field [B, 2, H/4, W/4]. Then the spread, [B, H/4, W/4] in metres, of the first.
         """
         earlier = fine[:, 0:1]  # not shifted
-        grey = GREY[0] * current[:, 0:1] + GREY[1] * current[:, 1:2] + GREY[2] * current[:, 2:3]
+        grey = (current * current.new_tensor(GREY).view(1, 3, 1, 1)).sum(1, keepdim=True)
         fine, half, quarter = (
             (swept - functional.avg_pool2d(grey, scale) if scale > 1 else swept - grey) / CONTRAST
             for swept, scale in ((fine, 1), (half, 2), (quarter, 4))
@@ -87,13 +87,14 @@ def corrections(difference: Tensor, level: int) -> Tensor:
     squares gives ds = -<r g> / <g g> (Lucas and Kanade 1981, along a known line). The result, [B, 2k, h/2, w/2],
     is ds in distances between those neighbours, then the logarithm of what it was divided by.
     """
-    middle = list(CORRECTED[level])
-    before, after = [k - 1 for k in middle], [k + 1 for k in middle]
+    middle = torch.tensor(CORRECTED[level], device=difference.device)
+    before, after = middle - 1, middle + 1
     shifts = difference.new_tensor(LEVELS[level].shifts_px)
     apart_px = (shifts[after] - shifts[before]).view(1, -1, 1, 1)
-    gradient = (difference[:, after] - difference[:, before]) / apart_px
+    gradient = (difference.index_select(1, after) - difference.index_select(1, before)) / apart_px
     square = _mean(gradient * gradient)
-    off = -_mean(gradient * difference[:, middle]) / (square + LEAST_GRADIENT) / apart_px
+    product = _mean(gradient * difference.index_select(1, middle))
+    off = -product / (square + LEAST_GRADIENT) / apart_px
     known = 0.3 * torch.log1p(square * apart_px**2 / LEAST_GRADIENT)
     return torch.cat((off.clamp(-LARGEST_CORRECTION, LARGEST_CORRECTION), known), 1)
 

@@ -12,13 +12,18 @@ from openvino import opset13 as ops
 
 
 def by_convolution(model: Any) -> None:
-    """Exchange each unpadded average over blocks of known channels, in place."""
+    """Exchange each unpadded average over blocks of known channels, in place.
+
+    Of a single channel it stays: such a convolution runs on one core.
+    """
     for node in model.get_ops():
         if node.get_type_name() != "AvgPool":
             continue
         facts, channels = node.get_attributes(), node.get_input_partial_shape(0)[1]
         kernel, padding = facts["kernel"], (*facts["pads_begin"], *facts["pads_end"])
-        if channels.is_dynamic or kernel != facts["strides"] or any(padding):
+        if channels.is_dynamic or channels.get_length() == 1:
+            continue
+        if kernel != facts["strides"] or any(padding):
             continue
         weights = np.full((channels.get_length(), 1, 1, *kernel), 1 / np.prod(kernel), np.float32)
         ends = [0] * len(kernel)
