@@ -7,7 +7,7 @@ from openvino import opset13 as ops
 
 from flightdepth.errors import BadInput
 from flightdepth.runtimes import load_network
-from flightdepth.runtimes.int8 import RangeMeter, to_int8
+from flightdepth.runtimes.int8 import RangeMeter, largest_weight_step, to_int8
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 from flightdepth.weights.store import read_network
 
@@ -34,18 +34,29 @@ def answer(model, picture):
 @pytest.mark.parametrize("transposed", [False, True])
 @pytest.mark.parametrize(("least", "largest"), [(0.0, 255.0), (-128.0, 127.0)])
 def test_what_bytes_can_say_is_exact(transposed, least, largest):
-    """Weights in steps of 1/127 of each output channel's largest one, pictures in whole steps of their range."""
-    rng = np.random.default_rng(0)
-    weights = rng.integers(-127, 128, (3, 3, 3, 3)).astype(np.float32)
+    """Weights in steps of 1/127 of each output channel's largest one, pictures in whole steps of their range.
+
+    1/63 where sums of bytes would overflow.
+    """
+    rng, step = np.random.default_rng(0), largest_weight_step()
+    weights = rng.integers(-step, step + 1, (3, 3, 3, 3)).astype(np.float32)
     outputs = weights.transpose(1, 0, 2, 3) if transposed else weights
-    outputs[:, 0, 0, 0] = 127.0
+    outputs[:, 0, 0, 0] = step
     outputs *= np.array([1.0, 0.25, 8.0]).reshape(3, 1, 1, 1)
     picture = rng.integers(least, largest + 1, (1, 3, 8, 8)).astype(np.float32)
     model = graph(weights, transposed=transposed)
     expected = answer(model, picture)
     to_int8(model, {"conv2.0.weight": (least, largest)})
     assert answer(model, picture) == pytest.approx(expected, rel=1e-5, abs=0.5)
-    assert np.abs(expected).max() > 1e5
+    assert np.abs(expected).max() > 5e4
+
+
+def test_the_largest_bytes_do_not_overflow():
+    """Two products of 127 and 255 are more than 16 bits hold."""
+    model = graph(np.ones((16, 16, 3, 3)))
+    to_int8(model, {"conv2.0.weight": (0.0, 255.0)})
+    picture = np.full((1, 16, 8, 8), 255.0, np.float32)
+    assert answer(model, picture)[0, :, 1:-1, 1:-1] == pytest.approx(255.0 * 16 * 9, rel=1e-3)
 
 
 def test_beyond_its_range_a_value_is_its_end():

@@ -3,11 +3,13 @@
 A byte needs to know which range it stands for. Weights say it themselves, one range for each output channel; those of
 the feature maps are measured at export (`RangeMeter`) and kept on the card. FakeQuantize nodes (rounding to 256
 levels, in float) then mark both inputs of a convolution, which OpenVINO compiles to one on bytes (Jacob et al. 2018).
+CPUs without VNNI add products in pairs of 16 bits, which overflow: there weights take 7 of their 8 bits.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,7 @@ Ranges = Mapping[str, tuple[float, float]]
 
 # Output channels of the weights: [out, in, h, w]; of a transposed convolution [in, out, h, w].
 OTHER_AXES = {"Convolution": (1, 2, 3), "ConvolutionBackpropData": (0, 2, 3)}
+LARGEST_STEP, LARGEST_OF_7_BITS = 127, 63  # 2 * 63 * 255 fits into 16 bits
 # In float: what gives metres, the features of the finest depths, on which the error hangs, and the second look.
 EXACT = ("predict_", "upsampled_", "deconv2", "deconv3", "refinement")
 
@@ -57,8 +60,13 @@ class RangeMeter:
         return {name: self._ends[place] for name, place in self._places.items()}
 
 
-def to_int8(model: Any, ranges: Ranges) -> None:
-    """Mark each convolution that has a range, in place."""
+def to_int8(model: Any, ranges: Ranges, *, weight_step: int | None = None) -> None:
+    """Mark each convolution that has a range, in place.
+
+    `weight_step`: the step, of 127, that an output channel's largest weight becomes; None means what this CPU
+    multiplies without overflow.
+    """
+    part = LARGEST_STEP / (weight_step or largest_weight_step())
     for layer in _layers(model):
         constant = _weights(layer)
         if (name := constant.get_friendly_name()) not in ranges:
@@ -70,8 +78,22 @@ def to_int8(model: Any, ranges: Ranges) -> None:
         _replace(layer, 0, layer.input_value(0), least, largest, levels=256)
         weights = np.asarray(constant.get_data(), dtype=np.float32)
         ends = np.abs(weights).max(axis=OTHER_AXES[layer.get_type_name()], keepdims=True)
-        ends = np.maximum(ends, np.float32(1e-8))
+        ends = np.maximum(ends * part, 1e-8)
         _replace(layer, 1, ops.constant(weights), -ends, ends, levels=255)
+
+
+@lru_cache(1)
+def largest_weight_step() -> int:
+    """127, or 63 on a CPU whose products of bytes overflow: asked of OpenVINO with the largest bytes there are."""
+    entering = ops.parameter([1, 16, 3, 3], np.float32)
+    constant = ops.constant(np.ones((16, 16, 3, 3), np.float32))
+    constant.set_friendly_name("probe")
+    layer = ops.convolution(entering, constant, [1, 1], [0, 0], [0, 0], [1, 1])
+    model = ov.Model([layer], [entering], "probe")
+    to_int8(model, {"probe": (0.0, 255.0)}, weight_step=LARGEST_STEP)
+    compiled = ov.Core().compile_model(model, "CPU", {"INFERENCE_PRECISION_HINT": "f32"})
+    sums = compiled([np.full((1, 16, 3, 3), 255, np.float32)])[0]
+    return LARGEST_STEP if np.allclose(sums, 255 * 16 * 9, rtol=1e-3) else LARGEST_OF_7_BITS
 
 
 def _layers(model: Any) -> Iterable[Any]:
