@@ -28,7 +28,7 @@ class NetworkPrecision(StrEnum):
 PrecisionOption = Annotated[
     NetworkPrecision,
     typer.Option(
-        help="int8 is faster on CPUs with VNNI; what it costs stands on the network's card. "
+        help="int8 is fastest on CPUs with VNNI; what it costs stands on the network's card. "
         "auto: bf16 where the CPU has it and it costs 1 % at most, else f32."
     ),
 ]
