@@ -5,6 +5,7 @@ import math
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -14,16 +15,17 @@ import training_runs
 from training_runs import BATCH, STEPS, small_recipe, small_stream, small_textures, stage
 
 from flightdepth.errors import BadInput, FlightDepthError
+from flightdepth.files import write_json
 from flightdepth.training import learner, loop
 from flightdepth.training.checkpoint import read_progress, read_weights
-from flightdepth.training.export import deployed, to_onnx
+from flightdepth.training.export import deployed, to_onnx, weights_of
 from flightdepth.training.learner import Learner, mixed_precision
 from flightdepth.training.loop import train
 from flightdepth.training.pictures import normalised
-from flightdepth.training.run_folder import read_trained
+from flightdepth.training.run_folder import CHECKPOINT, RECIPE, read_trained
 from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.card import Stage as CardStage
-from flightdepth.weights.store import StoredNetwork
+from flightdepth.weights.store import StoredNetwork, read_network
 
 
 class PowerCutError(Exception):
@@ -192,6 +194,32 @@ def test_pairs_of_the_recipe_before_are_counted(whole, tmp_path):
 def test_without_the_recipe_before_there_is_no_start(tmp_path):
     with pytest.raises(BadInput, match="to start from"):
         run(tmp_path / "child", recipe=small_recipe(name="child", starts_from="small"))
+
+
+def test_where_the_recipe_before_was_not_trained_its_shipped_network_is_taken(tmp_path):
+    """Stages that happen to be called as the network's own last one are trained all the same."""
+    shipped = read_network("tiny-clamped-512")
+    last = shipped.card.stages[-1]
+    again = stage(last.name, 1) | {"samples": last.samples}
+    facts = {"base_width": shipped.card.base_width, "starts_from": "tiny-clamped-512"}
+    child = small_recipe(name="child", stages=[again], **facts)
+    learner = Learner(child)
+    (tmp_path / "child").mkdir()
+    progress = learner.started(tmp_path / "child")
+    assert (progress.stage, progress.sample, progress.seen) == (0, 0, shipped.card.samples)
+    weights = weights_of(shipped.onnx)
+    for module in (learner.network, learner.averaged):
+        assert all(torch.equal(value, weights[key]) for key, value in module.state_dict().items())
+    learner.save(tmp_path / "child" / CHECKPOINT, replace(progress, sample=BATCH))
+    write_json(tmp_path / "child" / RECIPE, child.model_dump(mode="json"))
+    trained = read_trained(tmp_path / "child")
+    assert [(each.name, seen) for each, seen in trained.stages] == [(last.name, BATCH)]
+    assert trained.first_shipped == shipped.card
+
+
+def test_a_shipped_network_of_another_size_is_no_start(tmp_path):
+    with pytest.raises(BadInput, match="base width 16"):
+        run(tmp_path / "child", recipe=small_recipe(name="child", starts_from="tiny-clamped-512"))
 
 
 @cache

@@ -166,10 +166,15 @@ def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
 
 def introduce(recipe: Recipe, folder: Path) -> None:
     """Say what is about to run."""
+    from flightdepth.training.run_folder import CHECKPOINT, parent_checkpoint
+
     stages = ", ".join(
         f"{stage.name} ({stage.width}x{stage.height} px, {stage.samples:,})" for stage in recipe.stages
     )
     say(f"{recipe.name}: {recipe.samples:,} pairs in stages {stages}")
+    if recipe.starts_from is not None and not (folder / CHECKPOINT).exists():
+        before = parent_checkpoint(folder.parent, recipe.starts_from)
+        say(f"goes on from {before if before.exists() else f'{recipe.starts_from}, which ships'}")
     say(f"run folder: {folder}; curves: tensorboard --logdir {folder / 'tensorboard'}")
 
 

@@ -32,7 +32,7 @@ from flightdepth.training.processes import Share, any_says, mean_over, weigh_par
 from flightdepth.training.recipe import Recipe, Stage
 from flightdepth.training.run_folder import SHIPPED, parent_checkpoint, stages_behind
 from flightdepth.training.schedule import learning_rate
-from flightdepth.weights.store import StoredNetwork
+from flightdepth.weights.store import StoredNetwork, read_network, shipped_networks
 
 SGD_MOMENTUM = 0.9
 
@@ -71,22 +71,27 @@ class Learner:
         return progress
 
     def started(self, folder: Path, shipped: StoredNetwork | None = None) -> Progress:
-        """A fresh run: from random weights, the last ones of the recipe that it starts from, or shipped ones."""
+        """A fresh run: from random weights, from those of the recipe that it starts from, or from shipped ones.
+
+        What a recipe starts from is the run in the same folder of runs, or else the network that ships.
+        """
         recipe, seen = self.recipe, 0
         if shipped is not None:
             return self._after(shipped, folder)
         if recipe.starts_from is not None:
             parent = parent_checkpoint(folder.parent, recipe.starts_from)
-            if not parent.exists():
+            if parent.exists():
+                self._take(read_weights(parent, "averaged"))
+                seen = read_progress(parent).seen
+            elif recipe.starts_from in shipped_networks():
+                return self._on_from(read_network(recipe.starts_from), folder, stage=0)
+            else:
                 raise BadInput(
                     f"recipe {recipe.name}",
                     expected=f"{parent} to start from",
                     got="no such file",
                     mend=f"Train {parent.parent.name} first, into the same folder of runs.",
                 )
-            self.network.load_state_dict(read_weights(parent, "averaged"))
-            self.averaged.load_state_dict(self.network.state_dict())
-            seen = read_progress(parent).seen
         return Progress(recipe.name, recipe.digest, 0, 0, seen, math.nan)
 
     def _after(self, shipped: StoredNetwork, folder: Path) -> Progress:
@@ -101,11 +106,24 @@ class Learner:
                 got=", ".join(stage.name for stage in recipe.stages),
                 mend="Append your stages to the recipe that the network was trained with.",
             )
-        weights = weights_of(shipped.onnx)
+        return self._on_from(shipped, folder, stage=behind)
+
+    def _on_from(self, shipped: StoredNetwork, folder: Path, *, stage: int) -> Progress:
+        """Take a shipped network's weights; its card is kept, so that what they have seen is known."""
+        recipe, card = self.recipe, shipped.card
+        if (card.architecture, card.base_width) != (recipe.architecture, recipe.base_width):
+            raise BadInput(
+                f"recipe {recipe.name}",
+                expected=f"a {card.architecture} of base width {card.base_width}, as {card.name}",
+                got=f"a {recipe.architecture} of {recipe.base_width}",
+            )
+        self._take(weights_of(shipped.onnx))
+        write_json(folder / SHIPPED, card.model_dump(mode="json"))
+        return Progress(recipe.name, recipe.digest, stage, 0, card.samples, math.nan)
+
+    def _take(self, weights: dict[str, Tensor]) -> None:
         self.network.load_state_dict(weights)
         self.averaged.load_state_dict(weights)
-        write_json(folder / SHIPPED, card.model_dump(mode="json"))
-        return Progress(recipe.name, recipe.digest, behind, 0, card.samples, math.nan)
 
     def prepare(self) -> None:
         """Move to the device, for training."""

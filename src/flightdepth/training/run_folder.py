@@ -66,7 +66,12 @@ def parent_checkpoint(runs: Path, starts_from: str) -> Path:
 
 
 def stages_behind(card: NetworkCard, recipe: Recipe) -> int:
-    """How many of the recipe's first stages are the card's last: what its network has been through already."""
+    """How many of the recipe's first stages are the card's last: what its network has been through already.
+
+    None, where the card is that of another network, which the recipe starts from.
+    """
+    if card.name != recipe.name:
+        return 0
     trained = [(stage.name, stage.samples) for stage in card.stages]
     wanted = [(stage.name, _whole_batches(stage)) for stage in recipe.stages]
     counts = range(min(len(trained), len(wanted)), 0, -1)
