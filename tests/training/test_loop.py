@@ -177,8 +177,9 @@ def test_a_recipe_starts_from_a_stage_of_another(whole, tmp_path):
     assert [(each.name, seen) for each, seen in trained.stages] == [("a", 4 * BATCH), ("c", BATCH)]
 
 
-def test_sgd_is_resumed_exactly(tmp_path):
-    recipe = small_recipe(optimizer="sgd", stages=[stage("a", 3)])
+@pytest.mark.parametrize("optimizer", ["sgd", "muon"])
+def test_other_optimizers_are_resumed_exactly(tmp_path, optimizer):
+    recipe = small_recipe(optimizer=optimizer, stages=[stage("a", 3)])
     losses = run(tmp_path / "whole", recipe=recipe)
     run(tmp_path / "cut", recipe=recipe, cut_after=3)
     assert run(tmp_path / "cut", recipe=recipe, resume=True) == losses[2:]

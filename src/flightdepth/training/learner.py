@@ -26,6 +26,7 @@ from flightdepth.training.checkpoint import (
 from flightdepth.training.export import weights_of
 from flightdepth.training.inputs import network_inputs
 from flightdepth.training.loss import loss_m
+from flightdepth.training.muon import Muon
 from flightdepth.training.network import built
 from flightdepth.training.precision import mixed_precision
 from flightdepth.training.processes import Share, any_says, mean_over, weigh_part
@@ -179,4 +180,6 @@ def optimizer_of(recipe: Recipe, network: nn.Module) -> optim.Optimizer:
     weights, decay = network.parameters(), recipe.weight_decay
     if recipe.optimizer == "sgd":
         return optim.SGD(weights, lr=0.0, momentum=SGD_MOMENTUM, weight_decay=decay, fused=True)
+    if recipe.optimizer == "muon":
+        return Muon(network, lr=0.0, weight_decay=decay)
     return optim.AdamW(weights, lr=0.0, weight_decay=decay, fused=True)

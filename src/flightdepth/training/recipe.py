@@ -78,7 +78,9 @@ class Recipe(_Strict):
         ge=0,
         description="an error at depth Z counts 1 + this / Z times: 10 m makes 5 m count threefold",
     )
-    optimizer: Literal["adamw", "sgd"] = Field(default="adamw", description="sgd: with momentum 0.9")
+    optimizer: Literal["adamw", "sgd", "muon"] = Field(
+        default="adamw", description="sgd: with momentum 0.9; muon: for kernels, with AdamW for the rest"
+    )
     weight_decay: float = Field(ge=0)
     ema_decay: float = Field(ge=0, lt=1)
     warmup_samples: int = Field(ge=0)

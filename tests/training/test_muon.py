@@ -1,0 +1,102 @@
+"""Muon: PyTorch's own, which knows matrices only, gives the same steps; what is no kernel goes AdamW's way."""
+
+import copy
+
+import pytest
+import torch
+from torch import nn, optim
+
+from flightdepth.training.muon import Muon, orthogonal
+
+SETTINGS = {"lr": 0.02, "weight_decay": 0.1}
+
+
+def learn(network, optimizer, *, steps=3):
+    """A few steps towards an arbitrary target."""
+    generator = torch.Generator().manual_seed(5)
+    for _ in range(steps):
+        pictures = torch.randn((2, 3, 8, 8), generator=generator)
+        optimizer.zero_grad()
+        (network(pictures) - 1).square().mean().backward()
+        optimizer.step()
+    return network
+
+
+@pytest.fixture
+def network():
+    torch.manual_seed(3)
+    layers = (
+        nn.Conv2d(3, 24, 3),
+        nn.BatchNorm2d(24),
+        nn.ConvTranspose2d(24, 4, 4, bias=False),
+        nn.Conv2d(4, 1, 1),
+    )
+    return nn.Sequential(*layers)
+
+
+def gradients(network, *, steps=3):
+    """Arbitrary ones, so that no direction is lost in bf16."""
+    generator = torch.Generator().manual_seed(7)
+    for _ in range(steps):
+        yield [torch.randn(weights.shape, generator=generator) for weights in network.parameters()]
+
+
+def stepped(weights, optimizer, gradients):
+    for each in gradients:
+        for parameter, gradient in zip(weights, each, strict=True):
+            parameter.grad = gradient.reshape(parameter.shape).clone()
+        optimizer.step()
+    return [parameter.detach() for parameter in weights]
+
+
+def test_kernels_go_as_pytorch_moves_matrices(network):
+    begun = [weights.detach().clone() for weights in network.parameters()]
+    kernels = [number for number, weights in enumerate(begun) if weights.ndim == 4 and len(weights) > 1]
+    matrices = [nn.Parameter(begun[number].flatten(1).clone()) for number in kernels]
+    asked = [[each[number] for number in kernels] for each in gradients(network)]
+    theirs = stepped(matrices, optim.Muon(matrices, adjust_lr_fn="match_rms_adamw", **SETTINGS), asked)
+    ours = stepped(list(network.parameters()), Muon(network, **SETTINGS), gradients(network))
+    assert len(kernels) == 2
+    for number, expected in zip(kernels, theirs, strict=True):
+        start = begun[number].flatten(1)
+        moved, wanted = ours[number].flatten(1) - start, expected - start
+        assert (moved - wanted).norm() < 0.02 * wanted.norm()  # theirs multiplies in bf16
+
+
+def test_the_rest_goes_as_adamw_moves_it(network):
+    other = copy.deepcopy(network)
+    ours = stepped(list(network.parameters()), Muon(network, **SETTINGS), gradients(network))
+    theirs = stepped(list(other.parameters()), optim.AdamW(other.parameters(), **SETTINGS), gradients(other))
+    same = {
+        name
+        for (name, _), a, b in zip(network.named_parameters(), ours, theirs, strict=True)
+        if torch.allclose(a, b, atol=1e-6)
+    }
+    assert same == {"0.bias", "1.weight", "1.bias", "3.weight", "3.bias"}
+
+
+@pytest.mark.parametrize("shape", [(5, 40), (40, 5), (16, 16)])
+def test_a_matrix_becomes_nearly_orthogonal(shape):
+    matrix = torch.randn(shape, generator=torch.Generator().manual_seed(0)).double()
+    left, values, right = torch.linalg.svd(matrix, full_matrices=False)
+    found = orthogonal(matrix)
+    assert torch.linalg.svdvals(found) == pytest.approx(torch.ones_like(values), abs=0.35)
+    turned = left.T @ found @ right.T
+    assert torch.allclose(turned, torch.diag(torch.diagonal(turned)), atol=1e-9)
+
+
+def test_no_momentum_is_no_step():
+    assert not orthogonal(torch.zeros(3, 7)).any()
+
+
+def test_a_loaded_state_goes_on_as_it_would_have(network):
+    """As accelerate does before the first step, and as a checkpoint does."""
+    optimizer = Muon(network, **SETTINGS)
+    optimizer.load_state_dict(optimizer.state_dict())
+    learn(network, optimizer, steps=1)
+    other = copy.deepcopy(network)
+    again = Muon(other, **SETTINGS)
+    again.load_state_dict(copy.deepcopy(optimizer.state_dict()))
+    learn(network, optimizer)
+    learn(other, again)
+    assert all(torch.equal(a, b) for a, b in zip(network.parameters(), other.parameters(), strict=True))
