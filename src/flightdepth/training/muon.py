@@ -51,7 +51,8 @@ class Muon(optim.Optimizer):
             state["momentum_buffer"] = torch.zeros_like(kernel)
         momentum: Tensor = state["momentum_buffer"].lerp_(gradient, 1 - MOMENTUM)
         ahead = gradient.lerp(momentum, MOMENTUM).flatten(1)  # Nesterov
-        return ADAMW_RMS * max(ahead.shape) ** 0.5 * orthogonal(ahead).view(kernel.shape)
+        step: Tensor = ADAMW_RMS * max(ahead.shape) ** 0.5 * orthogonal(ahead)
+        return step.view(kernel.shape)
 
 
 def orthogonal(matrix: Tensor) -> Tensor:
@@ -61,7 +62,7 @@ def orthogonal(matrix: Tensor) -> Tensor:
     """
     first, third, fifth = COEFFICIENTS
     wide = matrix.shape[0] <= matrix.shape[1]
-    x = (matrix if wide else matrix.T) / (matrix.norm() + 1e-7)
+    x: Tensor = (matrix if wide else matrix.T) / (matrix.norm() + 1e-7)
     for _ in range(TURNS):
         square = x @ x.T
         x = first * x + (third * square + fifth * square @ square) @ x
