@@ -2,7 +2,8 @@
 
 import pytest
 
-from flightdepth.commands.export import card_of
+from flightdepth.commands.export import card_of, carried_over
+from flightdepth.runtimes.devices import BF16_COST, BF16_COST_BEFORE
 from flightdepth.training import load_recipe
 from flightdepth.training.checkpoint import Progress
 from flightdepth.training.run_folder import Trained
@@ -32,7 +33,27 @@ def test_a_run_that_started_from_one_lists_what_that_went_on_from(tmp_path):
     first = card_of(Trained(tmp_path / "a", recipe, Progress("", "", 2, 0, 184_000, 1.0), None), "motion")
     done = Progress("", "", len(recipe.stages), 0, recipe.samples, 1.0)
     run = Trained(tmp_path / "b", recipe, done, None, first)
-    half = Trained(tmp_path / "c", tiny, Progress("", "", 1, 0, recipe.samples + tiny.samples, 1.0), run)
+    half = Trained(
+        tmp_path / "c", tiny, Progress("", "", len(tiny.stages), 0, recipe.samples + tiny.samples, 1.0), run
+    )
     assert [stage.name for stage in card_of(half, "motion-tiny").stages] == [
         stage.name for stage in (*recipe.stages, *tiny.stages)
     ]
+
+
+@pytest.mark.parametrize(
+    ("metrics", "carried"),
+    [
+        ({BF16_COST: 0.002}, {BF16_COST_BEFORE: 0.002}),
+        ({BF16_COST_BEFORE: 0.003}, {BF16_COST_BEFORE: 0.003}),
+        ({}, {}),
+    ],
+)
+def test_what_bf16_cost_the_weights_before_is_carried_over(tmp_path, metrics, carried):
+    tiny = load_recipe("motion-tiny")
+    done = Progress("", "", 1, 0, tiny.samples, 1.0)
+    before = card_of(Trained(tmp_path / "a", tiny, done, None), "motion-tiny")
+    before = before.model_copy(update={"metrics": metrics})
+    assert carried_over(Trained(tmp_path / "b", tiny, done, None, before)) == carried
+    assert carried_over(Trained(tmp_path / "c", load_recipe("motion"), done, None, before)) == {}
+    assert carried_over(Trained(tmp_path / "d", tiny, done, None)) == {}

@@ -9,7 +9,7 @@ import pytest
 from flightdepth.errors import BadInput
 from flightdepth.processor import cpu_runs_bf16
 from flightdepth.runtimes.contract import Runtime
-from flightdepth.runtimes.devices import BF16_COST, best_precision, open_runtime
+from flightdepth.runtimes.devices import BF16_COST, BF16_COST_BEFORE, best_precision, open_runtime
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 from flightdepth.runtimes.onnx_ort import OnnxRuntime
 from tests_networks import difference_card, difference_onnx
@@ -156,11 +156,21 @@ def test_bf16_is_for_openvino_only() -> None:
         )
 
 
-@pytest.mark.parametrize("metrics", [{}, {BF16_COST: 0.011}, {"L1": 0.0}])
+@pytest.mark.parametrize(
+    "metrics",
+    [
+        {},
+        {BF16_COST: 0.011},
+        {"L1": 0.0},
+        {BF16_COST_BEFORE: 0.011},
+        {BF16_COST: 0.011, BF16_COST_BEFORE: 0.0},
+    ],
+)
 def test_f32_unless_the_card_measured_that_bf16_is_cheap(metrics: dict[str, float]) -> None:
     assert best_precision(difference_card(metrics=metrics)) == "f32"
 
 
-def test_bf16_where_its_cost_is_one_percent_and_the_cpu_has_it() -> None:
+@pytest.mark.parametrize("measured", [BF16_COST, BF16_COST_BEFORE])
+def test_bf16_where_its_cost_is_one_percent_and_the_cpu_has_it(measured: str) -> None:
     expected = "bf16" if cpu_runs_bf16() else "f32"
-    assert best_precision(difference_card(metrics={BF16_COST: 0.01})) == expected
+    assert best_precision(difference_card(metrics={measured: 0.01})) == expected

@@ -70,6 +70,7 @@ def export(
         from flightdepth.weights.store import read_network
     run = read_trained(trained)
     card, weights = card_of(run, name or run.recipe.name), read_weights(run.checkpoint, "averaged")
+    card = card.model_copy(update={"metrics": carried_over(run)})
     if mean_with is not None:
         other = read_network(mean_with)
         weights = mean_of(weights, other)
@@ -161,6 +162,7 @@ def write_network(
     full_precision: bool,
 ) -> Path:
     """Choose the storage, measure, write; the ONNX file's path."""
+    from flightdepth.runtimes.devices import BF16_COST
     from flightdepth.training.export import deployed, to_onnx
     from flightdepth.weights.store import save_network
 
@@ -169,7 +171,9 @@ def write_network(
     calibration = calibration_pairs(card, len(pairs))
     card = with_int8_ranges(card, onnx, calibration)
     card = with_sigma_scale(card, onnx, calibration)
-    card = card.model_copy(update={"metrics": measured(card, onnx, pairs)})
+    metrics = measured(card, onnx, pairs)
+    metrics = metrics if BF16_COST in metrics else card.metrics | metrics
+    card = card.model_copy(update={"metrics": metrics})
     path = save_network(out, card, onnx)
     say(f"{path}: {len(onnx) / 1e6:.1f} MB, {storage}, {card.samples:,} training pairs")
     errors = card.metrics
@@ -192,6 +196,17 @@ def stored(exact: bytes, card: NetworkCard, pairs: list[TestPair]) -> tuple[byte
     if cost is None or cost > HALF_COST_LIMIT:
         return exact, f"float32 (half precision would cost {said})"
     return half, f"half precision (costs {said})"
+
+
+def carried_over(run: Trained) -> dict[str, float]:
+    """What bf16 cost the shipped weights that this run went on from, for a CPU that can't tell what it costs these."""
+    from flightdepth.runtimes.devices import BF16_COST, BF16_COST_BEFORE
+
+    before = run.shipped
+    if before is None or before.name != run.recipe.name:
+        return {}
+    cost = before.metrics.get(BF16_COST, before.metrics.get(BF16_COST_BEFORE))
+    return {} if cost is None else {BF16_COST_BEFORE: cost}
 
 
 def calibration_pairs(card: NetworkCard, scenes: int) -> list[TestPair]:
