@@ -26,9 +26,9 @@ def learn(network, optimizer, *, steps=3):
 def network():
     torch.manual_seed(3)
     layers = (
-        nn.Conv2d(3, 24, 3),
-        nn.BatchNorm2d(24),
-        nn.ConvTranspose2d(24, 4, 4, bias=False),
+        nn.Conv2d(3, 40, 3),
+        nn.BatchNorm2d(40),
+        nn.ConvTranspose2d(40, 4, 4, bias=False),
         nn.Conv2d(4, 1, 1),
     )
     return nn.Sequential(*layers)
