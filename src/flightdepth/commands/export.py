@@ -200,12 +200,12 @@ def stored(exact: bytes, card: NetworkCard, pairs: list[TestPair]) -> tuple[byte
 
 def carried_over(run: Trained) -> dict[str, float]:
     """What bf16 cost the shipped weights that this run went on from, for a CPU that can't tell what it costs these."""
-    from flightdepth.runtimes.devices import BF16_COST, BF16_COST_BEFORE
+    from flightdepth.runtimes.devices import BF16_COST_BEFORE, bf16_cost
 
     before = run.shipped
     if before is None or before.name != run.recipe.name:
         return {}
-    cost = before.metrics.get(BF16_COST, before.metrics.get(BF16_COST_BEFORE))
+    cost = bf16_cost(before)
     return {} if cost is None else {BF16_COST_BEFORE: cost}
 
 

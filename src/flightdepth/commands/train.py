@@ -93,7 +93,7 @@ def train(
         if first:  # before long there are files of this run
             refuse_to_overwrite(folder, resume=resume)
         start = read_network(wanted.name) if shipped else None
-        introduce(wanted, folder)
+        introduce(wanted, folder, shipped=shipped)
         stored = opened_sets(sets or [], wanted)
         dressed = Textures.from_images([]) if stored else gathered_textures(textures, procedural)
         run(wanted, dressed, folder, resume=resume, shipped=start, sets=stored)
@@ -164,17 +164,21 @@ def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
     return {width: each.split()[0] for width, each in sets.items()}
 
 
-def introduce(recipe: Recipe, folder: Path) -> None:
+def introduce(recipe: Recipe, folder: Path, *, shipped: bool = False) -> None:
     """Say what is about to run."""
     from flightdepth.training.run_folder import CHECKPOINT, parent_checkpoint
+    from flightdepth.weights.store import shipped_networks
 
     stages = ", ".join(
         f"{stage.name} ({stage.width}x{stage.height} px, {stage.samples:,})" for stage in recipe.stages
     )
     say(f"{recipe.name}: {recipe.samples:,} pairs in stages {stages}")
-    if recipe.starts_from is not None and not (folder / CHECKPOINT).exists():
+    if recipe.starts_from is not None and not shipped and not (folder / CHECKPOINT).exists():
         before = parent_checkpoint(folder.parent, recipe.starts_from)
-        say(f"goes on from {before if before.exists() else f'{recipe.starts_from}, which ships'}")
+        if before.exists():
+            say(f"goes on from {before}")
+        elif recipe.starts_from in shipped_networks():
+            say(f"goes on from {recipe.starts_from}, which ships")
     say(f"run folder: {folder}; curves: tensorboard --logdir {folder / 'tensorboard'}")
 
 

@@ -58,5 +58,10 @@ def on_cpu(card: NetworkCard, onnx: bytes, *, threads: int | None = None) -> Run
 
 def best_precision(card: NetworkCard) -> Precision:
     """bf16 where the CPU computes it and its measured cost is at most 1 % of the test error; else f32."""
-    cost = card.metrics.get(BF16_COST, card.metrics.get(BF16_COST_BEFORE))
+    cost = bf16_cost(card)
     return "bf16" if cost is not None and cost <= BF16_COST_LIMIT and cpu_runs_bf16() else "f32"
+
+
+def bf16_cost(card: NetworkCard) -> float | None:
+    """What the card says that bf16 costs, or cost the weights before; None where it says neither."""
+    return card.metrics.get(BF16_COST, card.metrics.get(BF16_COST_BEFORE))
