@@ -85,6 +85,15 @@ def test_a_matrix_becomes_nearly_orthogonal(shape):
     assert torch.allclose(turned, torch.diag(torch.diagonal(turned)), atol=1e-9)
 
 
+@pytest.mark.parametrize("shape", [(5, 40), (40, 5), (16, 16), (64, 576)])
+def test_is_the_iteration_of_jordan_turn_by_turn(shape):
+    x = matrix = torch.randn(shape, generator=torch.Generator().manual_seed(1))
+    x = x / x.norm()
+    for _ in range(5):
+        x = 3.4445 * x - 4.7750 * x @ x.T @ x + 2.0315 * x @ x.T @ x @ x.T @ x
+    assert (orthogonal(matrix) - x).norm() < 1e-3 * x.norm()
+
+
 def test_no_momentum_is_no_step():
     assert not orthogonal(torch.zeros(3, 7)).any()
 
