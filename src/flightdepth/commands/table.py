@@ -51,8 +51,8 @@ def paper_table(
 ) -> None:
     """The paper's L1 and RMSE for FlowNetS and DepthNet, chain by chain, ours beside the published ones.
 
-    Rows come from the runs folder; what was not trained is marked so. What was
-    measured is kept beside its checkpoint. Shipped networks stand below.
+    Rows come from the runs folder; what was not trained is marked so. Errors, once
+    measured, are kept beside their checkpoint. Shipped networks stand below.
 
       flightdepth evaluate table
 
@@ -110,12 +110,22 @@ def of_run(row: Row, runs: Path, textures: Textures, scenes: int) -> Found | Non
         return None
     trained, kept = read_trained(checkpoint), checkpoint.with_suffix(".figures.json")
     wanted = key(checkpoint, trained, textures, scenes)
-    before: Found = json.loads(kept.read_bytes()) if kept.exists() else {}
-    if {name: before.get(name) for name in wanted} == wanted:
-        return before
-    found = wanted | measured(row, trained, textures, scenes)
-    write_json(kept, found)
-    return found
+    found: Found = json.loads(kept.read_bytes()) if kept.exists() else {}
+    network = opened(row, trained)
+    if {name: found.get(name) for name in wanted} != wanted:
+        found = wanted | facts(network) | errors(row, network, trained, textures, scenes)
+        write_json(kept, found)
+    return found | timing(network)
+
+
+def opened(row: Row, trained: Trained) -> Network:
+    """The averaged weights of a checkpoint, ready to run."""
+    from flightdepth.training.checkpoint import read_weights
+    from flightdepth.training.export import deployed, to_onnx
+
+    onnx = to_onnx(deployed(trained.recipe, read_weights(trained.checkpoint, "averaged")))
+    card = card_of(trained, row.source.replace("/", "-"))
+    return running(card.model_copy(update={"sha256": hashlib.sha256(onnx).hexdigest()}), onnx)
 
 
 def key(checkpoint: Path, trained: Trained, textures: Textures, scenes: int) -> Found:
@@ -142,34 +152,25 @@ def same_textures(folder: Path, textures: Textures) -> bool:
     return not (folder / SETS).exists() and bool(worn["sha256"] == textures.digest)
 
 
-def measured(row: Row, trained: Trained, textures: Textures, scenes: int) -> Found:
-    """Errors on the test set and on the last scenes of training, and the time."""
+def errors(row: Row, network: Network, trained: Trained, textures: Textures, scenes: int) -> Found:
+    """On the test set, and on the last scenes of training where they can be drawn again."""
     from flightdepth.evaluation.network import evaluate_network
     from flightdepth.evaluation.table import LastScenes, whole_set
-    from flightdepth.training.checkpoint import read_weights
-    from flightdepth.training.export import deployed, to_onnx
 
-    onnx = to_onnx(deployed(trained.recipe, read_weights(trained.checkpoint, "averaged")))
-    card = card_of(trained, row.source.replace("/", "-"))
-    card = card.model_copy(update={"sha256": hashlib.sha256(onnx).hexdigest()})
-    network, tests = running(card, onnx), whole_set(card, scenes)
-    name = f"Still Box {tests.picture.width} px"
-    found = facts(network)
-    found["test"] = evaluate_network(
-        network, counted(tests, f"{row.title}, test", "scenes"), set_name=name, seed=tests.seed
-    )
+    tests = whole_set(network.card, scenes)
+    name, shown = f"Still Box {tests.picture.width} px", counted(tests, f"{row.title}, test", "scenes")
+    found = {"test": evaluate_network(network, shown, set_name=name, seed=tests.seed)}
     if same_textures(trained.checkpoint.parent, textures):
-        last = LastScenes.of(trained, card, textures, scenes)
+        last = LastScenes.of(trained, network.card, textures, scenes)
         shown = counted(last, f"{row.title}, train", "scenes")
         found["train"] = evaluate_network(network, shown, set_name="training", seed=last.scenes.seed)
     return found
 
 
 def facts(network: Network) -> Found:
-    """Size, training and time of a network."""
+    """Size and training of a network."""
     from flightdepth.evaluation.provenance import source_commit
-    from flightdepth.evaluation.table import median_ms, parameters
-    from flightdepth.processor import cpu_name
+    from flightdepth.evaluation.table import parameters
 
     card = network.card
     return {
@@ -179,6 +180,15 @@ def facts(network: Network) -> Found:
         "width_px": round(2 * card.focal_px),
         "stages": [stage.model_dump(mode="json", exclude_defaults=True) for stage in card.stages],
         "parameters": parameters(card.architecture, card.base_width),
+    }
+
+
+def timing(network: Network) -> Found:
+    """Of this machine, now: never kept."""
+    from flightdepth.evaluation.table import median_ms
+    from flightdepth.processor import cpu_name
+
+    return {
         "median_ms": median_ms(network, TIMED_CALLS),
         "runtime": network.runtime.description,
         "cpu": cpu_name(),
@@ -196,10 +206,11 @@ def of_shipped() -> Iterator[tuple[Row, Found]]:
         if (card.depth_min_m, card.depth_max_m, card.nominal_shift) != (0, 100, 3) or not card.metrics:
             continue
         card = card.at_focal(FIXED_SET_FOCAL_PX)
-        errors = card.metrics
-        test = {"network": {each: errors[each] for each in ("l1_m", "rmse_m")}}
-        test |= {peer: {"l1_m": errors[f"{peer}_l1_m"]} for peer in ("constant", "classical")}
-        yield shipped_row(card), facts(running(card, stored.onnx)) | {"test": test, "card": card.name}
+        found = card.metrics
+        test = {"network": {each: found[each] for each in ("l1_m", "rmse_m")}}
+        test |= {peer: {"l1_m": found[f"{peer}_l1_m"]} for peer in ("constant", "classical")}
+        network = running(card, stored.onnx)
+        yield shipped_row(card), facts(network) | timing(network) | {"test": test, "card": card.name}
 
 
 def say_what_was_measured(rows: list[tuple[Row, Found | None]]) -> None:
