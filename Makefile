@@ -3,10 +3,12 @@
 # make test   linters, types, layers and tests, with every extra that the tests need
 #
 # PYTHON=python3.12         another interpreter, 3.11 or newer
+# JOBS=4                    processes that run the tests, 2 unless told; `pytest` by itself takes one
 # TORCH_INDEX=URL           where `make test` also looks for PyTorch: the CPU index that its install page names
 #                           spares the CUDA packages
 
 PYTHON ?= python3
+JOBS ?= 2
 TORCH_INDEX ?=
 EXTRAS := test,train,ort,cluster,px4,ardupilot,ros,report,view,clouds,browser,live
 
@@ -23,7 +25,7 @@ demo: .venv-demo/installed
 	$(DEMO_BIN)/flightdepth demo
 
 test: lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile
 
 test-slow: lint
 	$(BIN)/python -m pytest -m slow --timeout 3600
