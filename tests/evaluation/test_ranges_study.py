@@ -75,6 +75,7 @@ def test_sweeps_vary_what_they_say():
     assert {trial.noise_rad for trial in SWEEPS["noise"]()} >= {0.0, 0.001, 0.01}
     assert {trial.ranges for trial in SWEEPS["ranges"]()} == {1, 2, 3, 4, 5, 6}
     assert {trial.ranges for trial in SWEEPS["shift"]()} == {0}
+    assert {trial.ranges for trial in SWEEPS["fusion"]() if trial.derotate} == {1, 2, 3, 4}
 
 
 def test_the_papers_figure_is_whole():

@@ -115,9 +115,14 @@ def orientation_noise() -> tuple[Trial, ...]:
     return (*plain, *(as_run(noise) for noise in NOISES_RAD))
 
 
-def as_run(noise_rad: float = NOISE_RAD) -> Trial:
+def as_run(noise_rad: float = NOISE_RAD, *, ranges: int = 2) -> Trial:
     """The defaults of `flightdepth run`: motion, two ranges, bounds, seen rotation taken out."""
-    return Trial(MOTION, 2, "saturation", noise_rad, derotate=True)
+    return Trial(MOTION, ranges, "saturation", noise_rad, derotate=True)
+
+
+def as_flown() -> tuple[Trial, ...]:
+    """`flightdepth run` with one to four ranges."""
+    return tuple(as_run(ranges=n) for n in range(1, 5))
 
 
 def wrong_speed() -> tuple[Trial, ...]:
@@ -142,7 +147,7 @@ SWEEPS: dict[str, Callable[[], tuple[Trial, ...]]] = {
     "noise": orientation_noise,
     "speed": wrong_speed,
     "telemetry": log_rates,
-    "fusion": default_fusion,
+    "fusion": lambda: (*default_fusion(), *as_flown()),
     "ranges": more_ranges,
 }
 
@@ -157,4 +162,5 @@ def is_quick(trial: Trial) -> bool:
     """Whether a sweep keeps the trial where time is short."""
     settings = asdict(trial) | asdict(trial.telemetry)
     few = trial.fusion == "paper" or trial.ranges == 2
-    return few and all(settings[name] in kept for name, kept in QUICK.items())
+    kept = few and all(settings[name] in values for name, values in QUICK.items())
+    return kept or trial in as_flown()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from flightdepth.evaluation.ranges_trials import (
     MOTION,
     TINY,
     Trial,
+    as_flown,
     default_fusion,
     figure,
     peers,
@@ -151,23 +152,32 @@ def shift_plot(rows: Rows) -> go.Figure:
 
 
 def fusion_plot(rows: Rows) -> go.Figure:
-    """What the default fusion leaves out, and how right the rest is, beside the paper's."""
+    """What the default fusion leaves out, and how right the rest is, beside the paper's; then with n ranges."""
     plot = go.Figure()
     for trial in default_fusion():
         pair = [each for each in (replace(trial, fusion="paper"), trial) if each in rows]
-        if len(pair) < 2:
-            continue
-        errors = [rows[each]["errors"]["all"] for each in pair]
-        points = go.Scatter(name=rows[trial]["label"], mode="lines+markers")
-        points.update(x=[100 * each["known"]["mean"] for each in errors])
-        points.update(y=[100 * each["abs_rel"]["mean"] for each in errors])
-        points.update(text=["paper", "default"], hovertemplate="%{text}: %{y:.1f} % on %{x:.0f} % of pixels")
-        points.update(marker={"symbol": ["circle-open", "circle"], "size": 11})
-        points.update(line={"color": COLOURS[trial.method], "dash": "dot", "width": 1})
-        plot.add_trace(points)
+        if len(pair) == 2:
+            points = known_and_error(rows, pair, ["paper", "default"], name=rows[trial]["label"])
+            points.update(marker={"symbol": ["circle-open", "circle"], "size": 11})
+            points.update(line={"color": COLOURS[trial.method], "dash": "dot", "width": 1})
+            plot.add_trace(points)
+    flown = [trial for trial in as_flown() if trial in rows]
+    if flown:
+        told = [f"n = {trial.ranges}" for trial in flown]
+        points = known_and_error(rows, flown, told, name="motion as run flies it")
+        plot.add_trace(points.update(line={"color": COLOURS[MOTION]}, marker={"size": 9}))
     plot.update_xaxes(title="pixels with a depth, %", range=[0, 104])
     plot.update_yaxes(title="|error| / true depth of those, %", rangemode="tozero")
     return plot
+
+
+def known_and_error(rows: Rows, trials: Sequence[Trial], told: Sequence[str], *, name: str) -> go.Scatter:
+    """A line through some trials: error over the share of pixels that have a depth."""
+    errors = [rows[trial]["errors"]["all"] for trial in trials]
+    known = [100 * each["known"]["mean"] for each in errors]
+    error = [100 * each["abs_rel"]["mean"] for each in errors]
+    points = go.Scatter(name=name, mode="lines+markers", x=known, y=error, text=told)
+    return points.update(hovertemplate="%{text}: %{y:.1f} % on %{x:.0f} % of pixels")
 
 
 def flicker_plot(rows: Rows) -> go.Figure:

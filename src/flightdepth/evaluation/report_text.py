@@ -64,7 +64,8 @@ PLOT_TEXTS = {
         "What it does not claim to know",
         "Open: the paper's fusion gives each pixel a depth. Full: the default takes the ends of a "
         "network's range as bounds, drops ranges that "
-        "contradict each other, and leaves those pixels unknown. The errors belong to different pixels.",
+        "contradict each other, and leaves those pixels unknown. The errors belong to different pixels. The line: as "
+        "`flightdepth run` flies, with one to four ranges.",
     ),
     "flicker": (
         "Flicker",
