@@ -75,6 +75,9 @@ CHOICES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "10 pairs a scene": ({"pairs_per_scene": 10}, {}),
     "160 pairs a scene": ({"pairs_per_scene": 160}, {}),
     "FlowNetS": ({"architecture": "FlowNetS"}, {"learning_rate": 5e-4}),
+    "FlowNetS, Muon 2e-3": ({"architecture": "FlowNetS", "optimizer": "muon"}, {"learning_rate": 2e-3}),
+    "FlowNetS, Muon 6e-3": ({"architecture": "FlowNetS", "optimizer": "muon"}, {"learning_rate": 6e-3}),
+    "FlowNetS, Muon 16e-3": ({"architecture": "FlowNetS", "optimizer": "muon"}, {"learning_rate": 16e-3}),
 }
 
 
@@ -89,7 +92,7 @@ def recipe_of(choice: str, samples: int, width: int, seed: int) -> Recipe:
         "warmup_samples": samples // 20,
         "stages": [stage],
     }
-    if choice == "FlowNetS":
+    if choice.startswith("FlowNetS"):
         facts["base_width"] = 2 * width
     return Recipe.model_validate(BASE | facts | changes)
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -73,6 +74,15 @@ def test_the_result_is_json(tmp_path: Path) -> None:
     result = evaluate_network(Network(CARD, Constant(6.0)), pairs(), set_name="planes")
     write_json(tmp_path / "result.json", result)
     assert json.loads((tmp_path / "result.json").read_text()) == result
+
+
+def test_percentiles_are_those_of_pixels_not_of_means_over_blocks() -> None:
+    depth_m = np.random.default_rng(1).choice(np.float32([2, 10]), (64, 128))
+    result = evaluate_network(
+        Network(CARD, Constant(6.0)), [replace(pairs()[0], depth_m=depth_m)], set_name="sand"
+    )
+    assert result["truth_percentiles_m"]["25"] == pytest.approx(2)
+    assert result["truth_percentiles_m"]["75"] == pytest.approx(10)
 
 
 def test_an_empty_set_has_no_figures(tmp_path: Path) -> None:
