@@ -98,7 +98,13 @@ def run(
             metavar="NAME", help="See `flightdepth networks`; or an ONNX file. Default: one for any lens."
         ),
     ] = None,
-    ranges: Annotated[int, typer.Option(metavar="N", help="Frame pairs a frame, 1 to 4.")] = 2,
+    ranges: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            help="Frame pairs a frame, 1 to 4. Three know more far pixels, at half as much again.",
+        ),
+    ] = 2,
     speed: Annotated[
         float | None,
         typer.Option(metavar="M_S", help="Constant speed, any direction, where there is no log."),
