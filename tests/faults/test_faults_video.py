@@ -114,8 +114,9 @@ def test_fault_2_a_cut_video_gives_what_came_before(name, request, tmp_path):
         assert unsound(frames[:-1] if is_stream else frames, path) == []
         assert counts or len(frames) == FRAMES or is_stream
         lengths.append(len(frames))
-    # The picture that was cut may take along those that the order of display holds back.
-    assert all(later >= before - REORDERED for before, later in pairwise(lengths))
+    # The picture that was cut may take along those that the order of display holds back. In a transport stream the
+    # decoder calls it damaged or not as its threads happen to run.
+    assert all(later >= before - REORDERED - 1 for before, later in pairwise(lengths))
     assert lengths[-1] == FRAMES
     assert any(0 < length < FRAMES for length in lengths)
 
