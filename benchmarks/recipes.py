@@ -77,7 +77,6 @@ CHOICES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "FlowNetS": ({"architecture": "FlowNetS"}, {"learning_rate": 5e-4}),
     "FlowNetS, Muon 2e-3": ({"architecture": "FlowNetS", "optimizer": "muon"}, {"learning_rate": 2e-3}),
     "FlowNetS, Muon 6e-3": ({"architecture": "FlowNetS", "optimizer": "muon"}, {"learning_rate": 6e-3}),
-    "FlowNetS, Muon 16e-3": ({"architecture": "FlowNetS", "optimizer": "muon"}, {"learning_rate": 16e-3}),
 }
 
 

@@ -116,7 +116,7 @@ def orientation_noise() -> tuple[Trial, ...]:
 
 
 def as_run(noise_rad: float = NOISE_RAD, *, ranges: int = 2) -> Trial:
-    """The defaults of `flightdepth run`: motion, two ranges, bounds, seen rotation taken out."""
+    """The defaults of `flightdepth run` (motion, two ranges, bounds, seen rotation taken out), with as many ranges."""
     return Trial(MOTION, ranges, "saturation", noise_rad, derotate=True)
 
 
