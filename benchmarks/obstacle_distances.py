@@ -132,7 +132,7 @@ def fly(
     """The sectors after each frame."""
     network = load_network(nearest_network(CAMERA))
     estimator = MultiRangeEstimator(network, CAMERA, ranges=way.ranges, turns=way.turns)
-    obstacles = ObstacleMap(Sight.of(network.card, network.grid(CAMERA).camera.fx), SETTINGS)
+    obstacles = ObstacleMap(lambda camera: Sight.of(network.card, network.focal_px(camera)), SETTINGS)
     for frame, image in enumerate(images):
         stamp_ns = round(frame / CONFIG.rate_hz * 1e9)
         estimator.add_velocity(stamp_ns, velocity_ned[frame])

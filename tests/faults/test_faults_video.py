@@ -2,8 +2,10 @@
 
 import random
 import struct
+import threading
 import time
 import tracemalloc
+from collections import Counter
 from functools import cache
 from itertools import pairwise
 
@@ -17,6 +19,8 @@ from trash import trashed
 from flightdepth.errors import BadInput
 from flightdepth.flight.decoding import REORDERED
 from flightdepth.flight.video import Video
+from flightdepth.live.video_address import video_address
+from flightdepth.live.video_stream import VideoStream
 
 FRAMES = 40
 
@@ -251,6 +255,23 @@ def test_fault_5_a_stream_that_begins_in_mid_group_begins_with_its_first_key_fra
     begun, _ = read(copy)
     assert unsound(begun, path) == []
     assert len(begun) == FRAMES - GROUP
+
+
+def test_fault_5_such_a_file_runs_against_its_log_as_it_flies(tmp_path):
+    """The log began with the first sound picture in `live`, with the stream in `run`."""
+    path = film(tmp_path / "whole.ts", FRAMES)
+    data = path.read_bytes()
+    keys = [at for at, _, key in packets(path) if key]
+    copy = tmp_path / "begun.ts"
+    copy.write_bytes(data[: keys[0] // 188 * 188] + data[keys[0] + 3 * 188 :])
+    begun, _ = read(copy)
+    stream = VideoStream(video_address(str(copy)), Counter())
+    epoch_ns = time.monotonic_ns()
+    pictures = stream.paced(epoch_ns, 0, threading.Event())
+    stamps_ns = [next(pictures).stamp_ns - epoch_ns for _ in range(3)]
+    stream.close()
+    assert stamps_ns == pytest.approx([frame.stamp_ns for frame in begun[:3]], abs=2)
+    assert stamps_ns[0] > 0
 
 
 # Fault 6: damaged packets.

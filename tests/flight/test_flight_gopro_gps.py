@@ -1,11 +1,14 @@
 """A GoPro's own GPS, in payloads laid out as GoPro describes them, inside a real MP4."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from flight_files import add_gpmf, gps5_payload, gps9_payload, lned_payload, make_video
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.gopro_gps import NO_FIX
+from flightdepth.flight.gopro_gps import NO_FIX, NOT_LATER, gps_velocities
+from flightdepth.flight.gpmf import Stream
 from flightdepth.flight.gpmf_telemetry import read_gpmf
 
 RATE_HZ = 18
@@ -60,6 +63,17 @@ def test_samples_without_a_fix_are_left_out_and_counted(plain):
     log = read_gpmf(add_gpmf(plain, [gps5_payload(first, fix=0), gps5_payload(second), gps5_payload(third)]))
     assert log.counts[NO_FIX] == RATE_HZ
     assert min(sample.stamp_ns for sample in log.samples) >= 10**9
+
+
+def test_a_time_that_jumps_ahead_costs_itself_and_is_counted_as_such():
+    stream = Stream("camera", "GPS5", "GPS", (), rows()[:40], fix=3)
+    stamps_ns = np.arange(40) * 10**9 // RATE_HZ
+    stamps_ns[2] = 10**11
+    counts = Counter()
+    found = gps_velocities([stream], stamps_ns, counts)
+    assert counts == {NOT_LATER: 1}
+    assert (np.diff(found.stamps_ns) > 0).all()
+    assert found.stamps_ns.max() < 10**10
 
 
 def test_a_receiver_that_never_had_a_fix_is_said_to_be_one(plain):

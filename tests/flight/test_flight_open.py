@@ -8,7 +8,10 @@ from flight_files import add_gpmf, lned_payload, make_video
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight import AttitudeSample, Frame, VelocitySample, open_flight, write_csv
+from flightdepth.flight import open as flight_open
+from flightdepth.flight.offset import ClockOffset
 from flightdepth.flight.open import merged
+from flightdepth.flight.records import Telemetry, ViewTrack
 
 MS = 1_000_000
 
@@ -106,6 +109,19 @@ def test_a_part_of_a_flight(video, tmp_path):
 def test_the_field_of_view_gives_the_camera(video):
     with open_flight(video, speed_m_s=1, hfov_deg=60) as flight:
         assert flight.camera == Camera.from_fov(96, 64, 60)
+
+
+def test_the_fields_of_view_move_with_the_log(video, monkeypatch):
+    """Zoomed in after a second of the log, which begins half a second after the video."""
+    view = ViewTrack(np.array([0, 500, 1000, 1500]) * MS, np.array([60.0, 60, 30, 30]))
+    samples = tuple(velocity(stamp * MS) for stamp in range(0, 2000, 100))
+    told = Telemetry("log", samples, {}, view=view)
+    monkeypatch.setattr(flight_open, "read_telemetry", lambda path: told)
+    monkeypatch.setattr(flight_open, "estimate_offset", lambda *_: ClockOffset(0.5, 0.01, 0.9, 0.0, "speed"))
+    with open_flight(video, "log", telemetry_offset_s="auto") as flight:
+        fields = {f.stamp_ns // MS: f.camera.horizontal_fov_deg for f in flight if isinstance(f, Frame)}
+    assert fields[1200] == pytest.approx(60, rel=0.02)
+    assert fields[1520] == pytest.approx(30, rel=0.02)
 
 
 def test_a_calibration_is_brought_to_the_videos_size(video, tmp_path):

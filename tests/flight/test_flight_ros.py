@@ -89,6 +89,35 @@ def test_a_twist_of_the_body_alone_is_that_of_a_camera_that_looks_forward(tmp_pa
     assert np.allclose(sample.velocity, (-1, 0.5, 4))  # right, down, forward
 
 
+def test_a_twist_of_the_body_before_its_first_pose_is_left_out_and_counted(tmp_path):
+    path = recorded(
+        tmp_path,
+        ("/mavros/local_position/velocity_body", MADE.twist_stamped(0.0, (4, 1, 0), "base_link")),
+        ("/mavros/local_position/pose", MADE.pose_stamped(1.0, YAW_90)),
+        ("/mavros/local_position/velocity_body", MADE.twist_stamped(1.05, (4, 1, 0), "base_link")),
+    )
+    [sample] = samples(path)
+    assert sample.frame == "world"
+    assert read_ros(path).counts == {"velocities without an orientation near them": 1}
+
+
+def test_a_cameras_orientations_do_not_hide_the_drones(tmp_path):
+    odometry = [
+        MADE.odometry(t, (0, 0, 2), (0.5, -0.5, 0.5, -0.5), child="camera_optical_frame")
+        for t in (0.01, 0.02, 0.03)
+    ]
+    path = recorded(
+        tmp_path,
+        ("/mavros/local_position/pose", MADE.pose_stamped(0.0, YAW_90)),
+        *(("/vio", message) for message in odometry),
+        ("/mavros/local_position/velocity_body", MADE.twist_stamped(0.05, (4, 1, 0), "base_link")),
+    )
+    [sample] = samples(path, topic="/mavros/local_position/velocity_body")
+    assert sample.frame == "world"
+    assert np.allclose(sample.velocity, (4, -1, 0))
+    assert len(read_ros(path).body_attitudes) == 1
+
+
 def test_an_optical_frame_is_the_camera_s(tmp_path):
     path = recorded(
         tmp_path,

@@ -23,7 +23,7 @@ class Flying:
         self.step = 0
         self.health = Health(State.OK, None, 0)
         self.distrusted: str | None = None
-        self.feed = ObstacleFeed(ObstacleMap(SIGHT), ObstaclePacker(ObstacleSettings()))
+        self.feed = ObstacleFeed(ObstacleMap(lambda _: SIGHT), ObstaclePacker(ObstacleSettings()))
         self.page = Page(self.status, self.feed)
         self.server = PageServer(self.page, "127.0.0.1:0")
 

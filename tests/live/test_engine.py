@@ -142,6 +142,12 @@ def test_only_a_size_that_the_camera_does_not_fit_is_one_without_a_calibration(m
     assert not isinstance(other.value, NoCalibration)
 
 
+@pytest.mark.parametrize("ranges", [0, 5])
+def test_ranges_that_there_are_not_are_refused_before_the_first_picture(ranges):
+    with pytest.raises(BadInput, match="ranges: expected 1 to 4"):
+        DepthStage(SimpleNamespace(), Lens(CAMERA), MotionStore(), ranges=ranges, fixed=True)
+
+
 class SetClock:
     """A stream whose sender's clock is right at first, and then set by three seconds."""
 

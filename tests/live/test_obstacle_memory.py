@@ -35,7 +35,7 @@ def cm(sectors):
 
 def test_a_wall_comes_nearer_in_the_dark():
     """10 m ahead, then no depth while flying 2 m/s at it for half a second: 9 m."""
-    obstacles = ObstacleMap(SIGHT)
+    obstacles = ObstacleMap(lambda _: SIGHT)
     added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (2.0, 3.0, 0.0))
     for step in range(1, 6):
         found = added(obstacles, step / 10, NONE, (2.0, 0.0, 0.0))
@@ -44,7 +44,7 @@ def test_a_wall_comes_nearer_in_the_dark():
 
 
 def test_a_memory_ends():
-    obstacles = ObstacleMap(SIGHT, ObstacleSettings(memory_s=0.6))
+    obstacles = ObstacleMap(lambda _: SIGHT, ObstacleSettings(memory_s=0.6))
     added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (0.0, 3.0, 0.0))
     assert cm(added(obstacles, 0.4, NONE, (0.0, 3.0, 0.0)))[0] < FREE
     assert (cm(added(obstacles, 0.7, NONE, (0.0, 3.0, 0.0))) == UNKNOWN).all()
@@ -52,7 +52,7 @@ def test_a_memory_ends():
 
 def test_turning_turns_what_is_remembered():
     """The nose turns 30 degrees right: a wall to the north is then 30 degrees to the left."""
-    obstacles = ObstacleMap(SIGHT)
+    obstacles = ObstacleMap(lambda _: SIGHT)
     seen = added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (0.0, 3.0, 0.0))
     found = added(obstacles, 0.01, NONE, (0.0, 3.0, 0.0), yaw=30)
     for sector in range(-4, 5):  # a sector's nearest point is at its edge, so it may count for the next one
@@ -62,7 +62,7 @@ def test_turning_turns_what_is_remembered():
 
 
 def test_clear_is_remembered_and_shrinks_with_the_way():
-    obstacles = ObstacleMap(SIGHT, ObstacleSettings(max_m=30))
+    obstacles = ObstacleMap(lambda _: SIGHT, ObstacleSettings(max_m=30))
     added(obstacles, 0.0, nothing(90.0), (0.0, 4.0, 0.0))
     still = added(obstacles, 0.05, NONE, (0.0, 0.0, 0.0))
     assert still.remembered[0] and still.clear_m[0] >= 30
@@ -72,14 +72,14 @@ def test_clear_is_remembered_and_shrinks_with_the_way():
 
 
 def test_what_was_not_seen_then_is_not_clear_now():
-    obstacles = ObstacleMap(SIGHT)
+    obstacles = ObstacleMap(lambda _: SIGHT)
     added(obstacles, 0.0, nothing(90.0), (0.0, 4.0, 0.0))
     found = cm(added(obstacles, 0.05, NONE, (0.0, 4.0, 0.0)))
     assert found[18] == found[36] == found[54] == UNKNOWN  # right, behind, left: outside the view
 
 
 def test_the_newest_result_stands_before_the_memory():
-    obstacles = ObstacleMap(SIGHT)
+    obstacles = ObstacleMap(lambda _: SIGHT)
     added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (0.0, 3.0, 0.0))
     found = added(obstacles, 0.3, nothing(90.0), (0.0, 3.0, 0.0))
     assert cm(found)[0] == FREE and not found.remembered[0]
@@ -89,17 +89,17 @@ def test_two_results_in_a_row_count_as_one():
     """Near and far in turn: the nearer obstacle of both stands, moved by the motion; not for long."""
     near, far = result(wall(camera_attitude(), 8.0)), result(wall(camera_attitude(), 30.0))
     for order in ((near, far), (far, near)):
-        obstacles = ObstacleMap(SIGHT)
+        obstacles = ObstacleMap(lambda _: SIGHT)
         added(obstacles, 0.0, order[0], (1.0, 3.0, 0.0))
         found = added(obstacles, 0.1, order[1], (1.0, 3.0, 0.0))
         assert 7.85 <= found.obstacle_m[0] <= 8.01
-    late = ObstacleMap(SIGHT)
+    late = ObstacleMap(lambda _: SIGHT)
     added(late, 0.0, near, (1.0, 3.0, 0.0))
     assert added(late, 0.3, far, (1.0, 3.0, 0.0)).obstacle_m[0] == pytest.approx(30.0, abs=0.1)
 
 
 def test_what_one_of_two_results_calls_free_the_other_may_take_back():
-    obstacles = ObstacleMap(SIGHT)
+    obstacles = ObstacleMap(lambda _: SIGHT)
     added(obstacles, 0.0, result(wall(camera_attitude(), 8.0)), (0.0, 3.0, 0.0))
     assert cm(added(obstacles, 0.03, nothing(90.0), (0.0, 3.0, 0.0)))[0] == pytest.approx(800, abs=5)
 
@@ -109,8 +109,8 @@ def test_the_blind_cone_is_covered_by_what_was_seen_before():
     ball = np.full((CAMERA.height, CAMERA.width), np.nan)
     ball[110:130, 150:170] = 12.0
     seen = result(ball, farther_m=90.0)
-    blind = cm(added(ObstacleMap(SIGHT), 0.0, seen, (4.0, 0.0, 0.0)))
-    obstacles = ObstacleMap(SIGHT)
+    blind = cm(added(ObstacleMap(lambda _: SIGHT), 0.0, seen, (4.0, 0.0, 0.0)))
+    obstacles = ObstacleMap(lambda _: SIGHT)
     added(obstacles, 0.0, seen, (0.0, 4.0, 0.0))
     known = cm(added(obstacles, 0.05, seen, (4.0, 0.0, 0.0)))
     assert blind[0] == UNKNOWN and known[0] == pytest.approx(1190, abs=15)
@@ -118,7 +118,7 @@ def test_the_blind_cone_is_covered_by_what_was_seen_before():
 
 @pytest.mark.parametrize("lacking", ["velocity", "gap", "time"])
 def test_nothing_is_remembered_across_what_nobody_knows(lacking):
-    obstacles = ObstacleMap(SIGHT)
+    obstacles = ObstacleMap(lambda _: SIGHT)
     added(obstacles, 1.0, result(wall(camera_attitude(), 10.0)), (0.0, 3.0, 0.0))
     if lacking == "velocity":
         added(obstacles, 1.1, NONE, None)
@@ -127,7 +127,7 @@ def test_nothing_is_remembered_across_what_nobody_knows(lacking):
 
 
 def test_without_attitude_or_heading_all_is_unknown():
-    obstacles = ObstacleMap(SIGHT)
+    obstacles = ObstacleMap(lambda _: SIGHT)
     for attitude, heading in ((None, 0.0), (camera_attitude(), None)):
         found = obstacles.add(
             1,

@@ -61,7 +61,7 @@ def live_result(
 
 
 def feed(**options) -> ObstacleFeed:
-    return ObstacleFeed(ObstacleMap(SIGHT), ObstaclePacker(SETTINGS, system=lambda: 7), **options)
+    return ObstacleFeed(ObstacleMap(lambda _: SIGHT), ObstaclePacker(SETTINGS, system=lambda: 7), **options)
 
 
 def decoded(messages: list[bytes]) -> list:

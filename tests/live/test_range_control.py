@@ -3,11 +3,9 @@
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flightdepth.errors import BadInput
 from flightdepth.live.range_control import RangeControl
 
 PERIOD_MS = 33.3
@@ -100,8 +98,3 @@ def test_n_stays_within_its_bounds_and_moves_by_one(most, frames):
         assert 1 <= n <= most
         assert abs(n - before) <= 1
         before = n
-
-
-def test_no_ranges_are_refused():
-    with pytest.raises(BadInput):
-        RangeControl(0)

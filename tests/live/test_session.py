@@ -51,3 +51,10 @@ def test_obstacle_messages_that_fail_stand_in_the_state(session):
     session.sender = SimpleNamespace(failed=3)
     dropped = session.engine.status().telemetry_dropped
     assert dropped == {"obstacle messages that could not be made or written": 3}
+
+
+@pytest.mark.parametrize("size", [(320, 240), (1280, 720)])
+def test_how_far_obstacles_are_seen_is_that_of_the_pictures_that_come(session, size):
+    """It was that of 640x360, whatever the stream showed."""
+    camera = session.lens.at(*size)
+    assert session._sight(camera).focal_px == pytest.approx(session.network.grid(camera).camera.fx, rel=0.02)

@@ -6,7 +6,7 @@ from output_samples import csv_text, known, unknown
 
 from flightdepth.flight import AttitudeSample, Frame, VelocitySample
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
-from flightdepth.outputs.poses import COLUMNS, FramePose, PoseTrack, pose_cells, poses_from_csv
+from flightdepth.outputs.poses import COLUMNS, REMEMBERED, FramePose, PoseTrack, pose_cells, poses_from_csv
 
 S = 1_000_000_000
 PICTURE = np.zeros((8, 8, 3), np.uint8)
@@ -42,6 +42,14 @@ def test_nothing_is_summed_across_a_gap():
     places = [at(track, seconds) for seconds in (0.0, 1.0, 9.0, 10.0)]
     assert [place.segment for place in places] == [0, 0, 1, 1]
     assert [place.position_ned[0] for place in places] == pytest.approx([0, 2, 0, 2])
+
+
+def test_what_is_remembered_stays_bounded_where_places_come_and_go():
+    """An index that had no place took nothing out: gaps in the log made it grow."""
+    track = flown([(seconds, (2, 0, 0)) for second in range(0, 90, 3) for seconds in (second, second + 1)])
+    for index in range(6 * REMEMBERED):
+        at(track, index / 70, index=index)
+        assert len(track._positions) <= REMEMBERED
 
 
 def test_an_attitude_of_the_log_is_taken():

@@ -98,3 +98,10 @@ def test_a_scout_does_not_push_the_ranges_out_of_their_panels(scout_m):
     after = preview.draw(frame(), result)
     for number in (2, 3):
         assert (panel(preview, after, number) == panel(preview, before, number)).all()
+
+
+def test_a_range_of_another_lens_is_said_to_be_unused():
+    """The lens zoomed between the frame's depth and its picture."""
+    preview = Preview(WIDTH, HEIGHT, range_panels=2, to_source=lambda map_hw: None)
+    picture = preview.draw(frame(), known(10))
+    assert (panel(preview, picture, 2) == preview._empty[0, 0]).all()

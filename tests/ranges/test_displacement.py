@@ -101,6 +101,20 @@ def test_camera_velocities_turn_with_the_attitude() -> None:
     assert not track.non_rotating
 
 
+def test_velocities_seldomer_than_attitudes_are_turned_by_those_of_their_own_time() -> None:
+    """A velocity at 5 Hz, attitudes at 50 Hz, frames in between: nothing that was forgotten is missed."""
+    made = Trajectory()
+    for k in range(500):
+        stamp_ns, yaw = EPOCH + k * S // 50, k / 250
+        made.add_attitude(stamp_ns, quaternion_from_rotation(rotation_from_euler(0, 0, yaw)))
+        if k % 10 == 0:
+            velocity = rotation_from_euler(0, 0, yaw).T @ (5.0, 0, 0)
+            made.add_velocity(stamp_ns, velocity, frame="camera", sigma=None)
+    for start_s in np.arange(0.05, 8.5, 0.33):
+        made.forget(EPOCH + round(start_s * S))
+        np.testing.assert_allclose(displacement(made, start_s, start_s + 1), [5, 0, 0], atol=1e-6)
+
+
 def test_camera_velocities_without_attitude_are_taken_as_non_rotating() -> None:
     track = trajectory((0, (2, 0, 0)), (1, (2, 0, 0)), frame="camera")
     np.testing.assert_allclose(displacement(track, 0, 1), [2, 0, 0], atol=1e-8)
@@ -124,6 +138,23 @@ def test_poses_are_interpolated() -> None:
         pose[0, 3] = 3.0 * k
         track.add_pose(EPOCH + k * S, pose)
     np.testing.assert_allclose(displacement(track, 0.5, 1.5), [3, 0, 0], atol=1e-8)
+
+
+def posed(*seconds: float) -> Trajectory:
+    """Flown north with 5 m/s, poses at these times."""
+    made = Trajectory()
+    for t in seconds:
+        pose = np.eye(4)
+        pose[0, 3] = 5 * t
+        made.add_pose(EPOCH + round(t * S), pose)
+    return made
+
+
+@pytest.mark.parametrize("seconds", [(0, 0.5, 1, 4), (0, 0.5, 1), (1, 4), (0, 1, 4, 7)])
+def test_after_the_last_pose_before_a_gap_the_speed_holds(seconds) -> None:
+    track = posed(*seconds)
+    track.forget(EPOCH + S)
+    np.testing.assert_allclose(displacement(track, 1.0, 1.4), [2.0, 0, 0], atol=1e-6)
 
 
 def test_a_lone_glitch_is_dropped() -> None:

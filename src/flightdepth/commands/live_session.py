@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
 
+from flightdepth.camera import Camera
 from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.terminal import say, warn
 from flightdepth.flight.gimbal import looking
@@ -49,9 +50,9 @@ class Session:
         self.settings = settings
         self.address = video_address(settings.video)
         self.lens = Lens.given(settings.camera, settings.hfov)
-        self.nominal_camera = self.lens.camera or self.lens.at(*NOMINAL_SIZE)
+        nominal = self.lens.camera or self.lens.at(*NOMINAL_SIZE)
         self.network: Network = load_network(
-            settings.network or nearest_network(self.nominal_camera), precision=settings.precision.chosen
+            settings.network or nearest_network(nominal), precision=settings.precision.chosen
         )
         fixed = settings.mount is Mount.FIXED
         self.store = MotionStore(looking(math.radians(-settings.tilt)) if fixed else None)
@@ -129,12 +130,14 @@ class Session:
         settings = self.settings
         if not settings.obstacles and settings.dry_run is None:
             return None
-        sight = Sight.of(self.network.card, self.network.grid(self.nominal_camera).camera.fx)
         packer = ObstaclePacker(ObstacleSettings(), system=self._vehicle)
-        feed = ObstacleFeed(ObstacleMap(sight), packer, camera_ahead=settings.mount is Mount.FIXED)
+        feed = ObstacleFeed(ObstacleMap(self._sight), packer, camera_ahead=settings.mount is Mount.FIXED)
         self.engine.add_sink("obstacles", feed.take)
         self.sender = stack.enter_context(ObstacleSender(feed, self._obstacle_writer(stack)))
         return feed
+
+    def _sight(self, camera: Camera) -> Sight:
+        return Sight.of(self.network.card, self.network.focal_px(camera))
 
     def _telemetry_dropped(self) -> dict[str, int]:
         """What did not come in over MAVLink, or did not go out."""

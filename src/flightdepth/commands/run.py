@@ -311,7 +311,6 @@ def write_depth(
     from flightdepth.runtimes.network import load_network
 
     camera, ranges = flight.camera, settings.ranges
-    grid = network.grid(camera)
     estimator = MultiRangeEstimator(
         network,
         camera,
@@ -324,10 +323,10 @@ def write_depth(
         camera.width,
         camera.height,
         range_panels=ranges if settings.preview_ranges else 0,
-        to_source=grid.to_source if settings.preview_ranges else None,
+        to_source=estimator.to_source if settings.preview_ranges else None,
     )
     source = source_of(name, flight, network, settings)
-    network.warm_up(grid.camera, ranges)
+    network.warm_up(network.grid(camera).camera, ranges)
 
     def progress(frame: Frame, result: RangedDepth) -> None:
         bar.advance(bar.task_ids[0])

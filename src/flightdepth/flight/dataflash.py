@@ -157,7 +157,7 @@ class Selection:
     _core: float | None = None
     _status: dict[float, int] = field(default_factory=dict)
     _gps: float | None = None
-    _gps_sigma: float | None = None
+    _gps_sigmas: dict[float, float] = field(default_factory=dict)
 
     def records(self, name: str, fields: Fields) -> list[Record]:
         """The record of a row, if it is of use."""
@@ -165,7 +165,7 @@ class Selection:
             self._core = fields["PI"]
             self._status[fields.get("C", 0)] = int(fields["SS"])
         elif name == "GPA":
-            self._gps_sigma = fields["SAcc"]
+            self._gps_sigmas[fields.get("I", 0)] = fields["SAcc"]
         elif name == self.velocity:
             return self._gps_velocity(fields) if name == "GPS" else self._core_velocity(fields)
         elif name == self.attitude and (name == "ATT" or self._is_primary(fields)):
@@ -195,7 +195,9 @@ class Selection:
             return []
         course = math.radians(fields["GCrs"])
         north, east = fields["Spd"] * math.cos(course), fields["Spd"] * math.sin(course)
-        return [Record(stamp_ns(fields), Velocity((north, east, fields["VZ"]), self._gps_sigma))]
+        return [
+            Record(stamp_ns(fields), Velocity((north, east, fields["VZ"]), self._gps_sigmas.get(receiver)))
+        ]
 
 
 def stamp_ns(fields: Fields) -> int:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.flight.gpmf import Stream
+from flightdepth.flight.order import rising
 from flightdepth.flight.positions import Velocities, local_ned, velocities, without_jumps
 from flightdepth.motion import Vector
 
@@ -23,18 +24,22 @@ FIX_COLUMN, SPEED_COLUMN = 8, 4
 STEPS_M = (0.011, 0.001)  # 1e-7 degrees, and millimetres
 SLOWEST_M_S = 0.5  # below it the receiver's speed is not spread over a direction that positions hardly tell
 NO_FIX = "GPS samples without a fix"
+NOT_LATER = "GPS samples not later than the one before"
 
 
 def gps_velocities(streams: list[Stream], stamps_ns: NDArray[np.int64], counts: Counter[str]) -> Velocities:
     """Velocity north-east-down at the fixes of streams whose samples have `stamps_ns`; none where none has a fix."""
     values = np.concatenate([stream.values for stream in streams])
     good = np.concatenate([_has_fix(stream) for stream in streams]) & np.isfinite(values).all(axis=1)
-    good &= np.r_[True, np.diff(stamps_ns) > 0]
     if not good.all():
         counts[NO_FIX] += int((~good).sum())
     if not good.any():
         return Velocities(stamps_ns[:0], np.zeros((0, 3)), np.zeros(0))
     stamps_ns, values = stamps_ns[good], values[good]
+    later = rising(stamps_ns.tolist())
+    if len(later) < len(stamps_ns):
+        counts[NOT_LATER] += len(stamps_ns) - len(later)
+    stamps_ns, values = stamps_ns[later], values[later]
     ned = local_ned(values[:, 0], values[:, 1], values[:, 2])
     kept = without_jumps(ned)
     found = velocities(stamps_ns[kept], ned[kept], steps_m=STEPS_M)

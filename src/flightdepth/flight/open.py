@@ -169,6 +169,7 @@ def open_flight(
         clock = None
         if log is not None and telemetry_offset_s == AUTO:
             log, clock = synchronised(video, chosen.camera, log)
+            chosen = replace(chosen, views=log.view if chosen.views else None)
         told = clock_warnings(clock, inside=telemetry is None)
         return Flight(video, chosen, log, speed_m_s or 0.0, clock=clock, clock_warnings=told)
     except BaseException:

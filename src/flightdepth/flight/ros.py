@@ -84,10 +84,12 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     counts: Counter[str] = Counter()
     topics, kinds = _topics(path, counts)
     chosen = _choose(path, topics, kinds, topic)
-    oriented = max(topics, key=lambda known: len(known.orientations), default=chosen)
+    oriented = max(
+        topics, key=lambda known: sum(not turn.of_camera for turn in known.orientations), default=chosen
+    )
     first_ns = _first_picture_ns(topics)
     zero_ns = chosen.twists[0].stamp_ns if first_ns is None else first_ns
-    velocities = _velocities(chosen.twists, oriented.orientations, zero_ns)
+    velocities = _velocities(chosen.twists, oriented.orientations, zero_ns, counts)
     attitudes = _camera_attitudes(topics, zero_ns)
     samples: list[Sample] = [*in_time_order(velocities, counts), *in_time_order(attitudes, counts)]
     samples.sort(key=lambda sample: sample.stamp_ns)
@@ -150,9 +152,9 @@ def _first_picture_ns(topics: Sequence[Topic]) -> int | None:
 
 
 def _velocities(
-    twists: Sequence[Twist], orientations: Sequence[Orientation], zero_ns: int
+    twists: Sequence[Twist], orientations: Sequence[Orientation], zero_ns: int, counts: Counter[str]
 ) -> list[VelocitySample]:
-    """In the world frame where it is known, else the camera's: that of a camera which looks forward."""
+    """In the world frame where orientations are told, else the camera's: that of a camera which looks forward."""
     bodies = sorted((o for o in orientations if not o.of_camera), key=lambda o: o.stamp_ns)
     stamps = np.array([orientation.stamp_ns for orientation in bodies], dtype=np.int64)
     samples = []
@@ -164,6 +166,8 @@ def _velocities(
         elif nearest is not None:
             world = bodies[nearest].ned_from_frame @ twist.velocity
             samples.append(VelocitySample(stamp_ns, world, "world", twist.sigma))
+        elif twist.frame == "body" and bodies:  # a flight has one frame
+            counts["velocities without an orientation near them"] += 1
         else:
             turn = FLU_FROM_OPTICAL.T if twist.frame == "body" else np.eye(3)
             samples.append(VelocitySample(stamp_ns, turn @ twist.velocity, "camera", twist.sigma))

@@ -20,7 +20,7 @@ from flightdepth.flight.records import NS_PER_S, AttitudeSample, VelocitySample
 from flightdepth.flight.steadiness import MAX_TURN_RAD, PAIR_NS, Steadiness
 from flightdepth.live.health import FROZEN
 from flightdepth.live.motion_store import MotionStore
-from flightdepth.ranges.estimator import MultiRangeEstimator
+from flightdepth.ranges.estimator import MultiRangeEstimator, check_ranges
 from flightdepth.ranges.repeats import Repeats
 from flightdepth.ranges.result import RangedDepth
 from flightdepth.runtimes.network import Network
@@ -96,6 +96,7 @@ class DepthStage:
         fixed: bool,
         turns: int = 1,
     ) -> None:
+        check_ranges(ranges)
         self.counts: Counter[str] = Counter()
         self._network, self._lens, self._store, self._fixed = network, lens, store, fixed
         self._ranges = self._most = ranges

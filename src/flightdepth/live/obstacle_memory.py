@@ -10,7 +10,9 @@ far as each of its points lay in a clear one then.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,11 +53,14 @@ class Snapshot:
 
 
 class ObstacleMap:
-    """Sectors of result after result; one a flight, not for use from several threads at once."""
+    """Sectors of result after result; one a flight, not for use from several threads at once.
 
-    def __init__(self, sight: Sight, settings: ObstacleSettings | None = None) -> None:
+    sight_of  what the network sees through a camera
+    """
+
+    def __init__(self, sight_of: Callable[[Camera], Sight], settings: ObstacleSettings | None = None) -> None:
         self.settings = settings or ObstacleSettings()
-        self._sight = sight
+        self._sight_of = lru_cache(maxsize=1)(sight_of)  # pictures seldom change their size
         self._snapshots: deque[Snapshot] = deque()
         self._before: Snapshot | None = None
         self._position: Vector = np.zeros(3)
@@ -82,7 +87,7 @@ class ObstacleMap:
             return Sectors.unknown(speed)
         settings = self.settings.over_ground(height_m)
         pose = Pose.of(world_from_camera, heading_rad, velocity_ned)
-        seen = sectors_of(depth, camera, pose, self._sight, settings)
+        seen = sectors_of(depth, camera, pose, self._sight_of(camera), settings)
         now = Snapshot(stamp_ns, self._position.copy(), heading_rad, seen)
         filled = self._filled(self._joined(now, settings), settings)
         self._keep(now)

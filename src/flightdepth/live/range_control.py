@@ -6,7 +6,6 @@ a trial, and a trial that fails doubles the wait before the next one.
 
 from __future__ import annotations
 
-from flightdepth.errors import BadInput
 from flightdepth.flight.records import NS_PER_S
 
 # Shares of the time between two pictures that a frame's work may take. Up to the whole of it no picture waits for
@@ -22,8 +21,6 @@ class RangeControl:
     """Chooses n in 1..`most`; feed it each frame's work and the time that the stream gives for it."""
 
     def __init__(self, most: int) -> None:
-        if most < 1:
-            raise BadInput("ranges", expected="at least 1", got=str(most))
         self.ranges = most
         self._most = most
         self._share: float | None = None

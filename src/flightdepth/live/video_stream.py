@@ -96,8 +96,9 @@ class VideoStream:
         raise StreamEnded("it ended")
 
     def paced(self, epoch_ns: int, delay_ns: int, stop: threading.Event) -> Iterator[Picture]:
-        """A file's pictures, each when it is due: the first at `epoch_ns`."""
-        first_ns: int | None = None
+        """A file's pictures, each when it is due; its stream begins at `epoch_ns`, as a log beside it does."""
+        start = self._stream.start_time
+        first_ns = None if start is None else self._nanoseconds(start)
         for packet in self._container.demux(self._stream):
             for decoded in self._decoder.decode(packet):
                 own_ns = self._nanoseconds(decoded.pts)

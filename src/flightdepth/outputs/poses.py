@@ -77,7 +77,8 @@ class PoseTrack:
         if segment < 0:
             return None
         self._positions[frame.index] = position, segment
-        self._positions.pop(frame.index - REMEMBERED, None)
+        if len(self._positions) > REMEMBERED:
+            del self._positions[next(iter(self._positions))]
         attitude: AttitudeFrom = "log"
         if self._trajectory.non_rotating:
             turn, attitude = NED_FROM_CAMERA, "assumed"

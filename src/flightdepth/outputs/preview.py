@@ -71,7 +71,7 @@ class Preview:
     """Draws one picture of the film a frame.
 
     `range_panels` > 0 adds that many maps of single ranges, and caps the scale at 100 m; `to_source` brings
-    them from the network's size [h, w] to the source's [H, W].
+    them from the network's size [h, w] to the source's [H, W], or says None where it can't any more.
     """
 
     def __init__(
@@ -80,13 +80,11 @@ class Preview:
         height: int,
         *,
         range_panels: int = 0,
-        to_source: Callable[[Map], Map] | None = None,
-        scale: DepthScale | None = None,
+        to_source: Callable[[Map], Map | None] | None = None,
     ) -> None:
         if (range_panels > 0) != (to_source is not None):
             raise ValueError("range panels need to_source, and nothing else does")
-        default = DepthScale(far_m=RANGES_CAP_M) if range_panels else DepthScale()
-        self._palette = Palette(scale or default)
+        self._palette = Palette(DepthScale(far_m=RANGES_CAP_M) if range_panels else DepthScale())
         self._layout = Layout.of(width, height, 2 + range_panels)
         self._range_panels, self._to_source = range_panels, to_source
         self._last_m = np.empty(0)
@@ -121,10 +119,12 @@ class Preview:
         shown = self._shown_ranges(result.displacements_m)
         for i in range(self._range_panels):
             panel, name = 2 + i, f"range {i + 1}"
-            if i >= len(shown) or self._to_source is None:
+            depth_m = None
+            if i < len(shown) and self._to_source is not None:
+                depth_m = self._to_source(result.range_depths_m[shown[i]])
+            if depth_m is None:
                 self._caption(picture, panel, name, "  not in use")
                 continue
-            depth_m = self._to_source(result.range_depths_m[shown[i]])
             self._place(picture, panel, self._painted(depth_m, NO_BOUNDS))
             pair = f"  {result.displacements_m[shown[i]]:.2f} m in {result.shifts[shown[i]]} frames"
             self._caption(picture, panel, name, pair)

@@ -56,11 +56,14 @@ def integrate(stamps_ns: Stamps, velocity: Rows, at_ns: Stamps) -> tuple[Vector,
 def interpolate(stamps_ns: Stamps, position: Rows, at_ns: Stamps) -> tuple[Vector, NDArray[np.int64]]:
     """Positions [k, 3] and segments [k] at `at_ns`, straight between measured positions [m, 3] (m).
 
-    Poses share one world, so all known ones are one segment. Past the last the last speed holds for HOLD_S.
+    Poses share one world, so all known ones are one segment. Past the last, and past one that a gap follows, the
+    last speed holds for HOLD_S; the mean speed over the gap where no other is known.
     """
     before, elapsed_s, _, known = neighbours(stamps_ns, at_ns)
     step_s = np.diff(stamps_ns)[:, None] * 1e-9
-    speeds = np.where(step_s <= MAX_GAP_S, np.diff(position, axis=0) / step_s, 0.0)
+    speeds = np.diff(position, axis=0) / step_s
+    for gap in np.flatnonzero(step_s[1:, 0] > MAX_GAP_S) + 1:
+        speeds[gap] = speeds[gap - 1]
     speeds = np.concatenate([speeds, speeds[-1:] if len(speeds) else np.zeros((1, 3))])
     return position[before] + elapsed_s[:, None] * speeds[before], np.where(known, 0, -1)
 
@@ -138,16 +141,19 @@ class Trajectory:
 
     def forget(self, before_ns: int) -> None:
         """Drop what times from `before_ns` on do not need."""
-        for timeline in (self._velocities, self._attitudes, self._poses):
-            timeline.forget(before_ns)
+        self._velocities.forget(before_ns)
+        self._poses.forget(before_ns, spare=1)
+        # A velocity of the camera's frame is turned by the attitude of its own time.
+        oldest, _ = self._velocities.between(before_ns, before_ns)
+        self._attitudes.forget(min([before_ns, *oldest[:1].tolist()]))
 
     def _positions(self, first: int, last: int, at_ns: Stamps) -> tuple[Vector, NDArray[np.int64]]:
         if self.from_poses:
-            stamps, rows = self._poses.between(first, last)
+            stamps, rows = self._poses.between(first, last, spare=1)  # tells the speed past the last
             return interpolate(stamps, rows[:, :3], at_ns)
         stamps, velocity = self._velocities.between(first, last)
-        if self.frame == "camera" and not self.non_rotating:
-            turns, known = self._orientations(first, last, stamps)
+        if self.frame == "camera" and not self.non_rotating and len(stamps):
+            turns, known = self._orientations(int(stamps[0]), int(stamps[-1]), stamps)
             stamps, velocity = stamps[known], np.einsum("kij,kj->ki", turns[known], velocity[known])
         if not len(stamps):
             return np.zeros((len(at_ns), 3)), np.full(len(at_ns), -1)

@@ -129,6 +129,10 @@ class MultiRangeEstimator:
         for seer in self._seers:
             seer.planner.ranges = ranges
 
+    def to_source(self, map_hw: Map) -> Map | None:
+        """One of a result's `range_depths_m` at the source's pixels; None where the lens has been zoomed since."""
+        return self._grid.to_source(map_hw) if map_hw.shape == self._grid.valid.shape else None
+
     @property
     def _seers(self) -> tuple[Seer, ...]:
         return (self._first,) if self._fallback is None else (self._first, self._fallback)

@@ -49,17 +49,20 @@ class Timeline:
         self._start = max(self._start, self._end - self._limit)
         return True
 
-    def between(self, first_ns: int, last_ns: int) -> tuple[Stamps, Rows]:
-        """The rows from the last one at or before `first_ns` to the first one at or after `last_ns`."""
+    def between(self, first_ns: int, last_ns: int, *, spare: int = 0) -> tuple[Stamps, Rows]:
+        """The rows from the last one at or before `first_ns` to the first one at or after `last_ns`.
+
+        `spare`: with so many more before them, as far as there are.
+        """
         stamps = self._stamps[self._start : self._end]
-        first = max(int(np.searchsorted(stamps, first_ns, "right")) - 1, 0)
+        first = max(int(np.searchsorted(stamps, first_ns, "right")) - 1 - spare, 0)
         last = int(np.searchsorted(stamps, last_ns, "left")) + 1
         return stamps[first:last], self._rows[self._start : self._end][first:last]
 
-    def forget(self, before_ns: int) -> None:
-        """Drop what no time at or after `before_ns` needs: all rows before the last one at or before it."""
+    def forget(self, before_ns: int, *, spare: int = 0) -> None:
+        """Drop what no time at or after `before_ns` needs: all rows before those that `between` gives for it."""
         stamps = self._stamps[self._start : self._end]
-        self._start += max(int(np.searchsorted(stamps, before_ns, "right")) - 1, 0)
+        self._start += max(int(np.searchsorted(stamps, before_ns, "right")) - 1 - spare, 0)
 
     def _make_room(self) -> None:
         # Rows forgotten at the front are reused first, so a long flight stays in the first block.

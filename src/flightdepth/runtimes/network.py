@@ -48,20 +48,21 @@ class Network:
         if camera not in self._grids:
             for seldom in list(self._grids)[: max(0, len(self._grids) + 2 - GRIDS_KEPT)]:
                 del self._grids[seldom]
-            grid = self._laid_out(camera)
+            grid = NetworkGrid(camera, self.focal_px(camera))
             self._grids[grid.camera] = NetworkGrid(grid.camera, None)
             self._grids[camera] = grid
         grid = self._grids.pop(camera)
         self._grids[camera] = grid
         return grid
 
-    def _laid_out(self, camera: Camera) -> NetworkGrid:
+    def focal_px(self, camera: Camera) -> float:
+        """Focal length of the pictures that the network sees of `camera`'s; for any thread."""
         if not self.card.any_lens:
-            return NetworkGrid(camera, self.card.focal_px)
+            return self.card.focal_px
         # Pixels that the source does not have would tell nothing; those that the padding takes cost nothing.
         focal_px = min(self.card.focal_px, camera.fx)
         filled_px = min(filling_focal_px(camera, focal_px), camera.fx)
-        return NetworkGrid(camera, focal_px if filled_px < focal_px * WORTH_IT else filled_px)
+        return focal_px if filled_px < focal_px * WORTH_IT else filled_px
 
     def depth(
         self, previous: Image, current: Image, displacement: ArrayLike, camera: Camera
