@@ -52,7 +52,7 @@ def test_the_recorded_flight_plays(monkeypatch, capsys, save_difference_network)
         (["--telemetry", "telemetry.csv", "--telemetry-offset", "nan"], "finite"),
         (["--telemetry", "telemetry.csv", "--duration", "inf"], "more than 0"),
         (["--telemetry", "telemetry.csv", "--ranges", "5"], "1 to 4"),
-        (["--telemetry", "telemetry.csv", "--mount", "fixed", "--tilt", "100"], "-90 to 90"),
+        (["--telemetry", "telemetry.csv", "--mount", "fixed", "--mount-pitch", "100"], "-90 to 90"),
     ],
 )
 def test_settings_that_make_no_sense_are_one_line(

@@ -11,6 +11,8 @@ Vector = NDArray[np.float64]
 
 # A camera that looks north with its x axis east: x right = east, y down = down, z forward = north.
 NED_FROM_CAMERA = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+NED_FROM_ENU = ENU_FROM_NED  # its own inverse
 
 
 def unit_quaternion(quaternion: ArrayLike) -> Vector:
@@ -26,14 +28,18 @@ def unit_quaternion(quaternion: ArrayLike) -> Vector:
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> Vector:
     """Rotation matrix, shape (3, 3), of a quaternion (w, x, y, z)."""
-    w, x, y, z = unit_quaternion(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return np.asarray(rotations_from_quaternions(unit_quaternion(quaternion)[None])[0])
+
+
+def rotations_from_quaternions(quaternions_k4: Vector) -> Vector:
+    """Rotation matrices [k, 3, 3] of unit quaternions (w, x, y, z) [k, 4]."""
+    w, x, y, z = quaternions_k4.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
 
 
 def quaternion_from_rotation(rotation: ArrayLike) -> Vector:
@@ -62,19 +68,6 @@ def rotation_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Ve
     about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     return np.asarray(about_z @ about_y @ about_x)
-
-
-def slerp(start: ArrayLike, end: ArrayLike, fraction: float) -> Vector:
-    """Quaternion on the shorter great arc from `start` (0) to `end` (1)."""
-    a, b = unit_quaternion(start), unit_quaternion(end)
-    cosine = float(a @ b)
-    if cosine < 0:
-        b, cosine = -b, -cosine
-    if cosine > 0.9995:
-        return unit_quaternion(a + fraction * (b - a))
-    angle = np.arccos(cosine)
-    mixed = np.sin((1 - fraction) * angle) * a + np.sin(fraction * angle) * b
-    return np.asarray(mixed / np.sin(angle))
 
 
 def rotation_angle_rad(rotation: ArrayLike) -> float:

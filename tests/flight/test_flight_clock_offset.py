@@ -9,7 +9,7 @@ from flightdepth.flight.offset import estimate_offset
 from flightdepth.flight.records import NS_PER_S, BodyAttitudeSample
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
 
-VIDEO_S, LOG_S = 30.0, 40.0
+VIDEO_S = 30.0
 
 
 def wandering(seed, *, rate_hz=50.0, span_s=60.0, cut_hz=1.0, columns=3):

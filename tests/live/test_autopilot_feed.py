@@ -158,7 +158,6 @@ def test_a_reboot_is_told_and_not_integrated_across(vehicle, feed, store, heard)
         vehicle.velocity(102.1 + i / 10)
     stamps = [sample.stamp_ns for sample in store.take_new()]
     assert len(heard["reboots"]) == 1
-    assert feed.reboots == 1
     assert stamps[0] - 101.9 * S >= 2 * S
     assert stamps == sorted(stamps)
     assert feed.counts["records just after a reboot"] > 10
@@ -188,7 +187,7 @@ def flying(vehicle, first_s, last_s, *, asked):
 
 @pytest.mark.parametrize("asked", [True, False])
 @pytest.mark.parametrize("jump_s", [0.5, 0.9, 10.0, 3600.0])
-def test_a_jump_of_the_clock_is_followed(vehicle, feed, store, jump_s, asked):
+def test_a_jump_of_the_clock_is_followed(vehicle, feed, store, heard, jump_s, asked):
     """Ten seconds long answers from before it counted: half a second ahead, or all left out as damage."""
     flying(vehicle, 100, 105, asked=asked)
     store.take_new()
@@ -200,7 +199,7 @@ def test_a_jump_of_the_clock_is_followed(vehicle, feed, store, jump_s, asked):
     assert max(np.abs(off_s)) < 0.03
     assert feed.counts[JUMPS] == (asked or jump_s > 2)
     assert feed.counts["records with a damaged time"] == 2 * feed.counts[JUMPS]
-    assert feed.reboots == 0
+    assert heard["reboots"] == []
 
 
 @pytest.mark.parametrize("asked", [True, False])

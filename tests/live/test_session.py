@@ -22,7 +22,7 @@ def session(tmp_path, save_difference_network):
             camera=None,
             hfov=80.0,
             mount=Mount.FIXED,
-            tilt=15.0,
+            mount_pitch=-15.0,
             camera_delay_ms=0.0,
             sender_clock=False,
             network=str(save_difference_network()),

@@ -40,8 +40,8 @@ def live(
         Mount,
         typer.Option(help="gimbal: stabilised, attitude from the gimbal. fixed: screwed to the drone."),
     ] = Mount.GIMBAL,
-    tilt: Annotated[
-        float, typer.Option(metavar="DEG", help="A fixed camera's angle below the drone's nose.")
+    mount_pitch: Annotated[
+        float, typer.Option(metavar="DEG", help="A fixed camera looks up by DEG (0 ahead, -90 down).")
     ] = 0.0,
     camera_delay_ms: Annotated[
         float, typer.Option(metavar="MS", help="From exposure to the first byte sent: exposure and encoder.")
@@ -83,7 +83,7 @@ def live(
     autopilot on a serial port hears of obstacles:
 
       flightdepth live --video /dev/video0 --camera camera.yaml --mount fixed
-      --tilt 15 --mavlink serial:/dev/ttyAMA0:921600 --obstacles
+      --mount-pitch -15 --mavlink serial:/dev/ttyAMA0:921600 --obstacles
 
     A recorded flight as if it were live, sending nothing:
 
@@ -105,7 +105,7 @@ def live(
             camera=camera,
             hfov=hfov,
             mount=mount,
-            tilt=tilt,
+            mount_pitch=mount_pitch,
             camera_delay_ms=camera_delay_ms,
             sender_clock=sender_clock,
             network=network,

@@ -29,7 +29,7 @@ class LiveSettings:
     camera: Path | None
     hfov: float | None
     mount: Mount
-    tilt: float
+    mount_pitch: float
     camera_delay_ms: float
     sender_clock: bool
     network: str | None
@@ -52,8 +52,8 @@ class LiveSettings:
         if not math.isfinite(self.telemetry_offset):
             got = str(self.telemetry_offset)
             raise BadInput("--telemetry-offset", expected="a finite number of seconds", got=got)
-        if not -90 <= self.tilt <= 90:
-            raise BadInput("--tilt", expected="-90 to 90 degrees", got=str(self.tilt))
+        if not -90 <= self.mount_pitch <= 90:
+            raise BadInput("--mount-pitch", expected="-90 to 90 degrees", got=str(self.mount_pitch))
         if self.duration is not None and not (math.isfinite(self.duration) and self.duration > 0):
             raise BadInput("--duration", expected="more than 0 seconds", got=str(self.duration))
         if self.obstacles and self.mavlink is None and self.dry_run is None:

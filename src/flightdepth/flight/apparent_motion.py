@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.flight.records import NS_PER_S, Frame
 from flightdepth.flight.rotation import Flow, rotation_flow, smallest_rotation
-from flightdepth.flight.steadiness import MIN_POINTS, NOISE_PX, Grey, follow, small_camera, small_grey
+from flightdepth.flight.steadiness import FEWEST_FOLLOWED, NOISE_PX, Grey, follow, small_camera, small_grey
 from flightdepth.motion import Vector
 from flightdepth.runtimes.lens import undistort
 
@@ -57,7 +57,7 @@ def apparent_motion(frames: Iterable[Frame], camera: Camera) -> ApparentMotion:
 def _motion(before: Grey, after: Grey, camera: Camera) -> Vector:
     """Rotation vector (3,) and median flow without it, (4,), from one picture to the next."""
     start, end, _ = follow(before, after)
-    if len(start) < MIN_POINTS / 2:
+    if len(start) < FEWEST_FOLLOWED:
         return np.full(4, np.nan)
     flow = Flow.between(undistort(start, camera), undistort(end, camera))
     turn = smallest_rotation(flow, NOISE_PX / camera.fx)

@@ -18,7 +18,7 @@ from flightdepth.camera import Camera, Model
 from flightdepth.errors import BadInput
 from flightdepth.motion import Vector
 
-EXPECTED = "an OpenCV calibration, a ROS camera_info YAML or JSON with width, height, fx, fy, cx, cy"
+EXPECTED = "an OpenCV calibration, a Kalibr camchain, a ROS camera_info YAML or JSON with width, height, fx, fy, cx, cy"
 MATRIX_NAMES = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "k")
 DISTORTION_NAMES = (
     "distortion_coefficients",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from flightdepth.flight.apparent_motion import ApparentMotion
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, Telemetry, VelocitySample
-from flightdepth.motion import Vector, rotation_from_quaternion
+from flightdepth.motion import Vector, rotations_from_quaternions
 
 Stamps = NDArray[np.int64]
 Witness = Literal["turn rate", "speed"]
@@ -133,7 +133,7 @@ def speed_signal(log: Telemetry) -> Signal:
 def _rates(stamps: list[int], quaternions: list[Vector], *, axes: bool) -> Signal:
     """Turn rates midway between successive attitudes, in the axes of what turns."""
     at_s = _seconds(np.array(stamps))
-    turns = np.array([rotation_from_quaternion(each) for each in quaternions])
+    turns = rotations_from_quaternions(np.array(quaternions))
     steps = np.einsum("kji,kjl->kil", turns[:-1], turns[1:])
     odd = steps - steps.transpose(0, 2, 1)
     vectors = np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=1) / 2  # sines: the steps are small

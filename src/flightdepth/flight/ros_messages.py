@@ -22,7 +22,7 @@ import numpy as np
 
 from flightdepth.flight.records import FASTEST_M_S, NS_PER_S
 from flightdepth.flight.ros_records import DamagedError, RosMessage, required
-from flightdepth.motion import Vector, rotation_from_quaternion
+from flightdepth.motion import NED_FROM_ENU, Vector, rotation_from_quaternion
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistWithCovarianceStamped"
@@ -36,7 +36,6 @@ VELOCITY_KINDS = (ODOMETRY, TWIST_WITH_COVARIANCE, TWIST)  # best first
 ORIENTATION_KINDS = (ODOMETRY, POSE, POSE_WITH_COVARIANCE, IMU)
 IMAGE_KINDS = (IMAGE, COMPRESSED_IMAGE)
 
-NED_FROM_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
 FLU_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 MAP_NAMES = ("map", "odom", "world", "earth", "enu", "ned", "local_origin")

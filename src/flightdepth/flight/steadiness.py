@@ -29,7 +29,8 @@ PAIR_NS = 110_000_000  # a nominal pair: 0.1 s and a little, so that three steps
 SMALL_WIDTH = 160
 MAX_POINTS = 80
 MIN_POINTS = 20
-MIN_FOLLOWED = 0.3  # share of the points found again; fewer: blur of a very fast turn, or a cut
+FEWEST_FOLLOWED = MIN_POINTS // 2
+MIN_FOLLOWED = 0.15  # share of the points found again; fewer: blur of a very fast turn, or a cut
 NOISE_PX = 0.15
 RETURN_PX = 0.5  # a point tracked forth and back comes home within this
 
@@ -87,7 +88,7 @@ class Steadiness:
         start, end, found = follow(before, grey)
         if found < MIN_POINTS:
             return self._from_gyroscope(before_ns, stamp_ns)
-        if len(start) < max(MIN_POINTS, MIN_FOLLOWED * found) / 2:
+        if len(start) < max(FEWEST_FOLLOWED, MIN_FOLLOWED * found):
             return TurnRate(float("nan"), False, "the picture changes too fast to be followed")
         flow = Flow.between(undistort(start, self._camera), undistort(end, self._camera))
         turn_rad = float(np.linalg.norm(smallest_rotation(flow, NOISE_PX / self._camera.fx)))

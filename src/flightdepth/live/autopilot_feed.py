@@ -7,7 +7,7 @@ same samples live and from its log. Messages: https://mavlink.io/en/messages/com
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -44,10 +44,10 @@ class AutopilotFeed:
         self.vehicle: Source | None = None
         self.clock = RemoteClock()
         self.counts: Counter[str] = Counter()
-        self.reboots = 0
         self._store, self._listener = store, listener
         self._gate = Gate(self.counts)
-        self._gimbal_clocks: dict[Source, RemoteClock] = defaultdict(RemoteClock)
+        self._gimbal: Source | None = None
+        self._gimbal_clock = RemoteClock()
         self._seen: dict[str, int] = {}
         self._offset_ns: int | None = None  # a copy of the clock's, for other threads
         self._ahead = 0  # times in a row that lie ahead of the clock
@@ -96,13 +96,13 @@ class AutopilotFeed:
 
     def _take_gimbal(self, message: Message, source: Source, now_ns: int) -> None:
         """A gimbal has a clock of its own; the first one that reports carries the camera."""
-        if source not in self._gimbal_clocks and self._gimbal_clocks:
+        self._gimbal = source if self._gimbal is None else self._gimbal
+        if source != self._gimbal:
             self.counts["attitudes of other gimbals"] += 1
             return
-        clock = self._gimbal_clocks[source]
         for boot_ns, value in KINDS[GIMBAL](message, self.counts):
-            clock.arrived(boot_ns, now_ns)
-            self._keep(clock.live_ns(boot_ns), value, now_ns)
+            self._gimbal_clock.arrived(boot_ns, now_ns)
+            self._keep(self._gimbal_clock.live_ns(boot_ns), value, now_ns)
 
     def _take_range(self, message: Message, now_ns: int) -> None:
         within = message.min_distance <= message.current_distance <= message.max_distance
@@ -127,7 +127,6 @@ class AutopilotFeed:
 
     def _watch_for_reboot(self, boot_ns: int, now_ns: int) -> None:
         if boot_ns < self._newest_boot_ns - STEP_NS:
-            self.reboots += 1
             self.clock, self._gate = RemoteClock(), Gate(self.counts)
             # Nobody may integrate across a reboot, however short it was.
             self._held_until_ns = self._newest_live_ns + REBOOT_GAP_NS

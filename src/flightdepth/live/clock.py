@@ -34,32 +34,28 @@ class Answer:
 class RemoteClock:
     """How one other clock stands to ours; all times in ns, `now_ns` is ours and rises."""
 
-    def __init__(self, window_ns: int = WINDOW_NS) -> None:
-        self.steps = 0
-        self._window_ns = window_ns
+    def __init__(self) -> None:
         # (arrival, arrival - own time), offsets rising: the first is the smallest of the window.
         self._arrivals: deque[tuple[int, int]] = deque()
         self._answers: deque[Answer] = deque(maxlen=32)
         self._least_ns: int | None = None  # the smallest offset that any arrival had
 
-    def arrived(self, own_ns: int, now_ns: int) -> bool:
-        """Something stamped `own_ns` by the other clock came at `now_ns`; False where that clock stepped back.
+    def arrived(self, own_ns: int, now_ns: int) -> None:
+        """Something stamped `own_ns` by the other clock came at `now_ns`.
 
-        Something very late looks the same: earlier arrivals are forgotten, and the next faster one puts it right.
+        Where that clock stepped back, or something is very late, earlier arrivals are forgotten, and the next
+        faster one puts it right.
         Answers stay, since they know better; where the clock did step, the next one is without those before.
         """
         offset_ns = now_ns - own_ns
-        stepped = bool(self._arrivals) and offset_ns - self._arrivals[0][1] > STEP_NS
-        if stepped:
-            self.steps += 1
+        if self._arrivals and offset_ns - self._arrivals[0][1] > STEP_NS:
             self._arrivals.clear()
         self._least_ns = offset_ns if self._least_ns is None else min(self._least_ns, offset_ns)
         while self._arrivals and self._arrivals[-1][1] >= offset_ns:
             self._arrivals.pop()
         self._arrivals.append((now_ns, offset_ns))
-        while now_ns - self._arrivals[0][0] > self._window_ns:
+        while now_ns - self._arrivals[0][0] > WINDOW_NS:
             self._arrivals.popleft()
-        return not stepped
 
     def answered(self, sent_ns: int, own_ns: int, now_ns: int) -> None:
         """A question sent at `sent_ns` was answered with the other clock's time, at `now_ns`."""
@@ -78,19 +74,14 @@ class RemoteClock:
         offset_ns = now_ns - own_ns
         if self._least_ns is not None and offset_ns < self._least_ns - STEP_NS:
             return True
-        recent = [a for a in self._answers if now_ns - a.answered_ns <= self._window_ns]
+        recent = [a for a in self._answers if now_ns - a.answered_ns <= WINDOW_NS]
         return any(offset_ns < a.offset_ns - a.trip_ns // 2 - AHEAD_NS for a in recent)
-
-    @property
-    def known(self) -> bool:
-        """Whether anything was ever heard."""
-        return bool(self._arrivals or self._answers)
 
     @property
     def offset_ns(self) -> int:
         """Ours minus the other clock; something must have been heard."""
         newest_ns = max([a.answered_ns for a in self._answers] + [now_ns for now_ns, _ in self._arrivals])
-        recent = [a for a in self._answers if newest_ns - a.answered_ns <= self._window_ns]
+        recent = [a for a in self._answers if newest_ns - a.answered_ns <= WINDOW_NS]
         if recent:
             return min(recent, key=lambda answer: answer.trip_ns).offset_ns
         return self._arrivals[0][1]
@@ -98,7 +89,3 @@ class RemoteClock:
     def live_ns(self, own_ns: int) -> int:
         """The other clock's `own_ns` on ours."""
         return own_ns + self.offset_ns
-
-    def own_ns(self, live_ns: int) -> int:
-        """Our `live_ns` on the other clock."""
-        return live_ns - self.offset_ns

@@ -74,14 +74,13 @@ class ObstaclePacker:
         settings: ObstacleSettings,
         *,
         system: Callable[[], int | None] = lambda: None,
-        component: int = COMPONENT,
     ) -> None:
         try:
             from pymavlink.dialects.v20 import ardupilotmega as mavlink
         except ModuleNotFoundError as error:
             raise MissingExtra("sending obstacle distances", "live") from error
         self.settings, self._system = settings, system
-        self._mavlink = mavlink.MAVLink(None, srcSystem=DEFAULT_SYSTEM, srcComponent=component)
+        self._mavlink = mavlink.MAVLink(None, srcSystem=DEFAULT_SYSTEM, srcComponent=COMPONENT)
         self._dialect = mavlink
 
     def heartbeat(self, *, usable: bool) -> bytes:

@@ -117,11 +117,9 @@ class ObstacleSender:
     `sent` and `failed` count messages; a failure to make those that are due counts as one.
     """
 
-    def __init__(
-        self, feed: ObstacleFeed, write: Write, *, clock: Callable[[], int] = time.monotonic_ns
-    ) -> None:
+    def __init__(self, feed: ObstacleFeed, write: Write) -> None:
         self.sent, self.failed = 0, 0
-        self._feed, self._write, self._clock = feed, write, clock
+        self._feed, self._write = feed, write
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="obstacles", daemon=True)
 
@@ -138,7 +136,7 @@ class ObstacleSender:
     def _run(self) -> None:
         while not self._stop.wait(0.01):
             try:
-                messages = self._feed.due(self._clock())
+                messages = self._feed.due(time.monotonic_ns())
             except Exception:  # a number that no message can hold: the next result's may be sound
                 self.failed += 1
                 continue

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.motion import Vector
+from flightdepth.motion import ENU_FROM_NED, Vector
 from flightdepth.outputs.encoding import Map
 from flightdepth.outputs.pictures import Picture, pictures
 from flightdepth.outputs.poses import FramePose
@@ -26,7 +26,6 @@ from flightdepth.outputs.read import FlightFolder
 from flightdepth.outputs.voxels import Cloud, VoxelGrid
 from flightdepth.runtimes.lens import distort, inside, undistort
 
-ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 NEIGHBOURS = 8  # frames on either side whose depth must agree
 AGREE_WITHIN = 0.1  # of the depth
 LEAST_AGREEING = 3

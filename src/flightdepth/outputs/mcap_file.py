@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.files import file_in_progress
 from flightdepth.flight.records import NS_PER_S
-from flightdepth.motion import Vector, quaternion_from_rotation
-from flightdepth.outputs.cloud import ENU_FROM_NED, placed
+from flightdepth.motion import ENU_FROM_NED, Vector, quaternion_from_rotation
+from flightdepth.outputs.cloud import placed
 from flightdepth.outputs.encoding import bytes_from_confidence, jpeg
 from flightdepth.outputs.pictures import pictures
 from flightdepth.outputs.poses import FramePose

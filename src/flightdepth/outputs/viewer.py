@@ -9,7 +9,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from flightdepth.errors import BadInput
-from flightdepth.outputs.cloud import ENU_FROM_NED, CloudSettings, cloud_of
+from flightdepth.motion import ENU_FROM_NED
+from flightdepth.outputs.cloud import CloudSettings, cloud_of
 from flightdepth.outputs.encoding import UNIT_M, bytes_from_confidence, centimetres_from_depth, jpeg, png
 from flightdepth.outputs.frame_table import FrameRow
 from flightdepth.outputs.pictures import pictures
@@ -32,7 +33,7 @@ def show(
     on_picture: Callable[[], None] = lambda: None,
 ) -> None:
     """Send a flight; of its pictures and maps every n-th, so that there are at most `most_pictures`."""
-    recording.send_blueprint(layout(flight))
+    recording.send_blueprint(layout())
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _log_graphs(recording, flight.rows)
     _log_places(recording, flight)
@@ -57,7 +58,7 @@ def every_nth(flight: FlightFolder, most_pictures: int) -> int:
     return max(1, -(-len(flight.rows) // most_pictures))
 
 
-def layout(flight: FlightFolder) -> rrb.Blueprint:
+def layout() -> rrb.Blueprint:
     """Pictures above, graphs and the cloud below."""
     above = rrb.Horizontal(
         rrb.Spatial2DView(origin=IMAGE, contents="$origin", name="video"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.motion import Vector
+from flightdepth.motion import Vector, rotations_from_quaternions
 from flightdepth.ranges.timeline import Rows, Stamps
 
 Flags = NDArray[np.bool_]
@@ -15,17 +15,6 @@ MAX_GAP_S = 1.5
 # Past the last sample its value is held this long: two periods of a 4 Hz log. A drone that brakes with
 # 2 m/s^2 meanwhile puts the position 0.25 m off.
 HOLD_S = 0.5
-
-
-def rotations_from_quaternions(quaternions_k4: Vector) -> Vector:
-    """Rotation matrices [k, 3, 3] of unit quaternions (w, x, y, z) [k, 4]."""
-    w, x, y, z = quaternions_k4.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
 
 
 def neighbours(stamps_ns: Stamps, at_ns: Stamps) -> tuple[NDArray[np.intp], Vector, Vector, Flags]:

@@ -52,14 +52,12 @@ class Remainder:
     unit        (3,) direction of the displacement, mended
     covariance  (5, 5) of rotation and of two angles of `unit`, radians^2
     off         (2,) those angles, from the direction given
-    points      tracked corners that it comes from
     """
 
     rotation: Vector
     unit: Vector
     covariance: Vector
     off: Vector
-    points: int
 
     @property
     def turns(self) -> bool:
@@ -164,7 +162,7 @@ def remainder(
     state = state + step
     covariance: Vector = np.linalg.inv(information).astype(np.float64)
     unit = _tilted(given, aside, state[3:])
-    return Remainder(state[:3], unit, covariance * TOGETHER**2, state[3:], len(now))
+    return Remainder(state[:3], unit, covariance * TOGETHER**2, state[3:])
 
 
 def _normal_equations(lines_px: Vector, step: Vector) -> tuple[Vector, Vector]:

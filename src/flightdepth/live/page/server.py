@@ -47,14 +47,9 @@ HEADERS = {
 class Page:
     """What is shown: a sink for results (`take`), and the engine's state whenever somebody looks."""
 
-    def __init__(
-        self,
-        status: StatusSource,
-        obstacles: ObstacleFeed | None = None,
-        depth_scale: DepthScale | None = None,
-    ) -> None:
+    def __init__(self, status: StatusSource, obstacles: ObstacleFeed | None = None) -> None:
         self._status, self._obstacles = status, obstacles
-        self._scale = depth_scale or DepthScale(far_m=100.0)
+        self._scale = DepthScale(far_m=100.0)
         self.pictures = Pictures(self._scale)
 
     def take(self, result: LiveResult) -> None:
