@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 import time
 from collections import Counter
@@ -22,7 +21,8 @@ from flightdepth.ranges.direction import SeenDirections
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fallback import OnGridOf
 from flightdepth.ranges.fusion import Fused, Fusion, fuse
-from flightdepth.ranges.network import DepthNetwork, Image, Map, Movable
+from flightdepth.ranges.memory_limit import MemoryLimit
+from flightdepth.ranges.network import DepthNetwork, Image, Map
 from flightdepth.ranges.pairs import Baselines, Frame, FrameBuffer, Pair, baselines, pick, seen_from
 from flightdepth.ranges.plan import Planner
 from flightdepth.ranges.repeats import Repeats
@@ -30,11 +30,8 @@ from flightdepth.ranges.result import RangedDepth
 from flightdepth.ranges.temporal import TemporalAverage, step_between
 from flightdepth.ranges.tracks import Tracker
 from flightdepth.ranges.turning import in_view, is_visible, turned
-from flightdepth.runtimes.memory import OutOfMemory
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
-
-logger = logging.getLogger(__name__)
 
 MAX_RANGES = 4
 NO_DIRECTION = "direction of motion unknown: no log tells it, and too few tracked points do"
@@ -96,10 +93,7 @@ class MultiRangeEstimator:
         self._derotate = derotate
         self._look_through(self._grid.camera)
         self._repeats = Repeats()
-        # And one scout; fewer once the network's device has no memory for them.
-        self._most_pairs = MAX_RANGES + 1
-        self._asked = ranges
-        self._memory_notes: tuple[str, ...] = ()
+        self._ranges, self._memory = ranges, MemoryLimit(MAX_RANGES + 1)  # one for a scout
         self._buffer = FrameBuffer(buffer_s)
         planner = partial(
             Planner,
@@ -120,14 +114,13 @@ class MultiRangeEstimator:
 
     @property
     def ranges(self) -> int:
-        """Pairs a frame; may be set between two frames, where the machine has more or less to do."""
-        return self._first.planner.ranges
+        """Pairs a frame, as far as there is memory; may be set between two frames, to suit what the machine can do."""
+        return min(self._ranges, self._memory.most_pairs)
 
     @ranges.setter
     def ranges(self, ranges: int) -> None:
         check_ranges(ranges)
-        for seer in self._seers:
-            seer.planner.ranges = ranges
+        self._ranges = ranges
 
     def to_source(self, map_hw: Map) -> Map | None:
         """One of a result's `range_depths_m` at the source's pixels; None where the lens has been zoomed since."""
@@ -222,7 +215,8 @@ class MultiRangeEstimator:
         pairs, seer = chosen
         if self._derotate:
             pairs = self._derotation.of(pairs, current, seen=seer.card.knows_direction)
-        pairs, prediction = self._predict_in_memory(pairs, current, seer)
+        predict = partial(self._predict, current=current, network=seer.network)
+        pairs, prediction = self._memory.predicted(pairs, seer.network, predict)
         fused = self._fuse(pairs, prediction, seer.card)
         seer.planner.learn(stamp_ns, fused, self._grid.valid)
         if seer is self._first:  # depths of two networks are not averaged
@@ -258,8 +252,8 @@ class MultiRangeEstimator:
     def _picked(
         self, lines: Baselines, frames: Sequence[Frame], current: Frame, seer: Seer
     ) -> tuple[Pair, ...]:
+        seer.planner.ranges, most = self.ranges, self._memory.most_pairs
         wanted_m, depths_m = seer.planner.wanted(current.stamp_ns, lines.length_m[lines.usable])
-        most = self._most_pairs
         return pick(lines, frames, current.index, wanted_m[:most], depths_m[:most])
 
     def _is_frozen(self, lines: Baselines, frames: Sequence[Frame]) -> bool:
@@ -269,29 +263,6 @@ class MultiRangeEstimator:
             shown = np.array([frame.stamp_ns >= since_ns for frame in frames], dtype=np.bool_)
             self._repeats.frozen = bool((shown & lines.usable).any())
         return self._repeats.frozen
-
-    def _predict_in_memory(
-        self, pairs: tuple[Pair, ...], current: Frame, seer: Seer
-    ) -> tuple[tuple[Pair, ...], Prediction]:
-        """With fewer pairs where the network's device has no memory for all, and then on the CPU; logged once."""
-        while True:
-            try:
-                return pairs, self._predict(pairs, current, seer.network)
-            except OutOfMemory as error:
-                if len(pairs) > 1:
-                    pairs = pairs[:-1]
-                    self._give_up(error, len(pairs), f"at most {len(pairs)} of a frame's pairs")
-                elif isinstance(seer.network, Movable) and seer.network.move_to_cpu():
-                    self._give_up(error, MAX_RANGES + 1, "on the CPU")
-                else:
-                    raise
-
-    def _give_up(self, error: OutOfMemory, most: int, what: str) -> None:
-        if not self._memory_notes:
-            logger.warning("%s: going on with fewer frame pairs, in the end on the CPU", error)
-            self._asked = self.ranges
-        self._most_pairs, self.ranges = most, min(self._asked, most)
-        self._memory_notes = (f"{error}: after that {what}",)
 
     def _predict(self, pairs: tuple[Pair, ...], current: Frame, network: DepthNetwork) -> Prediction:
         """One batch through the network; earlier frames first turned into the current orientation."""
@@ -357,7 +328,7 @@ class MultiRangeEstimator:
     def _notes(self, seer: Seer) -> tuple[str, ...]:
         non_rotating = (NON_ROTATING,) if self._trajectory.non_rotating else ()
         told = () if seer is self._first else (FALLEN_BACK.format(seer.card.name),)
-        return non_rotating + self._memory_notes + told
+        return non_rotating + self._memory.notes + told
 
     def _moved(self, pairs: tuple[Pair, ...], card: NetworkCard) -> NDArray[np.float64] | None:
         told = card.knows_direction or all(pair.directed for pair in pairs)
