@@ -187,7 +187,7 @@ def flying(vehicle, first_s, last_s, *, asked):
 
 @pytest.mark.parametrize("asked", [True, False])
 @pytest.mark.parametrize("jump_s", [0.5, 0.9, 10.0, 3600.0])
-def test_a_jump_of_the_clock_is_followed(vehicle, feed, store, heard, jump_s, asked):
+def test_a_jump_of_the_clock_is_followed(vehicle, feed, store, jump_s, asked):
     """Ten seconds long answers from before it counted: half a second ahead, or all left out as damage."""
     flying(vehicle, 100, 105, asked=asked)
     store.take_new()
@@ -199,7 +199,6 @@ def test_a_jump_of_the_clock_is_followed(vehicle, feed, store, heard, jump_s, as
     assert max(np.abs(off_s)) < 0.03
     assert feed.counts[JUMPS] == (asked or jump_s > 2)
     assert feed.counts["records with a damaged time"] == 2 * feed.counts[JUMPS]
-    assert heard["reboots"] == []
 
 
 @pytest.mark.parametrize("asked", [True, False])

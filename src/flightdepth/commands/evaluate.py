@@ -16,7 +16,7 @@ from flightdepth.commands.table import paper_table
 from flightdepth.commands.terminal import counted, say, show_table
 from flightdepth.commands.tracks import tracks
 from flightdepth.errors import BadInput
-from flightdepth.files import make_folder
+from flightdepth.files import check_parent, make_folder
 
 if TYPE_CHECKING:
     from flightdepth.runtimes.network import Network
@@ -78,7 +78,8 @@ def evaluate_network_command(
         from flightdepth.scenes import textures_from_folder
     from flightdepth.runtimes.network import load_network
 
-    for option, target in (("--json", json and json.parent), ("--pictures", pictures), ("--report", report)):
+    check_parent("--json", json)
+    for option, target in (("--pictures", pictures), ("--report", report)):
         if target is not None:
             make_folder(option, target)
     opened = load_network(network, "openvino", precision="f32")

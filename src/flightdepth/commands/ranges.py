@@ -10,7 +10,6 @@ import typer
 
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.terminal import counted, say, show_table, warn
-from flightdepth.errors import BadInput
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -72,11 +71,10 @@ def ranges(
         from flightdepth.evaluation.report import page
     from flightdepth.evaluation.ranges_result import result
     from flightdepth.evaluation.ranges_trials import all_trials
-    from flightdepth.files import write_atomic, write_json
+    from flightdepth.files import make_folder, write_atomic, write_json
     from flightdepth.processor import cpu_name
 
-    if out.exists() and not out.is_dir():
-        raise BadInput("--out", expected="a folder", got=str(out))
+    make_folder("--out", out)
     scenes = (QUICK_SCENES if quick else SCENES) if scenes is None else scenes
     frames = (QUICK_FRAMES if quick else FRAMES) if frames is None else frames
     asked = dict.fromkeys(sweep or ())

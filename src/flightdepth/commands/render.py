@@ -17,7 +17,7 @@ from rich.progress import Progress
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.ray_option import check_engine
 from flightdepth.commands.terminal import progress_bar, say
-from flightdepth.commands.textures import gathered_textures
+from flightdepth.commands.textures import PROCEDURAL, gathered_textures
 from flightdepth.errors import BadInput, FlightDepthError
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from flightdepth.stillbox.encoding import EncodedScene, Renderer, Source
     from flightdepth.stillbox.sets import SceneSet
 
-SCENES, PROCEDURAL = "100", 200
+SCENES = "100"
 LINE_EVERY_S = 60.0  # where there is no terminal to draw a bar on
 
 

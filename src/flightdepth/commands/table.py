@@ -13,8 +13,8 @@ import typer
 from flightdepth.commands.export import card_of, running
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.terminal import counted, say, show_table, warn
-from flightdepth.commands.textures import gathered_textures
-from flightdepth.commands.train import PROCEDURAL, run
+from flightdepth.commands.textures import PROCEDURAL, gathered_textures
+from flightdepth.commands.train import run
 from flightdepth.errors import BadInput
 from flightdepth.files import check_parent, write_json
 

@@ -11,6 +11,7 @@ from flightdepth.errors import BadInput
 if TYPE_CHECKING:
     from flightdepth.scenes import Textures
 
+PROCEDURAL = 200  # textures made where nobody says how many
 SEED = 1  # of the procedural textures; the fixed test sets have others
 
 

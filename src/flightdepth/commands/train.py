@@ -17,7 +17,7 @@ from rich.progress import Progress as Bar
 
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.terminal import progress_bar, say
-from flightdepth.commands.textures import gathered_textures
+from flightdepth.commands.textures import PROCEDURAL, gathered_textures
 from flightdepth.errors import BadInput
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from flightdepth.training.loop import Report
     from flightdepth.weights.store import StoredNetwork
 
-PROCEDURAL = 200
 LINE_EVERY_S = 60.0  # where there is no terminal to draw a bar on
 
 
