@@ -66,16 +66,8 @@ def test_the_same_stream_gives_the_same_bytes(ramp):
     np.testing.assert_array_equal(one.previous, two.previous)
 
 
-def test_most_pairs_are_nearly_clean_and_some_are_not():
+def test_two_pairs_in_three_are_noisy():
     flat = np.full((32, 32, 3), 120, np.uint8)
     seen = [EFFECTS(np.random.default_rng(n), pair_of(flat, flat)).current for n in range(300)]
-    levels = np.array([image.std(axis=(0, 1)).mean() for image in seen])
-    assert np.median(levels) < 1
-    assert 0.05 < np.mean(levels > 3) < 0.3  # of 7.5 u^3 one in four, less what JPEG smooths
-
-
-def test_the_two_pictures_are_exposed_nearly_alike(drawn):
-    stops = [np.log2(p.previous[:, 24].mean() / p.current[:, 24].mean()) for p in drawn]
-    assert np.median(np.abs(stops)) < 0.03
-    assert 0.08 < np.max(np.abs(stops)) < 0.25  # 0.16 u^3, through a gamma of up to 1.35
-    assert np.mean(np.array(stops) > 0) == pytest.approx(0.5, abs=0.15)
+    noisy = [image.std(axis=(0, 1)).max() > 0 for image in seen]
+    assert np.mean(noisy) == pytest.approx(2 / 3, abs=0.09)

@@ -11,17 +11,13 @@ from numpy.typing import NDArray
 from flightdepth.stillbox.pairs import Image, Pair
 
 _NOISE_EDGE = 1024
-# Less than this is not seen: of a pixel, of a grey level, of JPEG.
-LEAST_BLUR_PX, LEAST_NOISE, BEST_QUALITY = 0.3, 0.3, 96
 
 
 class Photometric:
     """Random camera effects, the same on both images but for a small change of exposure and fresh noise.
 
     Ranges: exposure x0.6..1.6, gamma 0.75..1.35, each channel +-10 %, contrast with a lifted black up to 12 %,
-    all uniform. What hides where a point went is the largest times u^3, u uniform, as in `MotionNoise`: a change of
-    exposure up to 6 % to either side, blur up to 1.1 px, noise up to 3 %, JPEG quality down to 35. So most pairs are
-    nearly clean, as pictures of a fine camera are once they are scaled down.
+    blur up to 1.1 px (a third of the pairs), noise up to 3 % (two thirds), JPEG quality 35..95 (a third).
     """
 
     def __init__(self) -> None:
@@ -32,15 +28,16 @@ class Photometric:
         """Draw one set of effects and apply it to both images."""
         exposure, gamma = rng.uniform(-0.7, 0.7), rng.uniform(0.75, 1.35)
         tint, lift = rng.uniform(0.9, 1.1, 3), rng.uniform(0, 0.12)
-        change, blur, noise, loss = rng.random(4) ** 3
-        stops = exposure + 0.08 * change * np.array([-1, 1]) * rng.choice([-1, 1])
-        sigma_px, sigma, quality = 1.1 * blur, 7.5 * noise, 100 - round(65 * loss)
+        sigma_px = rng.uniform(0.3, 1.1) if rng.random() < 1 / 3 else 0.0
+        noise = rng.uniform(0.3, 7.5) if rng.random() < 2 / 3 else 0.0
+        quality = int(rng.integers(35, 96)) if rng.random() < 1 / 3 else 0
         images = []
-        for image, stop in zip((pair.previous, pair.current), stops, strict=True):
-            seen = np.asarray(cv2.LUT(image, _tone_curve(tint * 2.0**stop, gamma, lift)), np.uint8)
-            seen = _blurred(seen, sigma_px) if sigma_px > LEAST_BLUR_PX else seen
-            seen = self._with_noise(rng, seen, sigma) if sigma > LEAST_NOISE else seen
-            images.append(_through_jpeg(seen, quality) if quality < BEST_QUALITY else seen)
+        for image in (pair.previous, pair.current):
+            stops = exposure + rng.uniform(-0.08, 0.08)
+            seen = np.asarray(cv2.LUT(image, _tone_curve(tint * 2.0**stops, gamma, lift)), np.uint8)
+            seen = np.asarray(cv2.GaussianBlur(seen, (0, 0), sigma_px), np.uint8) if sigma_px else seen
+            seen = self._with_noise(rng, seen, noise) if noise else seen
+            images.append(_through_jpeg(seen, quality) if quality else seen)
         return replace(pair, previous=images[0], current=images[1])
 
     def _with_noise(self, rng: np.random.Generator, image: Image, sigma: float) -> Image:
@@ -58,10 +55,6 @@ def _tone_curve(gain: NDArray[np.float64], gamma: float, lift: float) -> Image:
     x = np.arange(256)[:, None] / 255
     curve = lift + (1 - lift) * np.clip(x * gain, 0, 1) ** gamma
     return np.rint(curve * 255).astype(np.uint8)[:, None, :]
-
-
-def _blurred(image: Image, sigma_px: float) -> Image:
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), dtype=np.uint8)
 
 
 def _through_jpeg(image: Image, quality: int) -> Image:
