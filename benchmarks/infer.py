@@ -87,7 +87,7 @@ def pytorch(card: NetworkCard, made: Arrays) -> Call:
     """The same layers in PyTorch. Their weights are drawn anew: they do not change the time."""
     import torch
 
-    from flightdepth.architectures import DepthNet, MotionNet
+    from flightdepth.architectures import DepthNet, FlowNetS, MotionNet
     from flightdepth.training.inputs import motion_inputs
     from flightdepth.training.pictures import normalised
 
@@ -95,7 +95,8 @@ def pytorch(card: NetworkCard, made: Arrays) -> Call:
     if card.knows_direction:
         network = MotionNet(card.base_width, looks=card.looks)
     else:
-        network = DepthNet(card.base_width, card.activation)
+        plain = FlowNetS if card.architecture == "FlowNetS" else DepthNet
+        network = plain(card.base_width, card.activation)
     network = network.eval().to(memory_format=torch.channels_last)
     arrays = [torch.from_numpy(array) for array in made.values()]
 

@@ -151,7 +151,7 @@ def fly(
 
 
 def true_sectors(depth_m: NDArray[np.float32], pose: Pose) -> Sectors:
-    """Of a true depth map, NaN in the sky; each ray sees all."""
+    """Of a true depth map, infinite in the sky; each ray sees all."""
     unknown = RangedDepth.unknown(CAMERA.height, CAMERA.width, "to be replaced", 0.0)
     told = replace(
         unknown,

@@ -33,7 +33,7 @@ from flightdepth.training import Recipe
 from flightdepth.training.checkpoint import read_weights
 from flightdepth.training.export import deployed, to_onnx
 from flightdepth.training.loop import train
-from flightdepth.training.run_folder import read_trained
+from flightdepth.training.run_folder import CHECKPOINT, read_trained
 
 BASE: dict[str, Any] = {
     "activation": "elu+1",
@@ -98,7 +98,7 @@ def recipe_of(choice: str, samples: int, width: int, seed: int) -> Recipe:
 
 def measured(recipe: Recipe, folder: Path, textures: Textures, scenes: int) -> dict[str, Any]:
     """Train, or go on, then measure."""
-    began = time.process_time()
+    fresh, began = not (folder / CHECKPOINT).exists(), time.process_time()
     checkpoint = train(recipe, textures, folder, resume=True, threads=torch.get_num_threads())
     seconds = time.process_time() - began
     trained = read_trained(checkpoint.parent / "64.safetensors")
@@ -110,7 +110,7 @@ def measured(recipe: Recipe, folder: Path, textures: Textures, scenes: int) -> d
         "samples": trained.progress.seen,
         "parameters": parameters(recipe.architecture, recipe.base_width),
         "train_loss_m": trained.progress.loss_m,
-        "processor_s": round(seconds, 1),
+        "processor_s": round(seconds, 1) if fresh else None,  # of a run that went on, only a part is known
         **{name: result["network"][name] for name in ("l1_m", "rmse_m", "abs_rel")},
         **{f"{peer}_l1_m": result[peer]["l1_m"] for peer in ("constant", "classical")},
         "weights_sha256": card.sha256,
@@ -138,13 +138,12 @@ def table(rows: Sequence[dict[str, Any]], title: str) -> Table:
     for row in rows:
         l1_m = statistics.mean(run["l1_m"] for run in row["runs"])
         of_base = l1_m / statistics.mean(run["l1_m"] for run in base["runs"])
-        cells = [
-            statistics.mean(run[key] for run in row["runs"]) for key in ("rmse_m", "abs_rel", "processor_s")
-        ]
+        cells = [statistics.mean(run[key] for run in row["runs"]) for key in ("rmse_m", "abs_rel")]
+        took = [run["processor_s"] for run in row["runs"] if run["processor_s"] is not None]
         spread = (
             "" if len(row["runs"]) == 1 else f" ±{statistics.stdev(run['l1_m'] for run in row['runs']):.2f}"
         )
-        figures = (f"{cells[0]:.2f}", f"{cells[1]:.3f}", f"{cells[2]:.0f}")
+        figures = (f"{cells[0]:.2f}", f"{cells[1]:.3f}", f"{statistics.mean(took):.0f}" if took else "-")
         shown.add_row(row["choice"], f"{l1_m:.2f}{spread}", f"{of_base:.3f}", *figures)
     return shown
 

@@ -36,12 +36,14 @@ def measured(recipe: Recipe, stage: Stage, textures: Textures, rounds: int, thre
     learner = Learner(recipe)
     learner.prepare()
     stream = PairStream(
-        recipe.scenes,
+        recipe.scenes.model_copy(update={"open_share": stage.open_share}),
         textures,
         stage.picture,
         recipe.rule,
         seed=1,
         photometric=stage.photometric,
+        noise=stage.noise,
+        pairs_per_scene=recipe.pairs_per_scene,
         pool_scenes=POOL_SCENES,
         threads=threads,
     )

@@ -85,7 +85,7 @@ def motion_field(direction: ArrayLike, camera: Camera) -> Field:
 def warp_matrix(shift_px: float, direction: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
     """Affine matrix [2, 3] from pixels of the present picture to those of the earlier one.
 
-    `shift_px` = fx * delta; `camera` may be a smaller version of the one that fx belongs to.
+    `shift_px` = fx * delta, in pixels of `camera`, whose fx it is.
     """
     dx, dy, dz = direction
     delta = shift_px / camera.fx

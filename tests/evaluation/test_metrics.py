@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flightdepth.evaluation.metrics import (
-    DEPTH_EDGES_M,
     picture_errors,
     pooled,
     summary,
@@ -149,8 +148,3 @@ def test_depth_bins_pool_the_pixels_of_all_pictures() -> None:
 
 def test_an_empty_set_is_nan() -> None:
     assert np.isnan(summary([], [])["l1_m"])
-
-
-def test_depth_bins_reach_from_0_to_the_largest_depth() -> None:
-    assert DEPTH_EDGES_M[0] == 0
-    assert DEPTH_EDGES_M[-1] == 100

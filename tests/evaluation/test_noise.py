@@ -67,3 +67,13 @@ def test_what_the_pictures_show_of_it_is_mended():
     assert found[ROTATION, 0.5][1] < 0.7 * found[ROTATION, 0.5][0]
     assert found[ROTATION, 0.0][1] == pytest.approx(found[ROTATION, 0.0][0], rel=0.1)
     assert found[SPEED, 0.1][1] == pytest.approx(found[SPEED, 0.1][0], rel=0.1)
+
+
+def test_all_networks_are_asked_about_the_same_wrong_pairs():
+    """Each had errors of its own: columns that could not be compared."""
+    card = swept_card()
+    twins = [Network(card.model_copy(update={"name": name}), BestHypothesis()) for name in ("one", "other")]
+    pairs = [plane_pair(CAMERA, (0.3, 0.0, 0.0), distance_m=10.0)]
+    for row in noise_rows(twins, pairs, derotate=True):
+        assert row["one"] == row["other"]
+        assert row[DEROTATED.format("one")] == row[DEROTATED.format("other")]

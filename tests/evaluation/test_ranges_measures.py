@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from range_parts import CAMERA, sequence
+from range_parts import sequence
 
 from flightdepth.camera import Camera
 from flightdepth.evaluation.ranges_confidence import BINS, Reliability, reliability
@@ -179,7 +179,3 @@ def test_noise_is_that_of_its_size_and_the_same_again():
     errors = np.array([velocity for _, velocity in one]) - (0, 0, 1.0)
     assert errors.std() == pytest.approx(0.2, rel=0.1)
     np.testing.assert_array_equal(errors, np.array([velocity for _, velocity in two]) - (0, 0, 1.0))
-
-
-def test_the_camera_of_these_tests_is_the_sequences():
-    assert sequence().camera == CAMERA

@@ -270,5 +270,4 @@ def test_few_scenes_decide_nothing_however_they_agree():
 def test_ranges_that_chose_one_frame_are_counted():
     found = shift_figures([[3, 9], [3, 9], [5], [2, 4, 8]], 2)
     assert found["coincide"] == 0.25
-    assert found["with_a_scout"] == 0.25
     assert found["quartiles"] == [[3, 3, 3], [9, 9, 9]]

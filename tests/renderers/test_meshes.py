@@ -51,7 +51,7 @@ def test_the_mesh_is_closed_and_has_the_shape_s_volume(shape):
 def test_triangles_look_outwards(shape):
     centres, normals, parts = faces(shape, made(shape))
     for centre, normal, part in list(zip(centres, normals, parts, strict=True))[::37]:
-        assert np.dot(normal_in_object(int(shape), int(part), RADIUS, *centre), normal) > 0
+        assert np.dot(normal_in_object(int(shape), int(part), *centre), normal) > 0
 
 
 @pytest.mark.parametrize("shape", list(Shape))

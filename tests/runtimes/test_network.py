@@ -202,6 +202,12 @@ def test_an_unknown_name_is_answered_with_the_names() -> None:
         load_network("depthnet-255")
 
 
+def test_a_flownets_is_opened_as_what_keeps_depthnets_contract(
+    save_difference_network: Callable[..., Path],
+) -> None:
+    assert load_network(save_difference_network(architecture="FlowNetS")).card.architecture == "FlowNetS"
+
+
 def test_every_shipped_network_has_a_valid_card() -> None:
     for name in networks():
         assert load_network(name).card.name == name

@@ -1,6 +1,7 @@
 """Scenes in the open: what stands, what is opened, what stays as it was."""
 
 import numpy as np
+import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.renderers.raycast import render
@@ -23,13 +24,16 @@ def test_the_share_opens_as_many_scenes() -> None:
     assert 0.4 < np.mean(opened) < 0.6
 
 
-def test_the_path_stays_above_the_ground() -> None:
+@pytest.mark.parametrize("knobs", [{}, {"frames": 100}, {"speed_m_s": 5.0, "time_step_s": 0.2}])
+def test_the_path_stays_above_the_ground(knobs) -> None:
+    """However far it sinks."""
+    config = StillBoxConfig(open_share=1.0, **knobs)
     for number in range(50):
-        scene = draw_scene(OPEN, 8, 3, number)
+        scene = draw_scene(config, 8, 3, number)
         ground = scene.world_from_object[-1]
         local = np.linalg.solve(ground[:, :3], (scene.camera_position - ground[:, 3]).T)
-        clearance_m = (-1 - local[1]) * GROUND_HALF_M  # y points down: the top face is y = -1
-        assert clearance_m.min() > CLOSED.clearance_m
+        above_m = (-1 - local[1]) * GROUND_HALF_M  # y points down: the top face is y = -1
+        assert above_m.min() > config.clearance_m - 1e-6
 
 
 def test_rays_that_miss_everything_see_the_sky_infinitely_far() -> None:

@@ -77,8 +77,11 @@ def test_no_set_at_all(tmp_path):
         open_stored_set(tmp_path)
 
 
-def no_scenes(facts):
-    facts["scenes"] = []
+def test_a_set_of_empty_folders(copy):
+    for path in copy.glob("*/metadata.json"):
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"scenes": []}))
+    with pytest.raises(BadInput, match="expected at least one scene, got none"):
+        open_stored_set(copy)
 
 
 @pytest.mark.parametrize(

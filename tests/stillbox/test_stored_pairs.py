@@ -85,6 +85,8 @@ def test_the_seed_decides(stored):
             "field of view: expected 60.0, got 90.0",
         ),
         ({"config": small_source(speed_m_s=2).scenes.config}, r"step: expected 0\.200 m, got 0\.100 m"),
+        ({"picture": Picture(16, 12, 16, (55, 120))}, "a stage of one field of view, got"),
+        ({"config": small_source(open_share=0.5).scenes.config}, "a stage of closed rooms, got 0.5"),
     ],
 )
 def test_a_set_of_another_kind_is_refused(stored, changes, said):

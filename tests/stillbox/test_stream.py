@@ -133,6 +133,11 @@ def test_a_pool_that_is_no_whole_number_of_chunks_is_refused(scenes):
         opened(pool_scenes=scenes)
 
 
+def test_camera_effects_are_refused_where_the_noise_does_not_cover_the_picture():
+    with pytest.raises(BadInput, match="camera effects: expected at most 1024 px, got 1920 px"):
+        opened(Picture(1920, 1080, 1920), photometric=True)
+
+
 @pytest.mark.parametrize("size", [(65, 64, 64), (64, 65, 64), (0, 4, 8)])
 def test_a_crop_larger_than_the_picture_is_refused(size):
     with pytest.raises(BadInput, match="picture size"):

@@ -1,25 +1,12 @@
-import hashlib
-
 import numpy as np
 import pytest
 
 from flightdepth.renderers.raycast import render
 from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
-from flightdepth.scenes.config import SET_VERSION
 from flightdepth.stillbox import PairRule, Picture, TestSet, testset
 
 BLANK = Textures.from_images([])
 SMALL = Picture(16, 16, 16)
-
-
-def test_the_fixed_scenes_do_not_change():
-    parts = []
-    for number in range(6):
-        scene = draw_scene(StillBoxConfig(), testset.TEXTURES, testset.SEED, number)
-        parts += [scene.world_from_object, scene.room_half, scene.lamp_power, scene.materials.texture]
-        parts += [scene.camera_position, scene.materials.colour]
-    found = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
-    assert (SET_VERSION, found[:16]) == ("2", "251b9a09d4f121d9")
 
 
 def test_the_fixed_textures_are_procedural(monkeypatch):

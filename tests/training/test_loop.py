@@ -223,6 +223,12 @@ def test_a_shipped_network_of_another_size_is_no_start(tmp_path):
         run(tmp_path / "child", recipe=small_recipe(name="child", starts_from="tiny-clamped-512"))
 
 
+def test_a_recipe_of_another_size_does_not_start_from_a_run(whole, tmp_path):
+    (tmp_path / "small").symlink_to(whole[0])
+    with pytest.raises(BadInput, match="base width 4, as small, got a DepthNet of 8"):
+        run(tmp_path / "child", recipe=small_recipe(name="child", starts_from="small", base_width=8))
+
+
 @cache
 def exported(folder):
     trained = read_trained(folder)

@@ -52,10 +52,9 @@ def noise_rows(
     for number, pair in enumerate(pairs):
         networks = [network.at_focal(pair.focal_px) for network in networks]
         for (kind, size), columns in rows.items():
-            rng = chance.stream(SEED, number)
             for network in networks:
                 for name, error_m in _errors_m(
-                    network, pair, (kind, size), rng.spawn(1)[0], derotate=derotate
+                    network, pair, (kind, size), chance.stream(SEED, number), derotate=derotate
                 ):
                     columns.setdefault(name, []).append(error_m)
     return [

@@ -24,6 +24,7 @@ from flightdepth.flight.records import VelocityFrame
 from flightdepth.outputs.encoding import centimetres_from_depth, png
 from flightdepth.ranges import DepthNetwork, FrameGrid, MultiRangeEstimator, RangedDepth
 from flightdepth.ranges.estimator import MAX_RANGES
+from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
@@ -92,7 +93,7 @@ class ManyRanges(MultiRangeEstimator):
     ) -> None:
         allowed = min(ranges, MAX_RANGES)
         super().__init__(network, camera, ranges=allowed, fusion=fusion, derotate=derotate)
-        self._first.planner.ranges, self._most_pairs = ranges, ranges + 1
+        self._ranges, self._memory = ranges, MemoryLimit(ranges + 1)
 
 
 class Tally:

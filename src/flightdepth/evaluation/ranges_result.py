@@ -95,7 +95,6 @@ def shift_figures(shifts: Sequence[Sequence[int]], ranges: int) -> dict[str, Any
     return {
         "quartiles": quartiles,
         "coincide": sum(len(frame) < ranges for frame in shifts) / share,
-        "with_a_scout": sum(len(frame) > ranges for frame in shifts) / share,
     }
 
 

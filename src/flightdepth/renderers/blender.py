@@ -166,17 +166,18 @@ def render(
     camera: Camera,
     *,
     frames: Sequence[int] | None = None,
-    samples: int = SAMPLES,
-    segments: int = COARSE,
-    threads: int | None = None,
 ) -> Rendered:
-    """As `Blender.render`, by a process that later calls with the same settings share, until Python ends."""
-    return _shared(samples, segments, threads).render(scene, textures, camera, frames=frames)
+    """As `Blender.render`, by a process that later calls share, until one fails or Python ends."""
+    try:
+        return _shared().render(scene, textures, camera, frames=frames)
+    except BaseException:
+        _shared.cache_clear()
+        raise
 
 
 @cache
-def _shared(samples: int, segments: int, threads: int | None) -> Blender:
-    blender = Blender(samples=samples, segments=segments, threads=threads)
+def _shared() -> Blender:
+    blender = Blender()
     atexit.register(blender.close)
     return blender
 

@@ -113,7 +113,7 @@ def _object_normals(shape: int, part: int, bundles: Records, count: int) -> None
 @compiled
 def _write_normal(shape: int, part: int, bundles: Records, i: int) -> None:
     rays = bundles[0]
-    normal = normal_in_object(shape, part, 0.0, rays.qx[i], rays.qy[i], rays.qz[i])
+    normal = normal_in_object(shape, part, rays.qx[i], rays.qy[i], rays.qz[i])
     rays.nx[i], rays.ny[i], rays.nz[i] = normal
 
 

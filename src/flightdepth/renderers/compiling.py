@@ -14,6 +14,8 @@ from typing import Any, TypeVar
 
 import numba
 
+from flightdepth.scenes import textures
+
 OPTIONS: dict[str, Any] = {
     "nogil": True,
     "cache": True,
@@ -34,6 +36,6 @@ def compiled(function: F) -> F:
 
 @cache
 def _newest_source() -> tuple[float, int]:
-    """Time of the last change in this package, and the bytes of its sources."""
-    stats = [path.stat() for path in Path(__file__).parent.glob("*.py")]
+    """Time of the last change in this package and in what its compiled code takes from others, and their bytes."""
+    stats = [path.stat() for path in (*Path(__file__).parent.glob("*.py"), Path(textures.__file__))]
     return max(s.st_mtime for s in stats), sum(s.st_size for s in stats)

@@ -25,7 +25,7 @@ Vec3 = tuple[float, float, float]
 
 
 @compiled
-def normal_in_object(shape: int, part: int, radius: float, x: float, y: float, z: float) -> Vec3:
+def normal_in_object(shape: int, part: int, x: float, y: float, z: float) -> Vec3:
     """Outward normal (not unit length) of a unit primitive at a point on it, object space."""
     if shape == CUBE:
         sign = 1.0 if part % 2 == 1 else -1.0

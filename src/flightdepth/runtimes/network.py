@@ -184,7 +184,8 @@ def load_network(
     stored = read_network(name_or_path)
     refuse_broken_weights(stored)
     runtime = open_runtime(stored.card, stored.onnx, device=device, precision=precision, threads=threads)
-    if runtime.architecture != stored.card.architecture:
+    contract = "MotionNet" if stored.card.knows_direction else "DepthNet"  # which FlowNetS keeps too
+    if runtime.architecture != contract:
         raise BadInput(
             f"weights of {stored.card.name}",
             expected=f"a {stored.card.architecture}, as the card says",

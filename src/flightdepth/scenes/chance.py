@@ -8,7 +8,7 @@ from flightdepth.scenes.scene import Floats
 
 
 def stream(*key: int) -> np.random.Generator:
-    """Independent random stream of a key such as (seed, scene number)."""
+    """Random stream of a key such as (seed, scene number); a key and the same with zeros behind it are one stream."""
     return np.random.default_rng(np.random.SeedSequence(key))
 
 

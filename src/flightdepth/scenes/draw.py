@@ -54,7 +54,9 @@ def draw_scene(
         ),
     )
     aside = chance.stream(seed, number, _OPEN)  # the closed scenes stay what they are
-    return opened(scene, texture_count, aside) if aside.random() < config.open_share else scene
+    if aside.random() >= config.open_share:
+        return scene
+    return opened(scene, texture_count, aside, config.clearance_m)
 
 
 def stillbox_velocity(config: StillBoxConfig, seed: int, number: int) -> Floats:

@@ -19,11 +19,16 @@ HEIGHT_M = (2.2, 40.0)  # of the camera over the ground, log-uniform
 TILE_M = (3.0, 40.0)  # edge of the ground's texture, log-uniform
 
 
-def opened(scene: Scene, texture_count: int, rng: np.random.Generator) -> Scene:
-    """`scene` in the open: no room, no lamps; ground, sun, sky. Objects below the ground vanish in it."""
+def opened(scene: Scene, texture_count: int, rng: np.random.Generator, clearance_m: float) -> Scene:
+    """`scene` in the open: no room, no lamps; ground, sun, sky. Objects below the ground vanish in it.
+
+    The ground lies at least `clearance_m` below the path, which sinks as it was drawn.
+    """
     turn = _tilt(rng)
     up = -turn[:, 1]
+    sinks_m = -float((scene.camera_position @ up).min())
     below_m = GROUND_HALF_M + chance.log_uniform(rng, *HEIGHT_M)
+    below_m += max(0.0, sinks_m + clearance_m - HEIGHT_M[0])
     ground = np.column_stack([turn * GROUND_HALF_M, -up * below_m])
     to_sun = chance.unit_vector(rng) * 0.7 + up
     to_sun /= np.sqrt((to_sun * to_sun).sum())

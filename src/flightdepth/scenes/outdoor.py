@@ -188,7 +188,7 @@ def _slab(
 
 
 def _hills(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None:
-    """Wooded hills side by side along the horizon, then some nearer ones."""
+    """Wooded hills side by side along the horizon."""
     steps = _between(rng, config.hills)
     for step in steps:
         sideways = -1.15 + 2.3 * (step + rng.uniform(0.2, 0.8)) / len(steps)

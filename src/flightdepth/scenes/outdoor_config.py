@@ -45,7 +45,7 @@ class OutdoorConfig(BaseModel):
     height_m: Range = Field(default=(6.0, 12.0), description="camera above the plain")
     pitch_down: Range = Field(default=(0.05, 0.18), description="slope of the optical axis, downwards")
     clearance_m: float = Field(default=3.0, ge=0, description="least room between the path and any surface")
-    mounds: tuple[int, int] = Field(default=(4, 7), description="rises in the ground, 1 to 2.5 m high")
+    mounds: tuple[int, int] = Field(default=(4, 7), description="rises in the ground, 0.9 to 2.5 m high")
     houses: tuple[int, int] = Field(default=(7, 11), description="fewest and most houses")
     near_trees: tuple[int, int] = Field(
         default=(5, 8), description="6 to 18 m ahead of some point of the path"
@@ -54,7 +54,7 @@ class OutdoorConfig(BaseModel):
     woods: tuple[int, int] = Field(default=(5, 9), description="groups of a dozen trees, 60 to 220 m away")
     bushes: tuple[int, int] = Field(default=(60, 100), description="bushes and rocks")
     hills: tuple[int, int] = Field(
-        default=(12, 17), description="hills 150 to 450 m away, all round the view"
+        default=(12, 17), description="hills 260 to 620 m away, all round the view"
     )
 
     @model_validator(mode="after")

@@ -110,8 +110,7 @@ class Scene:
 
         With orientation noise `previous` is turned a little against `current`, as on a gimbal; that is left in.
         """
-        moved = self.camera_position[current] - self.camera_position[previous]
-        return np.asarray(moved @ self.world_from_camera[current])
+        return displacement(self.camera_position, self.world_from_camera, previous, current)
 
     def unit_bound_radii(self) -> Floats:
         """Radius, in object space, of a sphere round the origin that holds each object, shape [K]."""
@@ -121,6 +120,12 @@ class Scene:
         """Radius of a sphere round each object's centre that holds it, shape [K], metres."""
         scale = np.linalg.norm(self.world_from_object[:, :, :3], axis=1).max(axis=1, initial=0.0)
         return np.asarray(self.unit_bound_radii() * scale)
+
+
+def displacement(position: Floats, world_from_camera: Floats, previous: int, current: int) -> Floats:
+    """Of two frames of a path, positions [F, 3] and orientations [F, 3, 3]: see `Scene.displacement`."""
+    moved = position[current] - position[previous]
+    return np.asarray(moved @ world_from_camera[current])
 
 
 def _arrays(holder: Scene | Materials) -> list[NDArray[np.generic]]:

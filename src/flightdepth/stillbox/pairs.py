@@ -133,13 +133,9 @@ def turned(pair: Pair, *, quarter_turns: int, mirror: bool) -> Pair:
         turn = QUARTER_TURNS.get(quarter_turns % 4)
         return np.asarray(mirrored if turn is None else cv2.rotate(mirrored, turn), dtype=array.dtype)
 
-    camera = _turned_camera(pair.camera, quarter_turns=quarter_turns, mirror=mirror)
-    return Pair(seen(pair.previous), seen(pair.current), seen(pair.target_m), np.array([x, y, z]), camera)
-
-
-def _turned_camera(camera: Camera, *, quarter_turns: int, mirror: bool) -> Camera:
-    """The ideal camera of the mirrored and turned picture; its principal point goes along."""
-    c = replace(camera, cx=camera.width - 1 - camera.cx) if mirror else camera
-    for _ in range(quarter_turns % 4):
-        c = replace(c, width=c.height, height=c.width, fx=c.fy, fy=c.fx, cx=c.cy, cy=c.width - 1 - c.cx)
-    return c
+    camera = pair.camera
+    camera = replace(camera, cx=camera.width - 1 - camera.cx) if mirror else camera
+    moved = np.array([x, y, z])
+    return Pair(
+        seen(pair.previous), seen(pair.current), seen(pair.target_m), moved, camera.turned(quarter_turns)
+    )

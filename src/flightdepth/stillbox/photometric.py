@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from flightdepth.stillbox.pairs import Image, Pair
 
-_NOISE_EDGE = 1024
+LARGEST_PX = 1024  # edge of the field that noise is cut from
 
 
 class Photometric:
@@ -21,7 +21,7 @@ class Photometric:
     """
 
     def __init__(self) -> None:
-        noise = np.random.default_rng(20170901).standard_normal((_NOISE_EDGE, _NOISE_EDGE))
+        noise = np.random.default_rng(20170901).standard_normal((LARGEST_PX, LARGEST_PX))
         self._noise: NDArray[np.float32] = noise.astype(np.float32)
 
     def __call__(self, rng: np.random.Generator, pair: Pair) -> Pair:
@@ -41,11 +41,11 @@ class Photometric:
         return replace(pair, previous=images[0], current=images[1])
 
     def _with_noise(self, rng: np.random.Generator, image: Image, sigma: float) -> Image:
-        """Grey noise plus a weaker part per channel, from random windows of one noise field."""
+        """Noise of its own for each channel, from random windows of one field."""
         height, width = image.shape[:2]
         out = image.astype(np.float32)
         for channel in range(3):
-            y, x = rng.integers(0, _NOISE_EDGE - np.array([height, width]) + 1)
+            y, x = rng.integers(0, LARGEST_PX - np.array([height, width]) + 1)
             out[..., channel] += sigma * self._noise[y : y + height, x : x + width]
         return np.clip(np.rint(out), 0, 255).astype(np.uint8)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.scenes.scene import Floats
+from flightdepth.scenes.scene import Floats, displacement
 from flightdepth.stillbox.camera_path import path_from
 from flightdepth.stillbox.original_layout import METADATA
 from flightdepth.stillbox.pairs import Depth, Image
@@ -46,8 +46,7 @@ class StoredScene:
 
     def displacement(self, previous: int, current: int) -> Floats:
         """Position at `current` minus that at `previous`, metres, in `current`'s orientation, shape (3,)."""
-        moved = self.camera_position[current] - self.camera_position[previous]
-        return np.asarray(moved @ self.world_from_camera[current])
+        return displacement(self.camera_position, self.world_from_camera, previous, current)
 
 
 @dataclass(frozen=True)

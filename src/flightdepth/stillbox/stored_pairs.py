@@ -23,7 +23,8 @@ class StoredPairs(PairStream):
     """Pairs of `stored`: scene number n of the stream is its n-th in an order that is shuffled anew each time round.
 
     Raises:
-        BadInput: the set's pictures, lens or speed are not those that the stream is asked for.
+        BadInput: the set's pictures, lens or speed are not those that the stream is asked for, or it is asked for
+            what only scenes that are drawn have: many lenses, scenes in the open.
     """
 
     stored: StoredSet = field(kw_only=True)
@@ -37,6 +38,10 @@ class StoredPairs(PairStream):
         for name, (expected, got) in wanted.items():
             if expected != got:
                 raise BadInput(f"set {self.stored.folder}, {name}", expected=str(expected), got=str(got))
+        drawn = {"one field of view": self.picture.fov_deg, "closed rooms": self.config.open_share}
+        for expected, asked in drawn.items():
+            if asked:
+                raise BadInput(f"set {self.stored.folder}", expected=f"a stage of {expected}", got=str(asked))
         if self.stored.height < self.picture.height:
             got_px = f"{self.stored.height} px"
             expected_px = f"at least {self.picture.height} px"

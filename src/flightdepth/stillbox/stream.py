@@ -20,10 +20,10 @@ from flightdepth.renderers.raycast import Rendered, render
 from flightdepth.scenes import StillBoxConfig, Textures, chance, draw_scene
 from flightdepth.stillbox.motion_noise import MotionNoise
 from flightdepth.stillbox.pairs import Batch, Flown, Pair, PairRule, make_pair, turned
-from flightdepth.stillbox.photometric import Photometric
+from flightdepth.stillbox.photometric import LARGEST_PX, Photometric
 
 CHUNK = 8
-_SCENE, _SAMPLE, _CROP = 1, 2, 3  # what a random stream is for
+_SAMPLE, _CROP = 2, 3  # what a random stream is for
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,11 @@ class PairStream:
     def __post_init__(self) -> None:
         if self.pool_scenes < CHUNK or self.pool_scenes % CHUNK:
             raise BadInput("pool_scenes", expected=f"a multiple of {CHUNK}", got=str(self.pool_scenes))
+        larger_px = max(self.picture.width, self.picture.height)
+        if self.photometric and larger_px > LARGEST_PX:
+            raise BadInput(
+                "pictures with camera effects", expected=f"at most {LARGEST_PX} px", got=f"{larger_px} px"
+            )
         self._executor = ThreadPoolExecutor(self.threads, thread_name_prefix="render")
         self._makers = ThreadPoolExecutor(self.threads, thread_name_prefix="pairs")
         self._effects = Photometric() if self.photometric else None

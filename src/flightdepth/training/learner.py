@@ -31,7 +31,7 @@ from flightdepth.training.network import built
 from flightdepth.training.precision import mixed_precision
 from flightdepth.training.processes import Share, any_says, mean_over, weigh_part
 from flightdepth.training.recipe import Recipe, Stage
-from flightdepth.training.run_folder import SHIPPED, parent_checkpoint, stages_behind
+from flightdepth.training.run_folder import SHIPPED, parent_checkpoint, read_trained, stages_behind
 from flightdepth.training.schedule import learning_rate
 from flightdepth.weights.store import StoredNetwork, read_network, shipped_networks
 
@@ -82,6 +82,8 @@ class Learner:
         if recipe.starts_from is not None:
             parent = parent_checkpoint(folder.parent, recipe.starts_from)
             if parent.exists():
+                before = read_trained(parent).recipe
+                self._check_same_size(before.name, before.architecture, before.base_width)
                 self._take(read_weights(parent, "averaged"))
                 seen = read_progress(parent).seen
             elif recipe.starts_from in shipped_networks():
@@ -112,15 +114,19 @@ class Learner:
     def _on_from(self, shipped: StoredNetwork, folder: Path, *, stage: int) -> Progress:
         """Take a shipped network's weights; its card is kept, so that what they have seen is known."""
         recipe, card = self.recipe, shipped.card
-        if (card.architecture, card.base_width) != (recipe.architecture, recipe.base_width):
-            raise BadInput(
-                f"recipe {recipe.name}",
-                expected=f"a {card.architecture} of base width {card.base_width}, as {card.name}",
-                got=f"a {recipe.architecture} of {recipe.base_width}",
-            )
+        self._check_same_size(card.name, card.architecture, card.base_width)
         self._take(weights_of(shipped.onnx))
         write_json(folder / SHIPPED, card.model_dump(mode="json"))
         return Progress(recipe.name, recipe.digest, stage, 0, card.samples, math.nan)
+
+    def _check_same_size(self, name: str, architecture: str, base_width: int) -> None:
+        recipe = self.recipe
+        if (architecture, base_width) != (recipe.architecture, recipe.base_width):
+            raise BadInput(
+                f"recipe {recipe.name}",
+                expected=f"a {architecture} of base width {base_width}, as {name}",
+                got=f"a {recipe.architecture} of {recipe.base_width}",
+            )
 
     def _take(self, weights: dict[str, Tensor]) -> None:
         self.network.load_state_dict(weights)
