@@ -114,10 +114,10 @@ class Difference:
         column = torch.arange(0, width, every, device=shift_px.device, dtype=shift_px.dtype)[:, None]
         row = torch.arange(0, height, every, device=shift_px.device, dtype=shift_px.dtype)[:, None, None]
         # [B, 1, 1, W / every, 1] and [B, 1, H / every, 1, 1]
-        across = (corner - closing * (column - 1.5))[:, :, None] * (2 / width)
-        down = (top + (below - top) / 4 * (row - 1.5)[None])[:, None] * (2 / height)
+        across_full = (corner - closing * (column - 1.5))[:, :, None] * (2 / width)
+        down_full = (top + (below - top) / 4 * (row - 1.5)[None])[:, None] * (2 / height)
         first, second = shift_px.new_tensor((1.0, 0.0)), shift_px.new_tensor((0.0, 1.0))
-        moves = across * first + down * second
+        moves = across_full * first + down_full * second
         stands = (
             _middles(width, shift_px)[::every, None] * first
             + _middles(height, shift_px)[::every, None, None] * second
