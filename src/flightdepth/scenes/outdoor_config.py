@@ -44,7 +44,11 @@ class OutdoorConfig(BaseModel):
     )
     height_m: Range = Field(default=(6.0, 12.0), description="camera above the plain")
     pitch_down: Range = Field(default=(0.05, 0.18), description="slope of the optical axis, downwards")
-    clearance_m: float = Field(default=3.0, ge=0, description="least room between the path and any surface")
+    clearance_m: float = Field(
+        default=3.0,
+        ge=0,
+        description="least room between the path and any surface; up to a third less beside eaves, crowns and bushes",
+    )
     mounds: tuple[int, int] = Field(default=(4, 7), description="rises in the ground, 0.9 to 2.5 m high")
     houses: tuple[int, int] = Field(default=(7, 11), description="fewest and most houses")
     near_trees: tuple[int, int] = Field(
