@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import AttitudeSample, VelocitySample
+from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.telemetry_csv import read_csv, write_csv
 
 WORLD = "time_s,vn_m_s,ve_m_s,vd_m_s\n"
@@ -17,6 +18,16 @@ def read(tmp_path, text):
     path = tmp_path / "log.csv"
     path.write_text(text)
     return read_csv(path)
+
+
+@pytest.mark.parametrize(
+    "text", [GOOD.replace("\n", "\r\n"), "\ufeff" + GOOD, "\ufeff" + GOOD.replace("\n", "\r\n")]
+)
+def test_a_log_that_a_spreadsheet_wrote_is_one(tmp_path, text):
+    """Windows line ends and a mark in front made it "something else"."""
+    path = tmp_path / "log.csv"
+    path.write_bytes(text.encode())
+    assert [sample.velocity.tolist() for sample in read_telemetry(path).samples] == [[1, 2, 3], [4, 5, 6]]
 
 
 number = st.floats(-100, 100)

@@ -99,6 +99,17 @@ def test_a_speed_stands_above_telemetry_inside(video):
         assert "constant speed" in flight.telemetry_name
 
 
+def test_a_log_of_the_videos_name_beside_it_is_found(video, tmp_path):
+    """As DJI's cameras write them, and other files of that name are no matter."""
+    (tmp_path / "v.jpg").write_bytes(b"no log")
+    log(tmp_path, range(0, 2100, 100)).rename(tmp_path / "v.CSV")
+    with open_flight(video, hfov_deg=60) as flight:
+        assert "v.CSV" in flight.telemetry_name
+    log(tmp_path, range(0, 2100, 100)).rename(tmp_path / "v.txt")
+    with pytest.raises(BadInput, match=r"beside it v\.CSV, v\.txt.*--telemetry LOG"):
+        open_flight(video, hfov_deg=60)
+
+
 def test_a_part_of_a_flight(video, tmp_path):
     path = log(tmp_path, range(0, 2100, 100))
     with open_flight(video, path, hfov_deg=60, start_s=0.5, end_s=1.0) as flight:

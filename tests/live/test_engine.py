@@ -78,6 +78,14 @@ def test_a_picture_becomes_a_result():
     assert status.age_from == "sender"
 
 
+def test_the_state_asks_what_the_sinks_lack():
+    run = engine()
+    asked = []
+    run._monitor.lacks = asked.append
+    run.status()
+    assert asked == [None]
+
+
 def test_rates_are_read_under_the_lock_alone():
     """Reading forgets old events: two threads at once could each take the last."""
 

@@ -108,6 +108,14 @@ def test_each_trouble_is_told_in_time_and_ends(flight, off, state, reason, withi
     assert sum(health.state is not State.OK for health in after) * FRAME_S < 0.7
 
 
+def test_what_a_sink_lacks_is_told_until_it_has_it(flight):
+    flight.monitor.lacks("obstacles are unknown: nobody tells the drone's heading")
+    assert flight.fly(1)[-1].state is State.DEGRADED
+    assert flight.noticed_s(State.DEGRADED, FROZEN, changed=False) < 2  # worse things first
+    flight.monitor.lacks(None)
+    assert flight.fly(2)[-1].state is State.OK
+
+
 def test_no_telemetry_since_the_start():
     assert Flight().fly(1, velocity=False)[-1].reason == NO_TELEMETRY
 

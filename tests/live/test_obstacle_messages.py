@@ -167,6 +167,15 @@ def test_the_same_result_comes_nearer_with_its_age():
     assert first - later == pytest.approx(60, abs=1)
 
 
+def test_what_is_wanting_for_obstacles_is_told() -> None:
+    """All was unknown, and the state said that all was well."""
+    told = feed()
+    told.take(live_result(NS_PER_S, result(wall(camera_attitude(), 10.0)), body=None))
+    assert told.lacking == "obstacles are unknown: nobody tells the drone's heading"
+    told.take(live_result(2 * NS_PER_S, result(wall(camera_attitude(), 10.0))))
+    assert told.lacking is None
+
+
 def test_without_the_drones_heading_all_is_unknown_unless_the_camera_looks_ahead():
     seen = live_result(0, result(wall(camera_attitude(), 10.0)), body=None)
     lost, ahead = feed(), feed(camera_ahead=True)

@@ -5,7 +5,16 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from range_oracle import CLAMPED, card
 
-from flightdepth.ranges.fusion import BETA_MAX, EPSILON, LOWER_MARGIN, Fusion, fuse, weight
+from flightdepth.ranges.fusion import (
+    BETA_MAX,
+    EPSILON,
+    FARTHEST_TOLD_M,
+    LOWER_MARGIN,
+    Fusion,
+    fuse,
+    weight,
+    within_reach,
+)
 
 CARD = card()
 betas = arrays(np.float32, (3, 4, 5), elements=st.floats(0, 1, width=32))
@@ -233,3 +242,15 @@ def test_an_output_just_above_the_lower_end_is_no_measurement_where_a_shorter_pa
 def test_an_answer_well_inside_the_range_still_contradicts(beta: float) -> None:
     fused = fuse(one(0.3, beta), np.array([0.025, 1.0]), CLAMPED)
     assert np.isnan(fused.depth_m).all()
+
+
+def test_what_lies_beyond_reach_is_a_bound() -> None:
+    """Sky that seemed to move had a depth of a kilometre."""
+    fused = fuse(
+        np.float32([[[0.1, 0.5, 0.95]]]), np.array([6.0]), CARD
+    )  # alpha 1000 / 3: 200 m, 1000 m, a bound
+    cut = within_reach(fused)
+    np.testing.assert_allclose(cut.depth_m, [[200, np.nan, np.nan]], rtol=1e-5)
+    np.testing.assert_allclose(cut.farther_than_m, [[np.nan, FARTHEST_TOLD_M, 1800]], rtol=1e-5)
+    assert cut.confidence[0, 1] == 0
+    assert cut.confidence[0, 0] == fused.confidence[0, 0]

@@ -69,6 +69,7 @@ class Session:
         self.feed: AutopilotFeed | None = None
         self.link: MavlinkLink | None = None
         self.sender: ObstacleSender | None = None
+        self.obstacles: ObstacleFeed | None = None
         self.engine = LiveEngine(
             Parts(
                 stage=stage,
@@ -77,6 +78,7 @@ class Session:
                 motion=self._motion,
                 boot_ns=lambda live_ns: None if self.feed is None else self.feed.boot_ns(live_ns),
                 telemetry_dropped=self._telemetry_dropped,
+                lacking=lambda: None if self.obstacles is None else self.obstacles.lacking,
             ),
             say=warn,
         )
@@ -131,7 +133,8 @@ class Session:
         if not settings.obstacles and settings.dry_run is None:
             return None
         packer = ObstaclePacker(ObstacleSettings(), system=self._vehicle)
-        feed = ObstacleFeed(ObstacleMap(self._sight), packer, camera_ahead=settings.mount is Mount.FIXED)
+        fixed = settings.mount is Mount.FIXED
+        feed = self.obstacles = ObstacleFeed(ObstacleMap(self._sight), packer, camera_ahead=fixed)
         self.engine.add_sink("obstacles", feed.take)
         self.sender = stack.enter_context(ObstacleSender(feed, self._obstacle_writer(stack)))
         return feed

@@ -179,10 +179,14 @@ def run(
     Stopped or killed? The same command skips the flights that stand. On many machines
     that share a disk: --engine ray --address auto.
     """
+    from flightdepth.ranges.estimator import check_ranges
+
     check_engine("flightdepth run", engine, address)
     several = len(flights) > 1
     if several and telemetry is not None:
-        raise BadInput("--telemetry", expected="one flight with it", got=f"{len(flights)} flights")
+        mend = "A log beside each video, with its name (DJI_0001.SRT), is found without --telemetry."
+        raise BadInput("--telemetry", expected="one flight with it", got=f"{len(flights)} flights", mend=mend)
+    check_ranges(ranges)
     settings = RunSettings(
         telemetry=telemetry,
         camera=camera,
@@ -375,4 +379,6 @@ def conclude(summary: Summary, elapsed_s: float, target: Path) -> None:
             f"median frame: depth at {summary.valid_fraction_median:.0%} of the pixels;"
             f" latency {summary.latency_median_ms:.1f} ms median, {summary.latency_p95_ms:.1f} ms p95"
         )
+    else:
+        warn("no frame has depth: the reasons stand above")
     say(f"preview: {target / 'preview.mp4'}")

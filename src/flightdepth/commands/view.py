@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     from flightdepth.outputs import FlightFolder
 
 WEB_PORT, DATA_PORT = 9090, 9876
-NO_DISPLAY = "could not open a window ({error}); try `flightdepth view {folder} --web`"
+NO_DISPLAY = "could not open a window ({error}); try `flightdepth view {folder} --web`, or --save FILE.rrd"
 
 
 def view(
@@ -68,6 +70,8 @@ def write(recording: RecordingStream, flight: FlightFolder, file: Path, pictures
     import rerun
 
     check_parent("--save", file)
+    if file.suffix != ".rrd":
+        raise BadInput("--save", expected="a file that ends in .rrd", got=str(file))
     stream = rerun.binary_stream(recording)
     send(recording, flight, pictures)
     write_atomic(file, stream.read(flush=True) or b"")
@@ -94,6 +98,8 @@ def open_window(recording: RecordingStream, flight: FlightFolder, pictures: int)
     """The viewer's own window, which stays when this ends."""
     import rerun
 
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise FlightDepthError(NO_DISPLAY.format(error="no screen", folder=flight.folder))
     try:
         rerun.spawn(recording=recording)
     except (RuntimeError, OSError) as error:

@@ -28,7 +28,7 @@ from flightdepth.flight.records import (
     VelocitySample,
     seconds,
 )
-from flightdepth.flight.telemetry import read_telemetry
+from flightdepth.flight.telemetry import is_log, read_telemetry
 from flightdepth.flight.video import Video
 
 BODY_ONLY = (
@@ -150,7 +150,8 @@ def open_flight(
 ) -> Flight:
     """Open a video with its telemetry.
 
-    telemetry  a log file; None looks inside the video (GPMF), unless `speed_m_s` is given
+    telemetry  a log file; None looks inside the video (GPMF), then for a log of the video's name beside it (DJI's
+               subtitles), unless `speed_m_s` is given
     telemetry_offset_s  is added to the log's times, so that they count from the video's first picture; "auto"
                estimates it from the pictures, which takes a pass over the video, and stays at 0 where they tell none
     camera     a Camera, a calibration file, a photograph with EXIF tags or a name of the table of lenses;
@@ -163,14 +164,14 @@ def open_flight(
         raise BadInput("--telemetry and --speed", expected="one of them", got="both")
     video = Video(Path(path), start_s=start_s, end_s=end_s)
     try:
-        log = choose_telemetry(video, telemetry, speed_m_s, telemetry_offset_s)
+        log, inside = choose_telemetry(video, telemetry, speed_m_s, telemetry_offset_s)
         log = mounted(log, mount_pitch_deg)
         chosen = choose_camera(video, camera, hfov_deg, log)
         clock = None
         if log is not None and telemetry_offset_s == AUTO:
             log, clock = synchronised(video, chosen.camera, log)
             chosen = replace(chosen, views=log.view if chosen.views else None)
-        told = clock_warnings(clock, inside=telemetry is None)
+        told = clock_warnings(clock, inside=inside)
         return Flight(video, chosen, log, speed_m_s or 0.0, clock=clock, clock_warnings=told)
     except BaseException:
         video.close()
@@ -179,24 +180,36 @@ def open_flight(
 
 def choose_telemetry(
     video: Video, telemetry: str | Path | None, speed_m_s: float | None, offset_s: float | Literal["auto"]
-) -> Telemetry | None:
-    """The log given, or the one inside the video, moved by `offset_s`; None where a constant speed is flown."""
+) -> tuple[Telemetry | None, bool]:
+    """The log given, inside the video or beside it, moved by `offset_s`, and whether it is the one inside.
+
+    None where a constant speed is flown.
+    """
     if offset_s != AUTO and not math.isfinite(offset_s):
         raise BadInput(
             "--telemetry-offset", expected="a finite number of seconds, or auto", got=str(offset_s)
         )
     if speed_m_s is not None:
         forward_velocity(0, speed_m_s)  # refuses a speed that is not one, before the first frame
-        return None
+        return None, False
     log = read_gpmf(video.path) if telemetry is None else read_telemetry(Path(telemetry))
-    if log is None:
-        got = "none inside the video"
-        raise BadInput(f"telemetry of {video.path}", expected="a velocity", got=got, mend=NO_TELEMETRY)
+    inside = telemetry is None and log is not None
+    log = read_telemetry(log_beside(video.path)) if log is None else log
     if offset_s == AUTO:
-        return log  # moved once the camera is known
+        return log, inside  # moved once the camera is known
     log = log.later_by(round(offset_s * NS_PER_S)) if offset_s else log
     check_overlap(video, log)
-    return log
+    return log, inside
+
+
+def log_beside(video: Path) -> Path:
+    """The one log that has the video's name but for its ending, as DJI's cameras write it."""
+    others = (path for path in video.parent.iterdir() if path.stem == video.stem and path.name != video.name)
+    logs = sorted(path for path in others if path.is_file() and is_log(path))
+    if len(logs) == 1:
+        return logs[0]
+    got = "none inside the video" + (f", and beside it {', '.join(p.name for p in logs)}" if logs else "")
+    raise BadInput(f"telemetry of {video}", expected="a velocity", got=got, mend=NO_TELEMETRY)
 
 
 def synchronised(video: Video, camera: Camera, log: Telemetry) -> tuple[Telemetry, ClockOffset]:

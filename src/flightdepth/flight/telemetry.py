@@ -53,6 +53,12 @@ def read_telemetry(path: Path) -> Telemetry:
     raise BadInput(f"telemetry {path}", expected=f"one of {known}", got=got)
 
 
+def is_log(path: Path) -> bool:
+    """Whether a file is a log of any known format, by its head."""
+    head = first_bytes(path)
+    return any(log_format.recognises(head, path) for log_format in FORMATS)
+
+
 def first_bytes(path: Path) -> bytes:
     """The first HEAD_BYTES bytes of a file, none of a folder."""
     try:

@@ -95,8 +95,8 @@ def read_csv(path: Path) -> Telemetry:
 
 def looks_like_csv(head: bytes, path: Path) -> bool:
     """Whether the file's first line is text with a comma in it."""
-    line = head.split(b"\n", 1)[0]
-    return b"," in line and b"\0" not in line and line.decode("utf-8", "replace").isprintable()
+    line = head.split(b"\n", 1)[0].rstrip(b"\r")
+    return b"," in line and b"\0" not in line and line.decode("utf-8-sig", "replace").isprintable()
 
 
 def write_csv(path: Path, samples: Iterable[Sample]) -> None:

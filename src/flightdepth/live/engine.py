@@ -47,6 +47,7 @@ class Parts:
 
     boot_ns            a time of the live clock on the autopilot's
     telemetry_dropped  what telemetry left out, by reason
+    lacking            what a sink can't do, and for want of what
     """
 
     stage: DepthStage
@@ -55,6 +56,7 @@ class Parts:
     motion: Callable[[LiveEngine], MotionSource]
     boot_ns: Callable[[int], int | None] = lambda live_ns: None
     telemetry_dropped: Callable[[], dict[str, int]] = dict
+    lacking: Callable[[], str | None] = lambda: None
 
 
 class LiveEngine:
@@ -112,6 +114,7 @@ class LiveEngine:
             last = self._last
             pictures_hz, results_hz = self._pictures.hz(now_ns), self._results.hz(now_ns)
             self._monitor.rates(pictures_hz, results_hz)
+            self._monitor.lacks(self._parts.lacking())
             return LiveStatus(
                 stamp_ns=now_ns,
                 health=self._monitor.judge(now_ns),

@@ -52,6 +52,7 @@ class HealthMonitor:
         self._result_ns: int | None = None
         self._depth_ns = start_ns
         self._no_depth: str | None = None
+        self._lacking: str | None = None
         self._age_ms = self._pictures_hz = self._results_hz = 0.0
 
     def picture(self, now_ns: int) -> None:
@@ -89,6 +90,10 @@ class HealthMonitor:
         self._result_ns, self._no_depth, self._age_ms, self._refused = now_ns, no_depth, age_ms, None
         if no_depth is None:
             self._depth_ns = now_ns
+
+    def lacks(self, what: str | None) -> None:
+        """What somebody who needs the results can't do, and for want of what; None: nothing is wanting."""
+        self._lacking = what
 
     def rates(self, pictures_hz: float, results_hz: float) -> None:
         """How many pictures came, and results went, a second."""
@@ -146,6 +151,7 @@ class HealthMonitor:
                 f"{SLOW}: {results_hz:.1f} results a second of {pictures_hz:.0f} pictures",
             ),
             (self._age_ms > limits.old_ms, f"{OLD}: {self._age_ms:.0f} ms"),
+            (True, self._lacking),
         )
         return next((reason for counts, reason in troubles if counts and reason is not None), None)
 

@@ -19,6 +19,7 @@ from flightdepth.motion import NED_FROM_CAMERA, Vector, rotation_from_quaternion
 
 RATE_HZ = 15.0  # PX4 was tested with 10 Hz at 4 m/s; both autopilots give up after half a second
 HEARTBEAT_NS = NS_PER_S
+BLIND = "obstacles are unknown"
 
 Write = Callable[[bytes], object]
 
@@ -53,6 +54,7 @@ class ObstacleFeed:
         self._every_ns = round(NS_PER_S / rate_hz)
         self._points, self._camera_ahead = points, camera_ahead
         self._newest: Newest | None = None
+        self._lacking: str | None = None
         self._distances_ns: int | None = None
         self._heartbeat_ns: int | None = None
 
@@ -66,9 +68,17 @@ class ObstacleFeed:
         """What the last result said; None before the first."""
         return self._newest
 
+    @property
+    def lacking(self) -> str | None:
+        """Why all sectors of the last result are unknown, where that is not for want of depth."""
+        return self._lacking
+
     def take(self, result: LiveResult) -> None:
         """A sink: work out the sectors of a result."""
         heading = self._heading(result)
+        unknown = {"camera's attitude": result.world_from_camera, "drone's heading": heading}
+        wanting = " and the ".join(what for what, told in unknown.items() if told is None)
+        self._lacking = f"{BLIND}: nobody tells the {wanting}" if wanting else None
         sectors = self._obstacles.add(
             result.stamp_ns,
             result.depth,

@@ -20,7 +20,7 @@ from flightdepth.ranges.derotation import Derotation
 from flightdepth.ranges.direction import SeenDirections
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fallback import OnGridOf
-from flightdepth.ranges.fusion import Fused, Fusion, fuse
+from flightdepth.ranges.fusion import Fused, Fusion, fuse, within_reach
 from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.network import DepthNetwork, Image, Map
 from flightdepth.ranges.pairs import Baselines, Frame, FrameBuffer, Pair, baselines, pick, seen_from
@@ -221,6 +221,8 @@ class MultiRangeEstimator:
         seer.planner.learn(stamp_ns, fused, self._grid.valid)
         if seer is self._first:  # depths of two networks are not averaged
             fused = self._held_still(stamp_ns, pairs, fused)
+        if self._fusion is Fusion.SATURATION:
+            fused = within_reach(fused)
         return self._result(pairs, prediction, fused, seer, started)
 
     def _pairs(self, current: Frame) -> tuple[tuple[Pair, ...], Seer] | str:

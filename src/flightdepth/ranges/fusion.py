@@ -39,6 +39,9 @@ LAPLACE_68 = (
     1.148  # two in three errors of scale b are within 1.148 b (Laplace), as two in three are within sigma
 )
 
+# Depth beyond this is told as a bound: it hangs on hundredths of a pixel, and the files hold no larger one.
+FARTHEST_TOLD_M = 655.34
+
 Flags = NDArray[np.bool_]
 
 
@@ -144,6 +147,19 @@ def fuse(
     confidence = best if told is None or sigma is None else chance(depth, sigma)
     farther, nearer = _bounds(said, reach_m, unknown, (lower, upper))
     return Fused(depth, confidence, farther, nearer, sigma)
+
+
+def within_reach(fused: Fused) -> Fused:
+    """Depth beyond FARTHEST_TOLD_M as a bound, "farther than" that: most of it is sky that seemed to move."""
+    far = fused.depth_m > FARTHEST_TOLD_M  # NaN is not
+    nothing = np.float32(np.nan)
+    return Fused(
+        depth_m=np.where(far, nothing, fused.depth_m),
+        confidence=np.where(far, np.float32(0), fused.confidence),
+        farther_than_m=np.where(far, np.float32(FARTHEST_TOLD_M), fused.farther_than_m),
+        nearer_than_m=fused.nearer_than_m,
+        sigma_m=None if fused.sigma_m is None else np.where(far, nothing, fused.sigma_m),
+    )
 
 
 def chance(depth_m: Map, sigma_m: Map) -> Map:
