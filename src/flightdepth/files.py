@@ -52,9 +52,13 @@ def make_folder(option: str, path: Path) -> None:
 
 
 def check_parent(option: str, path: Path | None) -> None:
-    """Refuse a file, named by an option of the command line, whose folder is missing; before the work, not after it."""
-    if path is not None and not path.parent.is_dir():
+    """Refuse a file, named on the command line, whose folder is missing or closed; before the work, not after it."""
+    if path is None:
+        return
+    if not path.parent.is_dir():
         raise BadInput(option, expected="a file in an existing folder", got=str(path))
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise BadInput(option, expected="a folder that may be written to", got=str(path.parent))
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -32,9 +32,12 @@ def test_a_video_that_tells_its_camera(tmp_path, capsys):
     assert "electronic stabilisation" in said.err
 
 
-def test_a_video_that_does_not_is_refused_in_one_line(tmp_path, capsys):
-    assert main(["cameras", str(make_video(tmp_path / "v.mp4", frames=2))]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
+def test_of_a_video_that_does_not_it_says_what_would_be_asked_for(tmp_path, capsys):
+    assert main(["cameras", str(make_video(tmp_path / "v.mp4", frames=2))]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert "run would not know it" in said.out
+    assert "--hfov" in said.out
 
 
 @pytest.fixture

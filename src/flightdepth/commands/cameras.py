@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from flightdepth.commands.terminal import say, warn
+from flightdepth.errors import BadInput
 
 
 def cameras(
@@ -50,7 +51,12 @@ def tell(path: Path, log: Path | None) -> None:
     from flightdepth.flight.video import Video
 
     with Video(path) as video:
-        chosen = choose_camera(video, None, None, None if log is None else read_telemetry(log))
+        read = None if log is None else read_telemetry(log)
+        try:
+            chosen = choose_camera(video, None, None, read)
+        except BadInput as error:  # no fault of who asks
+            say(f"run would not know it. {error}")
+            return
     camera = chosen.camera
     say(f"{path}: {camera.width}x{camera.height}, focal length {camera.fx:.0f} px; {chosen.source}")
     for line in chosen.warnings:
