@@ -30,6 +30,21 @@ def test_a_log_that_a_spreadsheet_wrote_is_one(tmp_path, text):
     assert [sample.velocity.tolist() for sample in read_telemetry(path).samples] == [[1, 2, 3], [4, 5, 6]]
 
 
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (GOOD.replace(",", ";").encode(), "got a table with semicolons"),
+        (b"\0\0\0\x20ftypisom" + bytes(50), "got a video; what a GoPro wrote"),
+        (b"hello world\n", "got something else"),
+    ],
+)
+def test_what_is_no_log_is_told_as_what_it_is(tmp_path, data, said):
+    path = tmp_path / "log.csv"
+    path.write_bytes(data)
+    with pytest.raises(BadInput, match=said):
+        read_telemetry(path)
+
+
 number = st.floats(-100, 100)
 
 

@@ -49,8 +49,18 @@ def read_telemetry(path: Path) -> Telemetry:
         if log_format.recognises(head, path):
             return log_format.read(path)
     known = ", ".join(log_format.name for log_format in FORMATS)
-    got = "something else" if head or path.is_dir() else "an empty file"
+    got = _described(head) if head or path.is_dir() else "an empty file"
     raise BadInput(f"telemetry {path}", expected=f"one of {known}", got=got)
+
+
+def _described(head: bytes) -> str:
+    """What a file seems to be that is no log."""
+    if head[4:8] == b"ftyp":
+        return "a video; what a GoPro wrote into it is read without --telemetry"
+    line = head.split(b"\n", 1)[0].strip().decode("utf-8-sig", "replace")
+    if line.isprintable() and ";" in line:
+        return "a table with semicolons: a CSV log has commas between its columns, and points in its numbers"
+    return "something else"
 
 
 def is_log(path: Path) -> bool:
