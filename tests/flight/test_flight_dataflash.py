@@ -87,8 +87,8 @@ def test_gps_as_a_last_resort(tmp_path):
     parts = [dataflash_head()]
     for i in range(5):
         parts.append(dataflash_record("GPA", START_US + i, 0, 45))
-        parts.append(dataflash_record("GPS", START_US + i, 0, 3 if i else 1, 5 + i, 120, -1))
         parts.append(dataflash_record("GPA", START_US + i, 1, 300))
+        parts.append(dataflash_record("GPS", START_US + i, 0, 3 if i else 1, 5 + i, 120, -1))
         parts.append(dataflash_record("GPS", START_US + i, 1, 3, 99, 0, 0))
     telemetry = read(tmp_path, b"".join(parts))
     sixty = math.radians(60)
