@@ -45,9 +45,9 @@ FORMATS: tuple[Format, ...] = (
 def read_telemetry(path: Path) -> Telemetry:
     """Read a log of any known format."""
     head = first_bytes(path)
-    for log_format in FORMATS:
-        if log_format.recognises(head, path):
-            return log_format.read(path)
+    log_format = _format_of(head, path)
+    if log_format is not None:
+        return log_format.read(path)
     known = ", ".join(log_format.name for log_format in FORMATS)
     got = _described(head) if head or path.is_dir() else "an empty file"
     raise BadInput(f"telemetry {path}", expected=f"one of {known}", got=got)
@@ -65,8 +65,11 @@ def _described(head: bytes) -> str:
 
 def is_log(path: Path) -> bool:
     """Whether a file is a log of any known format, by its head."""
-    head = first_bytes(path)
-    return any(log_format.recognises(head, path) for log_format in FORMATS)
+    return _format_of(first_bytes(path), path) is not None
+
+
+def _format_of(head: bytes, path: Path) -> Format | None:
+    return next((log_format for log_format in FORMATS if log_format.recognises(head, path)), None)
 
 
 def first_bytes(path: Path) -> bytes:
