@@ -241,6 +241,15 @@ def test_of_equal_sizes_the_one_that_sees_finest_wins(
     assert nearest_network(WIDE, tmp_path) == "b-fine"
 
 
+@pytest.mark.parametrize("camera", [Camera.from_fov(1920, 1080, 15), Camera.from_fov(1080, 1920, 9)])
+def test_a_long_lens_is_seen_as_wide_as_its_focal_length_would_be_of_others(camera: Camera) -> None:
+    """Else a lens of 15 degrees would be 67 px across: 256 px of the longer side are shown, or what fills the grid."""
+    grid = Network(swept_card(), BestHypothesis()).at_focal(256.0).grid(camera)
+    assert max(grid.camera.width, grid.camera.height) == 256
+    longer = max(np.flatnonzero(grid.valid.any(axis=0)).size, np.flatnonzero(grid.valid.any(axis=1)).size)
+    assert longer * 4 == 256
+
+
 def test_finer_pictures_are_those_of_a_longer_focal_length() -> None:
     network = Network(swept_card(), BestHypothesis()).at_focal(64.0)
     assert network.finer(1) is network

@@ -142,7 +142,7 @@ def remainder(
         return None
     given = direction / np.linalg.norm(direction)
     aside = _aside(given)
-    prior = 1 / np.array([ROTATION_SIGMA_RAD] * 3 + [direction_sigma_rad] * 2) ** 2
+    usual = np.array([ROTATION_SIGMA_RAD] * 3 + [direction_sigma_rad] * 2)
     # The rotation vector and the direction's two angles: where they were made linear, and the step from there.
     state: Vector = np.zeros(5)
     step: Vector = np.zeros(5)
@@ -153,6 +153,7 @@ def remainder(
             seen = cv2.Rodrigues(state[:3])[0] @ before.T
             lines_px = focal_px * _lines(now.T, seen / seen[2], _tilted(given, aside, state[3:]), aside)
         information, pull = _normal_equations(lines_px, step)
+        prior = _prior(state + step, usual)
         information.flat[::6] += prior
         last, step = step, np.asarray(np.linalg.solve(information, -pull - prior * state), dtype=np.float64)
         change, straight = step - last, np.abs(step).max() < STRAIGHT_RAD
@@ -162,7 +163,7 @@ def remainder(
     state = state + step
     covariance: Vector = np.linalg.inv(information).astype(np.float64)
     unit = _tilted(given, aside, state[3:])
-    return Remainder(state[:3], unit, covariance * TOGETHER**2, state[3:])
+    return Remainder(state[:3], unit, covariance, state[3:])
 
 
 def _normal_equations(lines_px: Vector, step: Vector) -> tuple[Vector, Vector]:
@@ -174,8 +175,15 @@ def _normal_equations(lines_px: Vector, step: Vector) -> tuple[Vector, Vector]:
     noise_px = max(1.4826 * _median(np.abs(left_px[:points])), LEAST_NOISE_PX)
     weights = 1 / (noise_px**2 + (left_px / CAUCHY) ** 2)
     weights[points:] *= left_px[points:] < 0
+    weights /= TOGETHER**2
     products = (lines_px[:5] * weights) @ lines_px.T
     return np.ascontiguousarray(products[:, :5]), products[:, 5]
+
+
+def _prior(state: Vector, usual: Vector) -> Vector:
+    """Weights (5,) of zero for a state whose deviations are `usual`; less for a turn far beyond them (Cauchy)."""
+    far = state[:3] / usual[:3] / CAUCHY
+    return np.asarray(usual**-2.0 / np.repeat([1 + far @ far, 1], [3, 2]))
 
 
 def _lines(now: Vector, before: Vector, unit: Vector, aside: Vector) -> Vector:

@@ -22,7 +22,7 @@ LOWER_MARGIN = 0.02
 # A network that sweeps compares parts of a pixel: beyond this output a point moved by less than two thirds of one,
 # which a rotation of a tenth of a degree that no one reported does too.
 SWEPT_BETA_MAX = 0.6
-SWEPT_BETA_MEAN = 0.2  # its relative error is least where points move by 1 to 4 pixels (docs/networks.md)
+SWEPT_BETA_MEAN = 0.13  # its relative error is least where points move by 3 pixels and more (docs/log.md)
 SWEPT_MARGIN = 0.01  # nearer than this the point moved by more than the widest hypothesis
 # Two ranges contradict each other when no depth is within this factor of what both say.
 TOLERANCE = 1.5

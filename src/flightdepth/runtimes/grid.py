@@ -78,7 +78,7 @@ class NetworkGrid:
     @property
     def warning(self) -> str | None:
         """One line for the user where the grid's picture is so narrow that the result will be poor."""
-        if self._sampling.extent[0] >= NARROW_PX:
+        if round(self._sampling.extent[0]) >= NARROW_PX:
             return None
         return (
             f"the network sees only {self._sampling.extent[0]:.0f} px across ({self.source.width}x"
@@ -96,6 +96,14 @@ def filling_focal_px(camera: Camera, focal_px: float) -> float:
         left, right, top, bottom = (bound * focal_px for bound in view_bounds(camera))
         rooms = [padded(extent) / extent for extent in (right - left, bottom - top)]
     return focal_px * max(1.0, min(rooms) * HAIR_LESS)
+
+
+def wide_focal_px(camera: Camera, across_px: float) -> float:
+    """The focal length at which the longer side of what `camera` shows is that many pixels."""
+    if is_ideal(camera):
+        return across_px / max(camera.width / camera.fx, camera.height / camera.fy)
+    left, right, top, bottom = view_bounds(camera)
+    return across_px / max(right - left, bottom - top)
 
 
 def is_ideal(camera: Camera) -> bool:

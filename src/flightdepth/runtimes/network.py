@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.runtimes.coarser import coarser_grid, is_beyond_reach, take_near
 from flightdepth.runtimes.contract import DEPTH, SIGMA, Arrays, Precision, Runtime
 from flightdepth.runtimes.devices import OPENVINO_DEVICES, on_cpu, open_runtime
-from flightdepth.runtimes.grid import NetworkGrid, check_image, filling_focal_px
+from flightdepth.runtimes.grid import NetworkGrid, check_image, filling_focal_px, wide_focal_px
 from flightdepth.runtimes.inputs import paired_inputs, swept_inputs
 from flightdepth.runtimes.memory import OutOfMemory
 from flightdepth.runtimes.onnx_openvino import unfit_weights
-from flightdepth.runtimes.prediction import Prediction
+from flightdepth.runtimes.prediction import Maps, Prediction
 from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.store import SHIPPED, StoredNetwork, read_card, read_network, shipped_networks
 
@@ -59,8 +60,9 @@ class Network:
         """Focal length of the pictures that the network sees of `camera`'s; for any thread."""
         if not self.card.any_lens:
             return self.card.focal_px
-        # Pixels that the source does not have would tell nothing; those that the padding takes cost nothing.
-        focal_px = min(self.card.focal_px, camera.fx)
+        # A long lens is seen finer, at the price of others. Pixels that the source does not have would tell nothing;
+        # those that the padding takes cost nothing.
+        focal_px = min(max(self.card.focal_px, wide_focal_px(camera, self.card.focal_px)), camera.fx)
         filled_px = min(filling_focal_px(camera, focal_px), camera.fx)
         return focal_px if filled_px < focal_px * WORTH_IT else filled_px
 
@@ -95,7 +97,8 @@ class Network:
         check_image("current image", current, camera)
         for previous in previous_n:
             check_image("previous image", previous, camera)
-        output = self.runtime(self._inputs(previous_n, current, np.asarray(displacements), grid))
+        on_grid = [grid.image(previous) for previous in previous_n]
+        output = self._look(on_grid, grid.image(current), np.asarray(displacements), grid)
         beta = output[DEPTH] / np.float32(self.card.depth_max_m)
         alpha = self.card.at_focal(grid.camera.fx).alpha
         metres = np.where(lengths_m > 0, alpha * lengths_m, np.nan).astype(np.float32)[:, None, None]
@@ -129,21 +132,26 @@ class Network:
 
         A batch that the device has no memory for is left: who flies finds out, and says so.
         """
-        grid = self.grid(camera)
-        blank = np.zeros((grid.camera.height, grid.camera.width, 3), dtype=np.uint8)
-        with suppress(OutOfMemory):
-            for n in range(1, pairs + 1):
-                self.runtime(self._batch([blank] * n, blank, np.ones((n, 3)), grid.camera))
+        grid: NetworkGrid | None = self.grid(camera)
+        while grid is not None:
+            blank = np.zeros((grid.camera.height, grid.camera.width, 3), dtype=np.uint8)
+            with suppress(OutOfMemory):
+                for n in range(1, pairs + 1):
+                    self.runtime(self._batch([blank] * n, blank, np.ones((n, 3)), grid.camera))
+            grid = coarser_grid(self.card, grid.camera)
 
-    def _inputs(
-        self,
-        previous_n: Sequence[Image] | Image,
-        current: Image,
-        displacements: NDArray[np.float64],
-        grid: NetworkGrid,
-    ) -> Arrays:
-        on_grid = [grid.image(previous) for previous in previous_n]
-        return self._batch(on_grid, grid.image(current), displacements, grid.camera)
+    def _look(
+        self, previous_n: list[Image], current: Image, displacements: NDArray[np.float64], grid: NetworkGrid
+    ) -> dict[str, Maps]:
+        """Outputs for pictures on `grid`; what moved too far there is seen in smaller ones."""
+        output = self.runtime(self._batch(previous_n, current, displacements, grid.camera))
+        too_near = is_beyond_reach(self.card, output[DEPTH], grid.valid)
+        smaller = coarser_grid(self.card, grid.camera) if too_near else None
+        if smaller is not None:
+            shrunk = [smaller.image(previous) for previous in previous_n]
+            coarse = self._look(shrunk, smaller.image(current), displacements, smaller)
+            take_near(self.card, output, coarse, smaller)
+        return output
 
     def _batch(
         self, previous_n: list[Image], current: Image, displacements: NDArray[np.float64], camera: Camera

@@ -1,0 +1,54 @@
+"""What moved too far for a network's sweep, from smaller pictures, where it moved less.
+
+A picture of half the size shows the same scene at half the focal length: a point moves by half as many pixels, for a
+quarter of the price. Output belongs to a shift in pixels, so it is worth focal length over focal length there.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.runtimes.contract import DEPTH, SIGMA, STRIDE
+from flightdepth.runtimes.grid import NetworkGrid, filling_focal_px
+from flightdepth.weights.card import NetworkCard
+
+# Points that moved farther, in pixels, are better seen in smaller pictures (docs/log.md); the widest hypothesis is 32.
+REACH_PX = 28.0
+FEW = 0.01  # a smaller share of such pixels is not worth a look
+
+Maps = NDArray[np.float32]
+
+
+def coarser_grid(card: NetworkCard, camera: Camera) -> NetworkGrid | None:
+    """The view of a grid's pictures at half their size, or as near to it as fills a grid; None: there is none."""
+    if not card.knows_direction or min(camera.width, camera.height) < 2 * STRIDE:
+        return None
+    return NetworkGrid(camera, filling_focal_px(camera, camera.fx / 2))
+
+
+def is_beyond_reach(card: NetworkCard, depth_m: Maps, valid: NDArray[np.bool_]) -> bool:
+    """Whether the output [n, h, w] says that enough of what is `valid` [h, w] moved too far."""
+    near = (depth_m < _nearest_m(card)) & valid
+    return bool(near.sum() > FEW * near.size)
+
+
+def take_near(card: NetworkCard, output: dict[str, Maps], coarse: dict[str, Maps], grid: NetworkGrid) -> None:
+    """Write into `output` what `coarse`, on `grid`, says of the pixels that moved too far."""
+    n, height, width = output[DEPTH].shape
+    finer = np.float32(grid.camera.fx / grid.source.fx)
+    for i in range(n):
+        depth_m, sigma_m = (
+            finer * cv2.resize(grid.to_source(coarse[name][i]), (width, height), interpolation=cv2.INTER_AREA)
+            for name in (DEPTH, SIGMA)
+        )
+        near = depth_m < _nearest_m(card)
+        np.copyto(output[DEPTH][i], depth_m, where=near)
+        np.copyto(output[SIGMA][i], sigma_m, where=near)
+
+
+def _nearest_m(card: NetworkCard) -> float:
+    """Output, metres at D0, of a point that moved by REACH_PX: focal D0 / depth pixels."""
+    return card.focal_px * card.D0_m / REACH_PX

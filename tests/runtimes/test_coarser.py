@@ -1,0 +1,93 @@
+"""What moved farther than a network's sweep reaches, seen in smaller pictures."""
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+import pytest
+
+from flightdepth.camera import Camera
+from flightdepth.runtimes.coarser import REACH_PX
+from flightdepth.runtimes.network import Network, load_network
+from tests_networks import swept_card
+
+SQUARE = Camera(128, 128, 64.0, 64.0, 63.5, 63.5)
+MOVED = [[2.0, 0.0, 0.0]]
+BLANK = np.zeros((128, 128, 3), np.uint8)
+
+
+class Said:
+    """A MotionNet that says of pictures of each width how far points moved, left half and right half, in pixels."""
+
+    description = "made by hand"
+    architecture = "MotionNet"
+
+    def __init__(self, **moved_px: tuple[float, float]) -> None:
+        self.moved_px = {int(name.removeprefix("at_")): told for name, told in moved_px.items()}
+        self.calls: list[tuple[int, ...]] = []
+
+    def __call__(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        n, height, width = inputs["current"].shape[:3]
+        self.calls.append((n, height, width))
+        left, right = self.moved_px[width]
+        moved_px = np.where(np.arange(width // 4) < width // 8, left, right)
+        depth_m = np.broadcast_to(64.0 * 0.3 / moved_px, (n, height // 4, width // 4)).astype(np.float32)
+        return {"depth_m": depth_m.copy(), "sigma_m": depth_m * np.float32(0.001 * width)}
+
+
+def moved_px(runtime: Said, pairs: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Shifts in pixels of 128, and deviations over depth, on the grid."""
+    prediction = Network(swept_card(), runtime).predict([BLANK] * pairs, BLANK, MOVED * pairs, SQUARE)
+    assert prediction.sigma_m is not None
+    return 64.0 * 2.0 / prediction.depth_m, prediction.sigma_m / prediction.depth_m
+
+
+def test_near_pixels_are_those_of_the_smaller_picture_and_no_others() -> None:
+    runtime = Said(at_128=(50.0, 5.0), at_64=(20.0, 3.0))
+    shifts, deviations = moved_px(runtime, pairs=2)
+    assert runtime.calls == [(2, 128, 128), (2, 64, 64)]
+    np.testing.assert_allclose(shifts[:, :, :14], 40.0, rtol=1e-5)
+    np.testing.assert_allclose(shifts[:, :, 18:], 5.0, rtol=1e-5)
+    np.testing.assert_allclose(deviations[:, :, :14], 0.064, rtol=1e-4)
+    np.testing.assert_allclose(deviations[:, :, 18:], 0.128, rtol=1e-4)
+
+
+def test_warming_up_compiles_for_the_smaller_pictures_too() -> None:
+    """A flight's first near thing would wait for it."""
+    runtime = Said(at_128=(1.0, 1.0), at_64=(1.0, 1.0))
+    Network(swept_card(), runtime).warm_up(SQUARE, pairs=2)
+    assert runtime.calls == [(1, 128, 128), (2, 128, 128), (1, 64, 64), (2, 64, 64)]
+
+
+def test_what_the_smaller_picture_says_is_within_reach_stays() -> None:
+    """Only one of both can be right, and within reach it is the finer one."""
+    shifts, _ = moved_px(Said(at_128=(50.0, 5.0), at_64=(10.0, 3.0)))
+    np.testing.assert_allclose(shifts[:, :, :14], 50.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize("farthest_px", [REACH_PX - 1, 5.0])
+def test_nothing_is_looked_at_again_where_all_is_within_reach(farthest_px: float) -> None:
+    runtime = Said(at_128=(farthest_px, 1.0))
+    moved_px(runtime)
+    assert len(runtime.calls) == 1
+
+
+def test_pictures_of_64_px_are_the_smallest() -> None:
+    runtime = Said(at_128=(90.0, 90.0), at_64=(50.0, 50.0))
+    moved_px(runtime)
+    assert [call[-1] for call in runtime.calls] == [128, 64]
+
+
+@pytest.mark.parametrize(("name", "width"), [("motion", 256), ("motion-tiny", 128)])
+@pytest.mark.parametrize("pixels", [40, 56])
+def test_a_shipped_network_measures_what_moved_far(name: str, width: int, pixels: int) -> None:
+    """Sideways flight along a wall of smooth noise: depth = focal * displacement / pixels."""
+    camera = Camera(width, 128, 256.0, 256.0, width / 2 - 0.5, 63.5)
+    noise = np.random.default_rng(4).integers(0, 256, (camera.height, camera.width + pixels), dtype=np.uint8)
+    smooth = np.clip(cv2.GaussianBlur(noise, (0, 0), 3.0) * 4.0 - 384, 0, 255).astype(np.uint8)
+    wall = np.repeat(smooth[..., None], 3, axis=2)
+    network = load_network(name, precision="f32").at_focal(256)
+    now, before = wall[:, pixels:], wall[:, :-pixels]  # the camera flew right, the wall went left
+    depth_m = network.depth(np.ascontiguousarray(before), np.ascontiguousarray(now), [1.0, 0.0, 0.0], camera)
+    inside = depth_m[8:-8, 8 : -pixels - 8]
+    assert np.median(inside) == pytest.approx(256.0 / pixels, rel=0.06)
