@@ -64,8 +64,10 @@ def test_a_flight_gives_depth(run, work):
     assert "preview.mp4" in stdout
 
 
-def test_it_says_both_sizes_and_warns_of_a_narrow_input(run):
+def test_it_says_both_sizes_and_warns_of_a_narrow_input(run, work):
     _, stdout, stderr = run()
+    (warned,) = FlightFolder(work / "made/out").record.source.warnings
+    assert warned.startswith("the network sees only 64 px across")
     assert "128x128, focal length 64 px -> difference at 64x64" in " ".join(stdout.split())
     assert stderr.startswith("warning: the network sees only 64 px across")
     assert len(stderr.splitlines()) == 1

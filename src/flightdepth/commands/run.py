@@ -283,7 +283,14 @@ def source_of(name: str, flight: Flight, network: Network, settings: RunSettings
         clock=flight.clock,
         network=network.card,
         settings=options,
+        warnings=warnings_of(flight, network),
     )
+
+
+def warnings_of(flight: Flight, network: Network) -> tuple[str, ...]:
+    """What the user should know before the flight is run, a line each."""
+    narrow = network.grid(flight.camera).warning
+    return flight.warnings if narrow is None else (*flight.warnings, narrow)
 
 
 def stands(target: Path, source: Source) -> bool:
@@ -355,10 +362,8 @@ def introduce(path: Path, flight: Flight, network: Network) -> None:
     say(f"camera: {flight.camera_source}")
     if flight.clock is not None:
         say(f"offset between video and log: {flight.clock}")
-    for line in flight.warnings:
+    for line in warnings_of(flight, network):
         warn(line)
-    if grid.warning is not None:
-        warn(grid.warning)
 
 
 def conclude(summary: Summary, elapsed_s: float, target: Path) -> None:

@@ -36,6 +36,7 @@ class Source(BaseModel):
     )
     network: NetworkCard
     settings: dict[str, bool | int | float | str | None] = Field(default_factory=dict)
+    warnings: tuple[str, ...] = Field(default=(), description="what the user was warned of beforehand")
 
 
 class DepthScaleNote(BaseModel):
