@@ -4,7 +4,7 @@ A static point on the rays x1 (now) and x2 (before) obeys d . (x1 x R x2) = 0 wi
 rotation that no log reported (Hartley and Zisserman, 9.6). For a small one, R x2 = x2 + w x x2, this is linear:
 d . (x1 x x2) + w . (d (x1 . x2) - x1 (d . x2)) = 0. Least squares with Cauchy weights, made linear anew where they
 lead far, give w and two angles of d together. Where the points say little about one of them (flying sideways past
-things of one depth looks like turning), a prior of small errors holds it near zero.
+things of one depth looks like turning), a prior of small errors holds it near zero; turns may be large (Cauchy).
 """
 
 from __future__ import annotations
@@ -181,8 +181,8 @@ def _normal_equations(lines_px: Vector, step: Vector) -> tuple[Vector, Vector]:
 
 
 def _prior(state: Vector, usual: Vector) -> Vector:
-    """Weights (5,) of zero for a state whose deviations are `usual`; less for a turn far beyond them (Cauchy)."""
-    far = state[:3] / usual[:3] / CAUCHY
+    """Weights (5,) of zero for a state whose deviations are `usual`; less for a turn beyond them (Cauchy)."""
+    far = state[:3] / usual[:3]
     return np.asarray(usual**-2.0 / np.repeat([1 + far @ far, 1], [3, 2]))
 
 
