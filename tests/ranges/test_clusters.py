@@ -27,6 +27,15 @@ def test_separate_depths_are_found(depths: tuple[float, ...], logarithmic: bool)
     np.testing.assert_allclose(found, depths, rtol=0.02)
 
 
+def test_a_card_may_say_which_output_displacements_are_chosen_for() -> None:
+    """D = centroid / (alpha beta): a third of the output wants three times the displacement."""
+    far = np.array([5.0, 50.0])
+    usual, longer = (CARD.model_copy(update={"best_beta": beta}) for beta in (0.3, 0.1))
+    np.testing.assert_allclose(
+        wanted_displacements(far, longer, 1e9), 3 * wanted_displacements(far, usual, 1e9)
+    )
+
+
 def test_the_same_depth_gives_the_same_centroids() -> None:
     depth = np.random.default_rng(2).uniform(1, 100, (64, 64)).astype(np.float32)
     np.testing.assert_array_equal(centroids(depth, 4), centroids(depth.copy(), 4))

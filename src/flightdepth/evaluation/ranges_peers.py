@@ -24,8 +24,8 @@ Maps = NDArray[np.float32]
 Vector = NDArray[np.float64]
 
 # Displacement at which DIS flow is taken to reach 100 m, through 128 px. Of 0.3 (as DepthNet), 0.75 and 1.5 m the one
-# that served the peer best.
-FLOW_D0_M = 0.75
+# that served the peer best; so with the output that its displacements are chosen for.
+FLOW_D0_M, FLOW_BEST_BETA = 0.75, 0.2
 
 
 def flow_card(focal_px: float) -> NetworkCard:
@@ -33,7 +33,7 @@ def flow_card(focal_px: float) -> NetworkCard:
     facts = {"name": "DIS flow", "architecture": "MotionNet", "base_width": 1, "activation": "none"}
     size = {"focal_px": focal_px, "width": round(2 * focal_px), "height": round(2 * focal_px)}
     depth = {"depth_min_m": 0.0, "depth_max_m": 100.0, "D0_m": FLOW_D0_M * 128 / focal_px, "nominal_shift": 3}
-    return NetworkCard.model_validate(facts | size | depth | {"samples": 0})
+    return NetworkCard.model_validate(facts | size | depth | {"best_beta": FLOW_BEST_BETA, "samples": 0})
 
 
 class FlowNetwork:

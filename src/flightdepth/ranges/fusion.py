@@ -23,7 +23,7 @@ LOWER_MARGIN = 0.02
 # which a rotation of a tenth of a degree that no one reported does too.
 SWEPT_BETA_MAX = 0.6
 SWEPT_BETA_MEAN = 0.13  # its relative error is least where points move by 3 pixels and more (docs/log.md)
-SWEPT_MARGIN = 0.01  # nearer than this the point moved by more than the widest hypothesis of the finest pictures
+SWEPT_MARGIN = 0.01  # nearer than this the point moved by more than the widest hypothesis of full size
 # Two ranges contradict each other when no depth is within this factor of what both say.
 TOLERANCE = 1.5
 # An output of a clamped network this little above its lower end still lies at it where a shorter pair saw the point so
@@ -172,6 +172,8 @@ def chance(depth_m: Map, sigma_m: Map) -> Map:
 
 def best_beta(card: NetworkCard) -> float:
     """The output that a displacement is chosen for (paper, section IV.B: beta_mean)."""
+    if card.best_beta is not None:
+        return card.best_beta
     return SWEPT_BETA_MEAN if card.knows_direction else BETA_MEAN
 
 

@@ -61,6 +61,12 @@ class NetworkCard(BaseModel):
         default_factory=dict,
         description="of what enters a convolution, by the name of its weights in the ONNX file",
     )
+    best_beta: float | None = Field(
+        default=None,
+        gt=0,
+        lt=1,
+        description="output, as a share of the largest depth, that displacements are chosen for; None: by its kind",
+    )
     any_lens: bool = Field(default=False, description="trained with many focal lengths: see `at_focal`")
     width: int = Field(gt=0, description="picture width of the last training stage")
     height: int = Field(gt=0, description="picture height of the last training stage")
