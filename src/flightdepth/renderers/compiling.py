@@ -7,8 +7,9 @@ atomic updates per array and call were more than half of a frame's time.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,8 +31,17 @@ def compiled(function: F) -> F:
     """Compile with numba on first call; the signature for readers and for mypy stays the Python one."""
     wrapped: F = numba.njit(function, **OPTIONS)
     # Code cached for a function holds the code of what it calls, but numba asks only whether its own file changed.
-    wrapped._cache._cache_file._source_stamp = _newest_source()  # type: ignore[attr-defined]
+    files = wrapped._cache._cache_file  # type: ignore[attr-defined]
+    files._source_stamp = _newest_source()
+    # numba numbers what it keeps: two processes that compile at once would take the same number, and run wrong code.
+    files._data_name = partial(_own_name, files._data_name)
     return wrapped
+
+
+def _own_name(numbered: Callable[[int], str], number: int) -> str:
+    """A file name that no other process gives."""
+    name = Path(numbered(number))
+    return f"{name.stem}.{os.getpid()}{name.suffix}"
 
 
 @cache
