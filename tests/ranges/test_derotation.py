@@ -129,9 +129,8 @@ def test_where_turning_looks_like_flying_the_prior_holds():
     found = remainder(now * scale, before * scale, np.array([1.0, 0, 0]), narrow)
     assert not found.turns and not found.heads_elsewhere
     assert degrees_off(found, np.zeros(3)) < 0.3
-    assert (
-        0.2 < np.degrees(np.sqrt(found.covariance[1, 1])) <= 0.3
-    )  # it says so itself: little more than the prior
+    # It says so itself: it knows little more than the prior.
+    assert 0.2 < np.degrees(np.sqrt(found.covariance[1, 1])) <= 0.3
 
 
 def test_through_a_long_lens_the_noise_does_not_outweigh_what_is_known():

@@ -93,17 +93,21 @@ def filling_focal_px(camera: Camera, focal_px: float) -> float:
     if is_ideal(camera):
         rooms = [axis.size / axis.extent for axis in pinhole_axes(camera, focal_px)]
     else:
-        left, right, top, bottom = (bound * focal_px for bound in view_bounds(camera))
-        rooms = [padded(extent) / extent for extent in (right - left, bottom - top)]
+        rooms = [padded(side * focal_px) / (side * focal_px) for side in shown(camera)]
     return focal_px * max(1.0, min(rooms) * HAIR_LESS)
 
 
 def wide_focal_px(camera: Camera, across_px: float) -> float:
     """The focal length at which the longer side of what `camera` shows is that many pixels."""
+    return across_px / max(shown(camera))
+
+
+def shown(camera: Camera) -> tuple[float, float]:
+    """Width and height of what a camera shows, over its focal length."""
     if is_ideal(camera):
-        return across_px / max(camera.width / camera.fx, camera.height / camera.fy)
+        return camera.width / camera.fx, camera.height / camera.fy
     left, right, top, bottom = view_bounds(camera)
-    return across_px / max(right - left, bottom - top)
+    return right - left, bottom - top
 
 
 def is_ideal(camera: Camera) -> bool:
