@@ -72,6 +72,16 @@ def test_a_flight_that_fails_is_counted_and_does_not_stop_the_others(run, work):
     assert "two.mp4" in stderr.splitlines()[0]
 
 
+@pytest.mark.parametrize("flights", [("one.mp4",), ("one.mp4", "two.mp4")])
+def test_a_flight_without_any_depth_is_written_and_told_by_the_exit_code(run, work, flights):
+    code, stdout, stderr = run("--speed", "0", flights=flights)
+    assert code == 3
+    assert "no frame has depth" in stderr
+    assert ("2 flights: 2 without any depth" in stdout) == (len(flights) > 1)
+    folder = work / "out" / ("" if len(flights) == 1 else "one")
+    assert all(row.reason for row in FlightFolder(folder).rows)
+
+
 def test_a_single_flight_is_run_again(run, work):
     run(flights=("one.mp4",))
     before = (work / "out/flight.json").stat().st_mtime_ns

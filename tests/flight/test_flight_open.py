@@ -110,6 +110,22 @@ def test_a_log_of_the_videos_name_beside_it_is_found(video, tmp_path):
         open_flight(video, hfov_deg=60)
 
 
+@pytest.mark.parametrize(("inside_m_s", "doubted"), [(6.0, True), (1.0, True), (4.5, False)])
+def test_a_log_that_flies_otherwise_than_the_track_inside_is_doubted(video, tmp_path, inside_m_s, doubted):
+    """The log flies at 3.7 m/s."""
+    rows = [(5000 + 250 * k, inside_m_s, 0.0, 0.0) for k in range(8)]
+    add_gpmf(video, [lned_payload(rows[:4]), lned_payload(rows[4:])])
+    said = f"the log flies at 3.7 m/s, the track inside the video at {inside_m_s:.1f}"
+    with open_flight(video, log(tmp_path, range(0, 2100, 100)), hfov_deg=60) as flight:
+        assert [line.startswith(said) for line in flight.warnings] == [True] * doubted
+
+
+def test_a_track_inside_that_tells_nothing_contradicts_nothing(video, tmp_path):
+    add_gpmf(video, [lned_payload([(5000, float("nan"), 0.0, 0.0)])])
+    with open_flight(video, log(tmp_path, range(0, 2100, 100)), hfov_deg=60) as flight:
+        assert flight.warnings == ()
+
+
 def test_a_part_of_a_flight(video, tmp_path):
     path = log(tmp_path, range(0, 2100, 100))
     with open_flight(video, path, hfov_deg=60, start_s=0.5, end_s=1.0) as flight:

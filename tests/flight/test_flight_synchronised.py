@@ -11,13 +11,14 @@ import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.cli import main
+from flightdepth.errors import BadInput
 from flightdepth.flight import AttitudeSample, VelocitySample, open_flight, write_csv
 from flightdepth.flight.open import clock_warnings
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
 
 CAMERA = Camera.from_fov(192, 128, 70.0)
 VIDEO_S, RATE_HZ = 12.0, 15
-OFFSETS_S = [-3.0, -0.4, 0.0, 1.37, 3.0]
+OFFSETS_S = [-3.0, -0.4, 0.0, 1.37, 240.0]
 
 
 def yaw_rad(at_s):
@@ -76,6 +77,12 @@ def test_a_log_that_tells_no_turn_moves_nothing_and_warns(video, tmp_path):
         assert flight.clock.offset_s is None
         assert any("unknown" in line and "taken as they are" in line for line in flight.warnings)
         assert min(item.stamp_ns for item in flight if isinstance(item, VelocitySample)) == -7_000_000_000
+
+
+def test_a_log_of_another_time_that_tells_no_turn_is_refused_with_both_reasons(video, tmp_path):
+    log = log_of(tmp_path / "log.csv", off_s=240.0, turning=False)
+    with pytest.raises(BadInput, match=r"auto: unknown: turn rate: .*even within.*; telemetry .*got -246"):
+        open_flight(video, log, CAMERA, telemetry_offset_s="auto")
 
 
 def test_times_of_the_file_itself_are_doubted_aloud(video, tmp_path):

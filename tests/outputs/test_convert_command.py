@@ -71,6 +71,11 @@ def test_a_file_in_no_folder(convert):
     refused(convert("nowhere/flight.ply"), "an existing folder")
 
 
+def test_a_file_among_those_of_the_run(convert, work):
+    refused(convert("out/flight.ply", "--every", "1"), "a place outside", "replaces")
+    assert not (work / "out/flight.ply").exists()
+
+
 def test_nothing_counts(convert, work):
     refused(
         convert("empty.ply", "--every", "1", "--min-confidence", "1"), "points that count", "--min-confidence"

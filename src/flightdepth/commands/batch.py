@@ -25,6 +25,7 @@ class Outcome(StrEnum):
     """What came of a flight."""
 
     DONE = "done"
+    EMPTY = "without any depth"
     STOOD = "finished before"
     FAILED = "failed"
 
@@ -66,6 +67,8 @@ def run_jobs(jobs: Sequence[Job], run: Run, engine: Engine, address: str | None)
             report(attempt)
             worst = max(worst, attempt.exit_code)
         outcomes[Outcome.FAILED if isinstance(attempt, FlightDepthError) else attempt] += 1
+        if attempt is Outcome.EMPTY:
+            worst = max(worst, FlightDepthError.exit_code)
         if attempt is Outcome.STOOD:
             say(f"{job.flight}: finished before, skipped; remove {job.target} to have it done again")
         elif attempt is Outcome.DONE and engine is Engine.RAY:

@@ -58,6 +58,7 @@ def convert(
     given = {name: value for name, value in options.items() if value is not None}
     settings = CloudSettings(**given)  # type: ignore[arg-type]
     kind = checked_kind(file)
+    check_outside(folder, file)
     if kind == RECORDING and given:
         raise BadInput("options of clouds", expected="none with .mcap", got=", ".join(given))
     flight = FlightFolder(folder)
@@ -76,6 +77,14 @@ def checked_kind(file: Path) -> str:
         raise BadInput(f"file {file}", expected=f"a name that ends in {', '.join(KINDS)}", got=kind or "none")
     check_parent("FILE", file)
     return kind
+
+
+def check_outside(folder: Path, file: Path) -> None:
+    """Refuse a file among those of the run: the next run there would replace it, or refuse to."""
+    if file.resolve().is_relative_to(folder.resolve()):
+        raise BadInput(
+            f"file {file}", expected=f"a place outside {folder}", got="one that `flightdepth run` replaces"
+        )
 
 
 def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> int:

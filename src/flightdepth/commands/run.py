@@ -14,7 +14,7 @@ from flightdepth.commands.batch import Engine, Job, Outcome, jobs_of, run_jobs
 from flightdepth.commands.precision_option import NetworkPrecision, PrecisionOption
 from flightdepth.commands.ray_option import check_engine
 from flightdepth.commands.terminal import progress_bar, say, warn
-from flightdepth.errors import BadInput
+from flightdepth.errors import BadInput, FlightDepthError
 
 if TYPE_CHECKING:
     from flightdepth.flight import Flight, Frame
@@ -211,8 +211,8 @@ def run(
         one = partial(run_one, settings=settings.anywhere(), resume=several)
         if worst := run_jobs(jobs, one, engine, address):
             raise typer.Exit(worst)
-    else:
-        run_one(flights[0], out, settings)
+    elif run_one(flights[0], out, settings) is Outcome.EMPTY:
+        raise typer.Exit(FlightDepthError.exit_code)
 
 
 def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = False) -> Outcome:
@@ -244,7 +244,7 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
         summary = write_depth(path.name, flight, network, target, settings)
         elapsed_s = time.monotonic() - started
     conclude(summary, elapsed_s, target)
-    return Outcome.DONE
+    return Outcome.DONE if summary.counts.frames_with_depth else Outcome.EMPTY
 
 
 def check_fallback(name: str | None) -> None:

@@ -18,6 +18,7 @@ from flightdepth.flight.constant_speed import forward_velocity
 from flightdepth.flight.gimbal import looking, with_fixed_camera
 from flightdepth.flight.gpmf_telemetry import read_gpmf
 from flightdepth.flight.offset import ClockOffset, estimate_offset
+from flightdepth.flight.own_track import disagreements
 from flightdepth.flight.records import (
     NS_PER_S,
     AttitudeSample,
@@ -56,14 +57,14 @@ class Flight:
         speed_m_s: float,
         *,
         clock: ClockOffset | None = None,
-        clock_warnings: tuple[str, ...] = (),
+        log_warnings: tuple[str, ...] = (),
     ) -> None:
         self._video = video
         self._telemetry = telemetry
         self._speed_m_s = speed_m_s
         self._chosen = chosen
         self.camera = chosen.camera
-        self._clock_warnings = clock_warnings
+        self._log_warnings = log_warnings
         self.clock = clock  # as estimated from the pictures, where that was asked for
 
     def __enter__(self) -> Flight:
@@ -95,8 +96,8 @@ class Flight:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user should know of the camera, a line each."""
-        log, told = self._telemetry, (*self._chosen.warnings, *self._clock_warnings)
+        """What the user should know of the camera and the log, a line each."""
+        log, told = self._telemetry, (*self._chosen.warnings, *self._log_warnings)
         if log is None or not log.body_attitudes or any(isinstance(s, AttitudeSample) for s in log.samples):
             return told
         return (*told, BODY_ONLY)
@@ -172,7 +173,9 @@ def open_flight(
             log, clock = synchronised(video, chosen.camera, log)
             chosen = replace(chosen, views=log.view if chosen.views else None)
         told = clock_warnings(clock, inside=inside)
-        return Flight(video, chosen, log, speed_m_s or 0.0, clock=clock, clock_warnings=told)
+        if log is not None and telemetry is not None:
+            told += disagreements(log, video)
+        return Flight(video, chosen, log, speed_m_s or 0.0, clock=clock, log_warnings=told)
     except BaseException:
         video.close()
         raise
@@ -221,7 +224,10 @@ def synchronised(video: Video, camera: Camera, log: Telemetry) -> tuple[Telemetr
     with Video(video.path, start_s=start_s, end_s=last_s) as watched:
         clock = estimate_offset(apparent_motion(watched.frames(), camera), log)
     log = log if clock.offset_s is None else log.later_by(round(clock.offset_s * NS_PER_S))
-    check_overlap(video, log)
+    try:
+        check_overlap(video, log)
+    except BadInput as error:
+        raise BadInput(f"--telemetry-offset auto: {clock}; {error}") from None
     return log, clock
 
 
