@@ -2,47 +2,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from plane_pairs import plane_pair
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.evaluation.peer import BLIND_PX, ClassicalPeer, best_constant_m, inverse_depth
+from flightdepth.evaluation.peer import BLIND_PX, ClassicalPeer, best_constant_m
+from flightdepth.triangulation import inverse_depth
 
 CAMERA = Camera.from_fov(192, 128, 70)
-OBLONG = Camera(192, 128, 140.0, 110.0, 90.0, 66.0)
+BLACK = np.zeros((128, 192, 3), np.uint8)
 LATERAL, FORWARD, MIXED = (0.6, 0.0, 0.0), (0.0, 0.0, 0.8), (-0.3, 0.2, 0.5)
-
-metres = st.floats(-1, 1)
-
-
-def true_flow(camera: Camera, depth_m: np.ndarray, displacement: np.ndarray) -> np.ndarray:
-    """Flow from current to previous [H, W, 2] of points that moved by `displacement`."""
-    points = camera.rays() * depth_m[..., None] + displacement
-    pixels = points[..., :2] / points[..., 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    return pixels - np.stack([columns, rows], axis=-1)
-
-
-@given(x=metres, y=metres, z=metres, seed=st.integers(0, 99))
-@settings(max_examples=40, deadline=None)
-def test_exact_flow_gives_exact_depth(x: float, y: float, z: float, seed: int) -> None:
-    depth_m = np.random.default_rng(seed).uniform(3, 50, (OBLONG.height, OBLONG.width))
-    displacement = np.array([x, y, z])
-    flow = true_flow(OBLONG, depth_m, displacement)
-    inverse, leverage_px = inverse_depth(flow, displacement, OBLONG)
-    able = leverage_px > 1e-3
-    assert np.abs(inverse * depth_m - 1)[able].max(initial=0) < 1e-6
-
-
-@given(scale=st.floats(0.01, 100))
-@settings(max_examples=20, deadline=None)
-def test_depth_scales_with_the_displacement(scale: float) -> None:
-    flow = np.random.default_rng(0).normal(size=(OBLONG.height, OBLONG.width, 2))
-    once, _ = inverse_depth(flow, np.array([0.5, 0.1, 0.3]), OBLONG)
-    scaled, _ = inverse_depth(flow, np.array([0.5, 0.1, 0.3]) * scale, OBLONG)
-    assert np.allclose(scaled * scale, once, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -89,8 +60,8 @@ def test_without_a_displacement_nothing_is_known() -> None:
 
 def test_a_distorted_camera_is_refused() -> None:
     camera = Camera(192, 128, 140.0, 140.0, 95.5, 63.5, (0.1, 0.0, 0.0, 0.0))
-    with pytest.raises(BadInput, match="no distortion"):
-        inverse_depth(np.zeros((128, 192, 2), np.float32), LATERAL, camera)
+    with pytest.raises(BadInput, match="distorted"):
+        ClassicalPeer(0, 100).depth(BLACK, BLACK, LATERAL, camera)
 
 
 @given(values=st.lists(st.floats(1, 100, width=32), min_size=1, max_size=30), other=st.floats(1, 100))

@@ -27,6 +27,7 @@ def session(tmp_path, save_difference_network):
             sender_clock=False,
             network=str(save_difference_network()),
             precision=NetworkPrecision.AUTO,
+            align=True,
             ranges=2,
             out=tmp_path / "out",
             serve=None,

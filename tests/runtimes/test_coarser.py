@@ -37,7 +37,8 @@ class Said:
 
 def moved_px(runtime: Said, pairs: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Shifts in pixels of 128, and deviations over depth, on the grid."""
-    prediction = Network(swept_card(), runtime).predict([BLANK] * pairs, BLANK, MOVED * pairs, SQUARE)
+    network = Network(swept_card(), runtime, aligned=False)
+    prediction = network.predict([BLANK] * pairs, BLANK, MOVED * pairs, SQUARE)
     assert prediction.sigma_m is not None
     return 64.0 * 2.0 / prediction.depth_m, prediction.sigma_m / prediction.depth_m
 

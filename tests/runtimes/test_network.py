@@ -293,7 +293,7 @@ def test_a_motion_network_finds_metres_through_any_lens(focal_px: float, pixels:
 
 
 def test_a_motion_network_tells_its_error_in_metres() -> None:
-    network = Network(swept_card(), BestHypothesis())
+    network = Network(swept_card(), BestHypothesis(), aligned=False)
     prediction = network.predict([checkers(SQUARE, -2)], checkers(SQUARE), [[2.0, 0.0, 0.0]], SQUARE)
     assert prediction.sigma_m == pytest.approx(0.1 * prediction.depth_m, rel=1e-5)
 

@@ -54,6 +54,9 @@ def live(
         typer.Option(metavar="NAME", help="See `flightdepth networks`. Default: one for any lens."),
     ] = None,
     precision: PrecisionOption = NetworkPrecision.AUTO,
+    align: Annotated[
+        bool, typer.Option(help="Align depth with the pictures by optical flow; without it: rougher, sooner.")
+    ] = True,
     ranges: Annotated[int, typer.Option(metavar="N", help="Frame pairs a frame at most, 1 to 4.")] = 2,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Also write what `flightdepth run` writes.")
@@ -110,6 +113,7 @@ def live(
             sender_clock=sender_clock,
             network=network,
             precision=precision,
+            align=align,
             ranges=ranges,
             out=out,
             serve=serve,

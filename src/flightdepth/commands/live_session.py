@@ -52,7 +52,9 @@ class Session:
         self.lens = Lens.given(settings.camera, settings.hfov)
         nominal = self.lens.camera or self.lens.at(*NOMINAL_SIZE)
         self.network: Network = load_network(
-            settings.network or nearest_network(nominal), precision=settings.precision.chosen
+            settings.network or nearest_network(nominal),
+            precision=settings.precision.chosen,
+            aligned=settings.align,
         )
         fixed = settings.mount is Mount.FIXED
         self.store = MotionStore(looking(math.radians(settings.mount_pitch)) if fixed else None)

@@ -34,6 +34,7 @@ class LiveSettings:
     sender_clock: bool
     network: str | None
     precision: NetworkPrecision
+    align: bool
     ranges: int
     out: Path | None
     serve: str | None

@@ -42,6 +42,7 @@ class RunSettings:
     telemetry_offset: float | Literal["auto"] = 0.0
     mount_pitch: float | None = None
     derotate: bool = True
+    align: bool = True
     fallback: str | None = None
     precision: NetworkPrecision = NetworkPrecision.AUTO
     detail: float = 1.0
@@ -130,6 +131,13 @@ def run(
         bool,
         typer.Option(help="Take out of each pair what rotation and wrong direction its two pictures show."),
     ] = True,
+    align: Annotated[
+        bool,
+        typer.Option(
+            help="Align depth with the pictures by optical flow; without it: rougher, sooner. "
+            "Only networks that know the direction do."
+        ),
+    ] = True,
     fallback: Annotated[
         str | None,
         typer.Option(
@@ -202,6 +210,7 @@ def run(
         telemetry_offset=offset_of(telemetry_offset),
         mount_pitch=mount_pitch,
         derotate=derotate,
+        align=align,
         fallback=fallback,
         precision=precision,
         detail=detail,
@@ -234,7 +243,9 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
         end_s=settings.end,
     ) as flight:
         network = load_network(
-            settings.network or nearest_network(flight.camera), precision=settings.precision.chosen
+            settings.network or nearest_network(flight.camera),
+            precision=settings.precision.chosen,
+            aligned=settings.align,
         ).finer(settings.detail)
         check_fallback(settings.fallback)
         if resume and stands(target, source_of(path.name, flight, network, settings)):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.errors import BadInput
+from flightdepth.triangulation import inverse_depth
 
 Image = NDArray[np.uint8]
 Maps = NDArray[np.float32]
@@ -55,28 +55,6 @@ class ClassicalPeer:
         blind = leverage_px < BLIND_PX * self.depth_max_m / 10
         depth_m[blind] = np.nan if blind.all() else np.median(depth_m[~blind])
         return depth_m.astype(np.float32)
-
-
-def inverse_depth(
-    flow_hw2: Maps, displacement: ArrayLike, camera: Camera
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Inverse depth 1/Z [H, W] in 1/m by least squares, and the pixels of flow that 1/Z = 1/m would cause.
-
-    With r = (x, y, 1) the ray of a pixel of `current` and d the displacement, X_previous = Z r + d is seen at
-    (x', y') = (x + d_x / Z, y + d_y / Z) / (1 + d_z / Z). Multiplied out this is linear in w = 1/Z:
-    a w = b with a = f (d_x - x' d_z, d_y - y' d_z) and b = f (x' - x, y' - y), the flow; so w = a.b / a.a.
-    """
-    if camera.distortion:
-        raise BadInput("camera of the classical peer", expected="no distortion", got=str(camera.distortion))
-    dx, dy, dz = np.asarray(displacement, dtype=np.float64)
-    rays = camera.rays()
-    x_previous = rays[..., 0] + flow_hw2[..., 0] / camera.fx
-    y_previous = rays[..., 1] + flow_hw2[..., 1] / camera.fy
-    a_x = camera.fx * (dx - x_previous * dz)
-    a_y = camera.fy * (dy - y_previous * dz)
-    square = a_x**2 + a_y**2
-    along = a_x * flow_hw2[..., 0] + a_y * flow_hw2[..., 1]
-    return np.divide(along, square, out=np.zeros_like(square), where=square > 0), np.sqrt(square)
 
 
 def known_pixels(maps_m: Sequence[Maps]) -> Maps:

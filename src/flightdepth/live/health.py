@@ -149,7 +149,7 @@ class HealthMonitor:
             (
                 0 < results_hz < min(limits.slow_hz, pictures_hz / 2),
                 f"{SLOW}: {results_hz:.1f} results a second of {pictures_hz:.0f} pictures;"
-                " fewer --ranges or --network motion-tiny take less",
+                " fewer --ranges, --no-align or --network motion-tiny take less",
             ),
             (self._age_ms > limits.old_ms, f"{OLD}: {self._age_ms:.0f} ms"),
             (True, self._lacking),

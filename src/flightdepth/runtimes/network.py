@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.runtimes.alignment import align
 from flightdepth.runtimes.coarser import coarser_grid, is_beyond_reach, take_near
 from flightdepth.runtimes.contract import DEPTH, SIGMA, Arrays, Precision, Runtime
 from flightdepth.runtimes.devices import OPENVINO_DEVICES, on_cpu, open_runtime
@@ -36,11 +37,20 @@ class Network:
     card         how it was trained and how well it does
     runtime      what runs it
     cpu          opens the same network on the CPU, for a device that has no memory left; None: there is none
+    aligned      whether depth is aligned with the pictures, where the direction is known (see `alignment`)
     """
 
-    def __init__(self, card: NetworkCard, runtime: Runtime, cpu: Callable[[], Runtime] | None = None) -> None:
+    def __init__(
+        self,
+        card: NetworkCard,
+        runtime: Runtime,
+        cpu: Callable[[], Runtime] | None = None,
+        *,
+        aligned: bool = True,
+    ) -> None:
         self.card = card
         self.runtime = runtime
+        self.aligned = aligned
         self._cpu = cpu
         self._grids: dict[Camera, NetworkGrid] = {}
 
@@ -98,7 +108,10 @@ class Network:
         for previous in previous_n:
             check_image("previous image", previous, camera)
         on_grid = [grid.image(previous) for previous in previous_n]
-        output = self._look(on_grid, grid.image(current), np.asarray(displacements), grid)
+        seen = grid.image(current)
+        output = self._look(on_grid, seen, np.asarray(displacements), grid)
+        if self.card.knows_direction and self.aligned:
+            align(self.card, output, on_grid, seen, np.asarray(displacements), camera=grid.camera)
         beta = output[DEPTH] / np.float32(self.card.depth_max_m)
         alpha = self.card.at_focal(grid.camera.fx).alpha
         metres = np.where(lengths_m > 0, alpha * lengths_m, np.nan).astype(np.float32)[:, None, None]
@@ -109,7 +122,9 @@ class Network:
     def at_focal(self, focal_px: float) -> Network:
         """The same network with its pictures scaled to another focal length, where it knows any."""
         card = self.card.at_focal(focal_px)
-        return self if card == self.card else Network(card, self.runtime, self._cpu)  # itself keeps its grids
+        if card == self.card:
+            return self  # and keeps its grids
+        return Network(card, self.runtime, self._cpu, aligned=self.aligned)
 
     def finer(self, times: float) -> Network:
         """The same network with pictures that much finer (0.5: coarser), at `times`^2 the price; for any lens."""
@@ -182,12 +197,14 @@ def load_network(
     *,
     precision: Precision | None = None,
     threads: int | None = None,
+    aligned: bool = True,
 ) -> Network:
     """Open a shipped network by name, or an ONNX file with its card beside it.
 
     device     "auto" (OpenVINO on the CPU), "cpu", "openvino", "onnxruntime", "cuda", "tensorrt" or "coreml"
     precision  None takes bf16 where the card says that it costs at most 1 %, else f32; int8 is for CPUs with VNNI
     threads    None uses every core
+    aligned    whether depth is aligned with the pictures, where the network knows the direction (`alignment`)
     """
     stored = read_network(name_or_path)
     refuse_broken_weights(stored)
@@ -202,7 +219,7 @@ def load_network(
         )
     elsewhere = device not in OPENVINO_DEVICES
     cpu = partial(on_cpu, stored.card, stored.onnx, threads=threads) if elsewhere else None
-    return Network(stored.card, runtime, cpu)
+    return Network(stored.card, runtime, cpu, aligned=aligned)
 
 
 def refuse_broken_weights(stored: StoredNetwork) -> None:

@@ -1,0 +1,186 @@
+"""Depth of a motion network, aligned with the pictures.
+
+Near things move by many pixels between two pictures. There a network, which chooses between hypotheses a third apart,
+is good to a few per cent, and optical flow to a part of a pixel in ten or twenty; far away, at edges and on blank
+walls it is the other way round. So optical flow (DIS, Kroeger et al. 2016) starts from where the network says that
+each point was, what it finds is triangulated, and a perceptron with two small layers judges, pixel by pixel, how far
+to go from the network's depth to that one, and how large the error is then. It is told ratios and pixels only, so one
+serves every network that knows the motion, at any lens (`evaluation.alignment` fits it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.camera import Camera
+from flightdepth.runtimes.contract import DEPTH, OUTPUT_STRIDE, SIGMA
+from flightdepth.sweep import unit_direction
+from flightdepth.triangulation import flow_of_depth, inverse_depth
+from flightdepth.weights.card import NetworkCard
+
+Image = NDArray[np.uint8]
+Maps = NDArray[np.float32]
+
+JUDGE = Path(__file__).with_name("alignment.npz")
+PATCH_PX, STRIDE_PX = 8, 6  # of the flow, at full size
+LEAST_SIGMA = 0.005  # of the depth
+LEAST_MOVED_PX = 0.05
+WIDEST = 2.0  # logarithm of one inverse depth over the other
+
+
+@dataclass(frozen=True)
+class Judge:
+    """A perceptron: rows of clues [N, CLUES] to how far to go, 0..1, and the error bar over the network's own.
+
+    layers  (weights [in, out], offsets [out]) of each; the first takes the clues as they are
+    """
+
+    layers: tuple[tuple[Maps, Maps], ...]
+
+    @classmethod
+    def read(cls, path: Path = JUDGE) -> Judge:
+        """As `save` wrote it."""
+        with np.load(path) as arrays:
+            return cls(tuple((arrays[f"weights{i}"], arrays[f"offsets{i}"]) for i in range(len(arrays) // 2)))
+
+    def save(self, path: Path) -> None:
+        """Into an .npz file."""
+        arrays: dict[str, Any] = {}
+        for number, (weights, offsets) in enumerate(self.layers):
+            arrays |= {f"weights{number}": weights, f"offsets{number}": offsets}
+        np.savez(path, **arrays)
+
+    def __call__(self, clues: Maps) -> tuple[Maps, Maps]:
+        """Both [N]."""
+        values = clues
+        for number, (weights, offsets) in enumerate(self.layers):
+            values = (np.maximum(values, 0) if number else values) @ weights + offsets
+        trust, spread = 1 / (1 + np.exp(-values[:, 0])), np.logaddexp(0, values[:, 1])
+        return np.asarray(trust, np.float32), np.asarray(spread, np.float32)
+
+
+def align(
+    card: NetworkCard,
+    output: dict[str, Maps],
+    previous_n: Iterable[Image],
+    current: Image,
+    displacements: NDArray[np.float64],
+    *,
+    camera: Camera,
+) -> None:
+    """Mend `output` [n, h, w] of pictures uint8 RGB [H, W, 3] on a grid; pairs without a displacement stay."""
+    lengths_per_output = np.float32(card.at_focal(camera.fx).alpha / card.depth_max_m)
+    grey = cv2.cvtColor(current, cv2.COLOR_RGB2GRAY)
+    for i, (previous, displacement) in enumerate(zip(previous_n, displacements, strict=True)):
+        direction = unit_direction(displacement)
+        if not direction.any():
+            continue
+        depth, sigma = output[DEPTH][i], output[SIGMA][i]
+        pictures = (
+            np.asarray(cv2.cvtColor(previous, cv2.COLOR_RGB2GRAY), np.uint8),
+            np.asarray(grey, np.uint8),
+        )
+        clues = clues_of(*pictures, depth * lengths_per_output, sigma / depth, direction, camera=camera)
+        trust, spread = (each.reshape(depth.shape) for each in judge()(clues.reshape(len(clues), -1).T))
+        aligned = depth * np.exp(-trust * clues[0])
+        output[SIGMA][i] = spread * np.exp(clues[1]) * aligned
+        output[DEPTH][i] = aligned.clip(card.depth_min_m, card.depth_max_m)
+
+
+def clues_of(
+    previous: Image,
+    current: Image,
+    depth: Maps,
+    sigma: Maps,
+    direction: NDArray[np.float64],
+    *,
+    camera: Camera,
+) -> Maps:
+    """What tells which of two depths is right, float32 [CLUES, h, w].
+
+    previous, current  grey [H, W]
+    depth, sigma       the network's, [h, w]: in displacements, and as a share of the depth
+    direction          of the displacement, (3,)
+
+    The clues: the logarithm of the inverse depth by flow over the network's; those of sigma and of the pixels moved;
+    of the pixels by which the flow leaves the known line, of its roughness in the block and of how strongly grey
+    changes along the line; 1 where the earlier picture holds the point.
+    """
+    height, width = depth.shape
+    small = camera.resized(width, height)
+    depth = np.maximum(depth, np.float32(1e-6))
+    start = (OUTPUT_STRIDE * flow_of_depth(depth, direction, small)).astype(np.float32)
+    start = np.asarray(cv2.resize(start, (camera.width, camera.height)), np.float32)
+    flow = np.asarray(_dis().calc(current, previous, start), np.float32)
+    mean = _blocks(flow)
+    rough = np.sqrt(np.maximum(_blocks((flow * flow).sum(2)) - (mean * mean).sum(2), 0))
+    inverse, leverage = inverse_depth(mean / OUTPUT_STRIDE, direction, small)
+    inverse, leverage_px = np.maximum(inverse, 1e-9), OUTPUT_STRIDE * leverage
+    along = OUTPUT_STRIDE * flow_of_depth((1 / inverse).astype(np.float32), direction, small)
+    off = np.linalg.norm(mean - along, axis=2)
+    clues = np.stack(
+        [
+            np.log(inverse * depth).clip(-WIDEST, WIDEST),
+            np.log(np.maximum(sigma, LEAST_SIGMA)),
+            np.log(np.maximum(leverage_px / depth, LEAST_MOVED_PX)),
+            np.log1p(3 * off),
+            np.log1p(3 * rough),
+            np.log1p(_gradient_along(current, direction, small)),
+            _held(mean, camera),
+        ]
+    )
+    return np.asarray(clues, np.float32)
+
+
+@cache
+def judge() -> Judge:
+    """The one that ships."""
+    return Judge.read()
+
+
+def _dis() -> Any:
+    """A new one each time, which costs nothing: one object is not for several threads."""
+    dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    dis.setFinestScale(0)
+    dis.setPatchSize(PATCH_PX)
+    dis.setPatchStride(STRIDE_PX)
+    dis.setVariationalRefinementIterations(0)  # a third of the time, for hardly anything that blocks show
+    return dis
+
+
+def _blocks(values: Maps) -> Maps:
+    """Means over the blocks that belong to one pixel of output."""
+    height, width = values.shape[:2]
+    size = width // OUTPUT_STRIDE, height // OUTPUT_STRIDE
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _gradient_along(current: Image, direction: NDArray[np.float64], small: Camera) -> Maps:
+    """Squared change of grey, a pixel, along the line on which each point moves, [h, w]."""
+    across = cv2.Scharr(current, cv2.CV_32F, 1, 0, scale=1 / 32)
+    down = cv2.Scharr(current, cv2.CV_32F, 0, 1, scale=1 / 32)
+    rays = small.rays()
+    line = direction[:2] - rays[..., :2] * direction[2]
+    line /= np.maximum(np.linalg.norm(line, axis=2, keepdims=True), 1e-9)
+    x, y = line[..., 0], line[..., 1]
+    changes = (
+        _blocks(across * across) * x * x + _blocks(down * down) * y * y + 2 * _blocks(across * down) * x * y
+    )
+    return np.asarray(np.maximum(changes, 0), np.float32)
+
+
+def _held(flow: Maps, camera: Camera) -> Maps:
+    """1 where the earlier picture holds the middle of a block, else 0, [h, w]."""
+    rows, columns = np.indices(flow.shape[:2])
+    x = OUTPUT_STRIDE * columns + (OUTPUT_STRIDE - 1) / 2 + flow[..., 0]
+    y = OUTPUT_STRIDE * rows + (OUTPUT_STRIDE - 1) / 2 + flow[..., 1]
+    inside = np.logical_and.reduce([x >= 0, x <= camera.width - 1, y >= 0, y <= camera.height - 1])
+    return np.asarray(inside, np.float32)

@@ -1,0 +1,152 @@
+"""Depth aligned with the pictures, on planes whose truth is known, and the fit of what judges it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from plane_pairs import plane_pair
+
+from flightdepth.camera import Camera
+from flightdepth.evaluation.alignment import fitted_judge, fitting_pairs, rows_of
+from flightdepth.runtimes.alignment import Judge, clues_of
+from flightdepth.runtimes.network import Network, load_network
+from tests_networks import swept_card
+
+SQUARE = Camera(128, 128, 64.0, 64.0, 63.5, 63.5)
+MIDDLE = (slice(4, 28), slice(8, 24))
+BLANK = np.full((128, 128, 3), 90, np.uint8)
+
+
+class Wrong:
+    """A MotionNet that knows a plane's distance but for a factor, and doubts it."""
+
+    description = "made by hand"
+    architecture = "MotionNet"
+
+    def __init__(self, distances: float, factor: float) -> None:
+        self.depth_m = distances * 0.3 * factor  # at D0
+
+    def __call__(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        n, height, width = inputs["current"].shape[:3]
+        depth_m = np.full((n, height // 4, width // 4), self.depth_m, np.float32)
+        return {"depth_m": depth_m, "sigma_m": 0.15 * depth_m}
+
+
+def network(distances: float, factor: float, **options: bool) -> Network:
+    """For planes that many displacements away."""
+    return Network(swept_card(), Wrong(distances, factor), **options)
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.0, 1.25])
+@pytest.mark.parametrize("moved", [(1.0, 0.0, 0.0), (0.6, 0.3, 0.5), (-0.5, 0.8, -0.2)])
+def test_a_depth_that_is_a_fourth_wrong_is_right_after_it(
+    moved: tuple[float, float, float], factor: float
+) -> None:
+    pair = plane_pair(SQUARE, moved, distance_m=6.0)
+    found = network(6.0 / np.linalg.norm(moved), factor).predict(
+        [pair.previous], pair.current, [moved], SQUARE
+    )
+    assert found.sigma_m is not None
+    relative = found.depth_m[0] / 6.0 - 1
+    assert np.median(np.abs(relative[MIDDLE])) < 0.03
+    assert np.median(found.sigma_m[0][MIDDLE]) < 0.15 * 6 * factor  # the bar of the network
+
+
+def test_without_it_the_output_is_the_networks() -> None:
+    pair = plane_pair(SQUARE, (1.0, 0.0, 0.0), distance_m=6.0)
+    found = network(6.0, 1.25, aligned=False).predict([pair.previous], pair.current, [[1.0, 0, 0]], SQUARE)
+    np.testing.assert_allclose(found.depth_m, 7.5, rtol=1e-5)
+
+
+def test_pictures_without_texture_change_little() -> None:
+    """Flow stands still there, as if all were far away."""
+    found = network(6.0, 1.25).predict([BLANK], BLANK, [[1.0, 0, 0]], SQUARE)
+    np.testing.assert_allclose(found.depth_m, 7.5, rtol=0.15)
+
+
+def test_each_pair_of_a_batch_is_aligned_by_itself() -> None:
+    near, far = (plane_pair(SQUARE, (size, 0.0, 0.0), distance_m=6.0) for size in (1.0, 0.5))
+    moves = [[1.0, 0, 0], [0.5, 0, 0]]
+    np.testing.assert_array_equal(near.current, far.current)
+    both = network(6.0, 1.25).predict([near.previous, far.previous], near.current, moves, SQUARE)
+    for i, pair in enumerate((near, far)):
+        alone = network(6.0, 1.25).predict([pair.previous], pair.current, moves[i : i + 1], SQUARE)
+        np.testing.assert_array_equal(both.depth_m[i], alone.depth_m[0])
+
+
+def test_a_pair_that_did_not_move_knows_nothing_and_spoils_nothing() -> None:
+    pair = plane_pair(SQUARE, (1.0, 0.0, 0.0), distance_m=6.0)
+    found = network(6.0, 1.25).predict(
+        [BLANK, pair.previous], pair.current, [[0.0, 0, 0], [1.0, 0, 0]], SQUARE
+    )
+    assert np.isnan(found.depth_m[0]).all()
+    assert np.median(np.abs(found.depth_m[1] / 6.0 - 1)[MIDDLE]) < 0.03
+
+
+def test_the_shipped_network_is_nearer_the_truth_for_it() -> None:
+    camera = Camera.from_fov(256, 192, 70)
+    pair = plane_pair(camera, (0.5, 0.2, 0.3), distance_m=5.0, tilt=0.3)
+    truth = pair.depth_m
+    errors = []
+    for aligned in (False, True):
+        shipped = load_network("motion", "openvino", precision="f32", aligned=aligned)
+        depth_m = shipped.depth(pair.previous, pair.current, pair.displacement, camera)
+        errors.append(np.median(np.abs(depth_m / truth - 1)[20:-20, 20:-20]))
+    assert errors[1] < 0.01
+    assert errors[1] < 0.6 * errors[0]
+
+
+def test_the_judge_is_a_perceptron(tmp_path) -> None:
+    rng = np.random.default_rng(0)
+    layers = tuple(
+        (rng.normal(size=size).astype(np.float32), rng.normal(size=size[1]).astype(np.float32))
+        for size in ((7, 5), (5, 4), (4, 2))
+    )
+    Judge(layers).save(tmp_path / "judge.npz")
+    clues = rng.normal(size=(9, 7)).astype(np.float32)
+    trust, spread = Judge.read(tmp_path / "judge.npz")(clues)
+    for row, told, wide in zip(clues, trust, spread, strict=True):
+        values = row
+        for number, (weights, offsets) in enumerate(layers):
+            values = (values if number == 0 else values.clip(min=0)) @ weights + offsets
+        assert told == pytest.approx(1 / (1 + np.exp(-values[0])), rel=1e-4)
+        assert wide == pytest.approx(np.log(1 + np.exp(values[1])), rel=1e-4)
+
+
+def test_what_the_judge_is_told_of_a_plane() -> None:
+    pair = plane_pair(SQUARE, (1.0, 0.0, 0.0), distance_m=6.0)
+    grey = pair.previous[..., 0].copy(), pair.current[..., 0].copy()
+    depth, sigma = np.full((32, 32), 6.6, np.float32), np.full((32, 32), 0.1, np.float32)
+    clues = clues_of(*grey, depth, sigma, np.array([1.0, 0, 0]), camera=SQUARE)
+    ratio, doubt, moved, off, rough, gradient, held = (np.median(clue[MIDDLE]) for clue in clues)
+    assert ratio == pytest.approx(np.log(1.1), abs=0.01)
+    assert doubt == pytest.approx(np.log(0.1))
+    assert moved == pytest.approx(np.log(64 / 6.6), abs=1e-4)
+    assert off < 0.1 and rough < 0.5
+    assert gradient > 1
+    assert held == 1
+    assert not clues[-1][:, -1].any()  # 10 px to the right: the last two columns were outside
+
+
+def test_rows_that_always_agree_with_the_flow_teach_to_trust_it() -> None:
+    rng = np.random.default_rng(0)
+    clues = rng.normal(size=(40_000, 7)).astype(np.float32)
+    clues[:, 0] *= 0.3
+    truth = np.exp(-clues[:, :1])
+    judge = fitted_judge(np.hstack([clues, truth, np.full_like(truth, 0.1)]), steps=200)
+    assert judge(clues)[0].mean() > 0.9
+    contrary = fitted_judge(np.hstack([clues, np.ones_like(truth), np.full_like(truth, 0.1)]), steps=200)
+    assert contrary(clues)[0].mean() < 0.1
+
+
+def test_rows_of_drawn_pairs() -> None:
+    shipped = load_network("motion-tiny", "openvino", precision="f32", aligned=False)
+    first, again = (list(fitting_pairs(3, shrunk=2, seed=5)) for _ in range(2))
+    for pair, same in zip(first, again, strict=True):
+        np.testing.assert_array_equal(pair.current, same.current)
+        rows = rows_of(shipped, pair)
+        assert rows.shape[1] == 9
+        assert np.isfinite(rows).all()
+        assert rows[:, 8].max() <= 1.0001  # no truth beyond the network's range
