@@ -121,7 +121,8 @@ def clues_of(
     start = np.asarray(cv2.resize(start, (camera.width, camera.height)), np.float32)
     flow = np.asarray(_dis().calc(current, previous, start), np.float32)
     mean = _blocks(flow)
-    rough = np.sqrt(np.maximum(_blocks((flow * flow).sum(2)) - (mean * mean).sum(2), 0))
+    squared = flow[..., 0] ** 2 + flow[..., 1] ** 2
+    rough = np.sqrt(np.maximum(_blocks(squared) - (mean * mean).sum(2), 0))
     inverse, leverage = inverse_depth(mean / OUTPUT_STRIDE, direction, small)
     inverse, leverage_px = np.maximum(inverse, 1e-9), OUTPUT_STRIDE * leverage
     along = OUTPUT_STRIDE * flow_of_depth((1 / inverse).astype(np.float32), direction, small)
