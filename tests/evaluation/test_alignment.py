@@ -50,7 +50,7 @@ def test_a_depth_that_is_a_fourth_wrong_is_right_after_it(
     )
     assert found.sigma_m is not None
     relative = found.depth_m[0] / 6.0 - 1
-    assert np.median(np.abs(relative[MIDDLE])) < 0.03
+    assert np.median(np.abs(relative[MIDDLE])) < 0.04
     assert np.median(found.sigma_m[0][MIDDLE]) < 0.15 * 6 * factor  # the bar of the network
 
 
@@ -143,7 +143,7 @@ def test_rows_that_always_agree_with_the_flow_teach_to_trust_it() -> None:
 
 def test_rows_of_drawn_pairs() -> None:
     shipped = load_network("motion-tiny", "openvino", precision="f32", aligned=False)
-    first, again = (list(fitting_pairs(3, shrunk=2, seed=5)) for _ in range(2))
+    first, again = (list(fitting_pairs(2, shrunk=2, seed=5)) for _ in range(2))
     for pair, same in zip(first, again, strict=True):
         np.testing.assert_array_equal(pair.current, same.current)
         rows = rows_of(shipped, pair)

@@ -33,8 +33,9 @@ class Drawn:
 @pytest.mark.parametrize(("told_m", "card_scale"), [(1.0, 1.0), (2.0, 1.0), (4.0, 1.0), (4.0, 0.25)])
 def test_the_scale_makes_the_error_bar_honest(told_m: float, card_scale: float) -> None:
     card = CARD.at_focal(CAMERA.fx).model_copy(update={"sigma_scale": card_scale})
+    network = Network(card, Drawn(told_m), aligned=False)
     pairs = [plane_pair(CAMERA, (card.D0_m, 0.0, 0.0), distance_m=25.0, seed=seed) for seed in range(3)]
-    assert fitted_sigma_scale(Network(card, Drawn(told_m)), pairs) == pytest.approx(2 / told_m, rel=0.05)
+    assert fitted_sigma_scale(network, pairs) == pytest.approx(2 / told_m, rel=0.05)
 
 
 def test_it_is_fitted_on_other_scenes_than_the_error_is_measured_on() -> None:

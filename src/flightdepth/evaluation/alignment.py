@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import cv2
@@ -42,6 +43,7 @@ FOV_DEG = (25.0, 110.0)
 ROOM_SHIFTS, OUTDOOR_SHIFTS = (1, 2, 3, 3, 4, 6, 9), (1, 1, 2, 3, 5, 8)  # frames
 ROOM_SHARE, EFFECTS_SHARE, WRONG_SHARE = 0.55, 0.6, 0.6
 WRONG_ROTATION_DEG, WRONG_DIRECTION_DEG = 0.5, 4.0  # the largest; small ones are more frequent (u^2)
+TEXTURE_SETS = 3
 HIDDEN = (16, 16)
 STEPS, BATCH, RATE = 3000, 16384, 6e-3
 METRE_WEIGHT = 0.03  # of an error in metres at D0 beside a relative one
@@ -51,19 +53,17 @@ INSIDE_ONE = 0.68
 
 def fitting_pairs(count: int, shrunk: int = 1, seed: int = SEED) -> Iterator[Pair]:
     """Pairs of pictures 1 / `shrunk` as large as SHAPES."""
-    rooms = [Textures.procedural(64, seed + k) for k in range(3)]
-    outdoors = [outdoor_textures(seed + k) for k in range(3)]
     effects = Photometric()
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         width, height = SHAPES[rng.integers(len(SHAPES))]
         camera = Camera.from_fov(width // shrunk, height // shrunk, float(rng.uniform(*FOV_DEG)))
         if rng.random() < ROOM_SHARE:
-            textures = rooms[rng.integers(len(rooms))]
+            textures = _room_textures(seed + int(rng.integers(TEXTURE_SETS)))
             scene = draw_scene(StillBoxConfig(), len(textures), seed, number)
             frames = (0, int(rng.choice(ROOM_SHIFTS)))
         else:
-            textures = outdoors[rng.integers(len(outdoors))]
+            textures = _outdoor_textures(seed + int(rng.integers(TEXTURE_SETS)))
             config = OutdoorConfig(frames=60, rate_hz=10.0, legs="any")
             scene = SceneSet(config, camera.width, camera.height, seed).scene(number, 0)
             first = int(rng.integers(0, config.frames - max(OUTDOOR_SHIFTS)))
@@ -75,6 +75,16 @@ def fitting_pairs(count: int, shrunk: int = 1, seed: int = SEED) -> Iterator[Pai
         if rng.random() < EFFECTS_SHARE:
             pair = effects(rng, pair)
         yield reported_wrongly(pair, rng) if rng.random() < WRONG_SHARE else pair
+
+
+@cache
+def _room_textures(seed: int) -> Textures:
+    return Textures.procedural(64, seed)
+
+
+@cache
+def _outdoor_textures(seed: int) -> Textures:
+    return outdoor_textures(seed)
 
 
 def reported_wrongly(pair: Pair, rng: np.random.Generator) -> Pair:
