@@ -19,6 +19,7 @@ from flightdepth.evaluation.ranges_sequences import KeptSequences, Sequence, Seq
 from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Telemetry, Trial, all_trials
 from flightdepth.files import write_json
 from flightdepth.ranges import DepthNetwork
+from flightdepth.runtimes.alignment import judge_sha256
 from flightdepth.runtimes.network import load_network, networks
 from flightdepth.scenes import Textures
 from flightdepth.stillbox.testset import test_textures
@@ -88,9 +89,13 @@ class Study:
 
     @property
     def weights(self) -> dict[str, str]:
-        """SHA-256 of the networks that fly, by name."""
+        """SHA-256 of the networks that fly, by name; of those that know the direction, with that of their judge."""
         names = dict.fromkeys(trial.method for trial in self.trials)
-        return {name: read_card(SHIPPED / f"{name}.onnx").sha256 for name in names if name in networks()}
+        cards = {name: read_card(SHIPPED / f"{name}.onnx") for name in names if name in networks()}
+        return {
+            name: f"{card.sha256}, aligned {judge_sha256()}" if card.knows_direction else card.sha256
+            for name, card in cards.items()
+        }
 
     @cached_property
     def tasks(self) -> tuple[Task, ...]:

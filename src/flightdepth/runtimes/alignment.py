@@ -10,6 +10,7 @@ serves every network that knows the motion, at any lens (`evaluation.alignment` 
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
@@ -149,6 +150,11 @@ def clues_of(
 def judge() -> Judge:
     """The one that ships."""
     return Judge.read()
+
+
+def judge_sha256() -> str:
+    """SHA-256 of the judge that ships."""
+    return hashlib.sha256(JUDGE.read_bytes()).hexdigest()
 
 
 def _dis() -> Any:
