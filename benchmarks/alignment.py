@@ -42,8 +42,7 @@ def drawn_for(network: Network, count: int, **seed: int) -> list[Pair]:
 def fit(names: list[str], file: Path, count: int) -> None:
     rows = []
     for name in names:
-        network = load_network(name)
-        network.aligned = False
+        network = load_network(name, aligned=False)
         rows += [rows_of(network, pair) for pair in counted(drawn_for(network, count), name, "pairs")]
     fitted_judge(np.concatenate(rows)).save(file)
 

@@ -97,7 +97,7 @@ def reported_wrongly(pair: Pair, rng: np.random.Generator) -> Pair:
 
 
 def rows_of(network: Network, pair: Pair) -> Maps:
-    """The clues of each pixel, then the truth over the network's depth and over its range, [N, CLUES + 2]."""
+    """The clues of each pixel, then the truth over the network's depth and over its range, [N, k + 2]."""
     grid, length_m = network.grid(pair.camera), float(np.linalg.norm(pair.displacement))
     pictures = grid.image(pair.previous), grid.image(pair.current)
     found = network.predict([pair.previous], pair.current, pair.displacement[None], pair.camera)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.runtimes.contract import DEPTH, OUTPUT_STRIDE, SIGMA
-from flightdepth.sweep import unit_direction
+from flightdepth.sweep import motion_field, unit_direction
 from flightdepth.triangulation import flow_of_depth, inverse_depth
 from flightdepth.weights.card import NetworkCard
 
@@ -37,13 +37,12 @@ LEAST_SIGMA = 0.005  # of the depth
 LEAST_MOVED_PX = 0.05
 WIDEST = 2.0  # logarithm of one inverse depth over the other
 
-
 _OWN = local()
 
 
 @dataclass(frozen=True)
 class Judge:
-    """A perceptron: rows of clues [N, CLUES] to how far to go, 0..1, and the error bar over the network's own.
+    """A perceptron: rows of clues [N, k] to how far to go, 0..1, and the error bar over the network's own.
 
     layers  (weights [in, out], offsets [out]) of each; the first takes the clues as they are
     """
@@ -109,7 +108,7 @@ def clues_of(
     *,
     camera: Camera,
 ) -> Maps:
-    """What tells which of two depths is right, float32 [CLUES, h, w].
+    """What tells which of two depths is right, float32 [k, h, w].
 
     previous, current  grey [H, W]
     depth, sigma       the network's, [h, w]: in displacements, and as a share of the depth
@@ -139,7 +138,7 @@ def clues_of(
             np.log(np.maximum(leverage_px / depth, LEAST_MOVED_PX)),
             np.log1p(3 * off),
             np.log1p(3 * rough),
-            np.log1p(_gradient_along(current, direction, small)),
+            np.log1p(_gradient_along(current, direction, camera)),
             _held(mean, camera),
         ]
     )
@@ -176,14 +175,12 @@ def _blocks(values: Maps) -> Maps:
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _gradient_along(current: Image, direction: NDArray[np.float64], small: Camera) -> Maps:
+def _gradient_along(current: Image, direction: NDArray[np.float64], camera: Camera) -> Maps:
     """Squared change of grey, a pixel, along the line on which each point moves, [h, w]."""
     across = cv2.Scharr(current, cv2.CV_32F, 1, 0, scale=1 / 32)
     down = cv2.Scharr(current, cv2.CV_32F, 0, 1, scale=1 / 32)
-    rays = small.rays()
-    line = direction[:2] - rays[..., :2] * direction[2]
-    line /= np.maximum(np.linalg.norm(line, axis=2, keepdims=True), 1e-9)
-    x, y = line[..., 0], line[..., 1]
+    field = motion_field(direction, camera)
+    x, y = field / np.maximum(np.hypot(*field), 1e-9)
     changes = (
         _blocks(across * across) * x * x + _blocks(down * down) * y * y + 2 * _blocks(across * down) * x * y
     )
