@@ -1,6 +1,6 @@
 """Real pictures with ground truth: two pairs of Middlebury's stereo sets, as a camera that flew sideways saw them.
 
-    python benchmarks/stereo_pairs.py MOTORCYCLE_DIR ALOE_DIR [--networks NAME ...]
+    python benchmarks/stereo_pairs.py MOTORCYCLE_DIR ALOE_DIR [--networks NAME ...] [--detail TIMES ...]
 
 MOTORCYCLE_DIR holds motorcycle_left.png, motorcycle_right.png and motorcycle_disp.npz, as skimage/data of scikit-image
 0.14's source package does (Scharstein et al. 2014, a quarter of the size); ALOE_DIR holds aloeL.jpg, aloeR.jpg and
@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -74,16 +75,20 @@ def real_pairs(motorcycle: Path, aloe: Path) -> Iterator[RealPair]:
     yield real_pair("Aloe", sides, read_rgb(aloe / "aloeGT.png")[..., 0].astype(float), ALOE)
 
 
-def answers(pair: RealPair, names: list[str]) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+def answers(
+    pair: RealPair, names: list[str], details: list[float]
+) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
     """Name, depth and what is known of it, a method each."""
-    for name in names:
+    for name, times in product(names, details):
         for aligned in (False, True):
-            network = load_network(name, "openvino", precision="f32", aligned=aligned)
+            network = load_network(name, "openvino", precision="f32", aligned=aligned).finer(times)
             found = network.predict([pair.previous], pair.current, pair.displacement[None], pair.camera)
             assert found.sigma_m is not None
             to_source = network.grid(pair.camera).to_source
             depth_m, sigma_m = to_source(found.depth_m[0]), to_source(found.sigma_m[0])
-            yield f"{name}, {'aligned' if aligned else 'not'}", depth_m, sigma_m < WORST_SIGMA * depth_m
+            width = network.grid(pair.camera).camera.width
+            label = f"{name}, {width} px, {'aligned' if aligned else 'not'}"
+            yield label, depth_m, sigma_m < WORST_SIGMA * depth_m
     peer: Callable[..., np.ndarray] = ClassicalPeer(0.1, 100).depth
     for width in (256, pair.camera.width):
         camera = pair.camera.resized(width, round(pair.camera.height * width / pair.camera.width))
@@ -102,12 +107,13 @@ def main() -> None:
     parser.add_argument("motorcycle", type=Path)
     parser.add_argument("aloe", type=Path)
     parser.add_argument("--networks", nargs="+", default=["motion", "motion-tiny"])
+    parser.add_argument("--detail", nargs="+", type=float, default=[1.0, 2.0], help="as of `run --detail`")
     given = parser.parse_args()
     for pair in real_pairs(given.motorcycle, given.aloe):
         title = f"{pair.name}, {pair.camera.width}x{pair.camera.height}: relative error at the pictures' own pixels"
         table = Table("", "mean", "median", "over 5 %", "over 25 %", "known", "mean of these", title=title)
         truth = np.isfinite(pair.depth_m)
-        for name, depth_m, known in answers(pair, given.networks):
+        for name, depth_m, known in answers(pair, given.networks, given.detail):
             error = np.abs(depth_m / pair.depth_m - 1)
             sure = truth & known
             cells = [

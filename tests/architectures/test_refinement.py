@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from flightdepth.architectures.refinement import Difference, Refinement
+from flightdepth.architectures.refinement import QUARTERS, Difference, Refinement
 from flightdepth.camera import Camera
 from flightdepth.sweep import LEVELS, motion_field, sweep, unit_direction, warp_matrix
 
@@ -100,6 +100,56 @@ def test_untrained_it_corrects_by_parts_of_a_pixel(off):
     inner = found[:, 2:-2, 4:-4]
     assert (inner - 10.0).abs().median() < 0.4 * abs(off - 1) * 10
     assert (spread > 0).all()
+
+
+def thorough():
+    torch.manual_seed(2)
+    look = Refinement(5, SHIFT_PX_M, 100.0, thorough=True).eval()
+    torch.nn.init.normal_(look.head.weight, 0, 0.1)
+    return look
+
+
+def clues_seen_by(look, previous, current):
+    """What the first convolution takes, [k, h, w], of a wall at 10 m."""
+    seen = []
+    look.trunk[0].register_forward_pre_hook(lambda _, given: seen.append(given[0][0]))
+    with torch.no_grad():
+        look(flat(10.0)[:, 0], flat(1.0)[:, 0], flat(0.0, 5), difference(previous, current, MOVES[0]))
+    return seen[0]
+
+
+def test_a_thorough_look_sees_the_quarters_of_each_block():
+    """Their mean is the block's; and what differs in one quarter only, is seen in that one."""
+    plain = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+    clues = clues_seen_by(thorough(), texture(1), texture(2))
+    quarters = clues[-QUARTERS:].view(4, 5, *clues.shape[1:])
+    assert torch.allclose(quarters.mean(0), clues[:5], rtol=1e-4, atol=1e-4)
+    for quarter, (row, column) in enumerate([(0, 0), (0, 2), (2, 0), (2, 2)]):
+        marked = plain.copy()
+        marked[20 + row : 22 + row, 40 + column : 42 + column] = 80
+        at_block = clues_seen_by(thorough(), plain, marked)[-QUARTERS:].view(4, 5, *clues.shape[1:])[
+            :, :, 5, 10
+        ]
+        assert at_block[quarter].tolist() == [80.0] * 5
+        assert at_block.sum() == 80 * 5
+
+
+def test_a_thorough_look_sees_farther_around():
+    def reach(look):
+        with torch.no_grad():
+            blank, marked = flat(0.0, 5), flat(0.0, 5)
+            marked[..., 8, 16] = 5.0
+            seen = difference(texture(1), texture(1), MOVES[0])
+            depth, spread = flat(10.0)[:, 0], flat(1.0)[:, 0]
+            changed = look(depth, spread, blank, seen)[0] != look(depth, spread, marked, seen)[0]
+        columns = changed[0].any(0).nonzero().flatten()
+        return int(columns.max() - columns.min()) // 2
+
+    plain = Refinement(5, SHIFT_PX_M, 100.0).eval()
+    torch.nn.init.normal_(plain.head.weight, 0, 0.1)
+    keen = thorough()
+    torch.nn.init.ones_(keen.around[1].weight)
+    assert (reach(plain), reach(keen)) == (5, 9)
 
 
 def test_nothing_is_learnt_through_the_warp():

@@ -32,6 +32,20 @@ def batches(start: int, count: int, **options):
         return [pairs.batch(start + 10 * n, 10) for n in range(count)]
 
 
+def test_camera_effects_come_to_a_share_of_the_pairs():
+    def pairs(**options):
+        return np.concatenate([batch.pairs for batch in batches(0, 30, **options)])
+
+    clean, all_of_them, some = (
+        pairs(),
+        pairs(photometric=True),
+        pairs(photometric=True, photometric_share=0.3),
+    )
+    touched = (some != clean).any((1, 2, 3)).mean() / (all_of_them != clean).any((1, 2, 3)).mean()
+    assert touched == pytest.approx(0.3, abs=0.08)
+    assert np.array_equal(pairs(photometric=True, photometric_share=1.0), all_of_them)
+
+
 def test_the_same_seed_gives_the_same_bytes():
     assert all(map(same, batches(0, 6), batches(0, 6)))
 

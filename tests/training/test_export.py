@@ -141,10 +141,10 @@ def test_flownets_goes_the_same_way(flownets, storage):
     assert np.abs(depth_m - expected).max() < 2e-3 * expected.max()
 
 
-@pytest.fixture(scope="module")
-def motion():
+@pytest.fixture(scope="module", params=[False, True], ids=["looks alike", "thorough last look"])
+def motion(request):
     torch.manual_seed(6)
-    network = MotionNet(8)
+    network = MotionNet(8, looks=2, thorough_last_look=request.param)
     network.predict_depth2.bias.data.fill_(35)
     model = DeployedMotion(network, 0.0, 100.0).eval()
     exact = to_onnx(model)

@@ -319,3 +319,33 @@ def test_normalisation():
     pairs = torch.tensor([[[[0, 255, 102, 153, 51, 204]]]], dtype=torch.uint8)
     expected = torch.tensor([-2.5, 2.5, -0.5, 0.5, -1.5, 1.5])
     assert torch.allclose(normalised(pairs)[0, :, 0, 0], expected, atol=1e-6)
+
+
+def motion_recipe(**changes):
+    facts = {"architecture": "MotionNet", "looks": 2, "thorough_last_look": True, "reference_focal_px": 32.0}
+    return small_recipe(**facts | changes)
+
+
+def test_a_stage_of_the_last_look_leaves_all_else_as_it_is(tmp_path):
+    """Weights and running statistics; and the stage after it trains all of it again."""
+    only = stage("b", 2) | {"only_last_look": True}
+    stages = [stage("a", 1), only, stage("c", 1)]
+    run(tmp_path, recipe=motion_recipe(stages=stages))
+    ends = [read_weights(tmp_path / f"{s['name']}.safetensors", "network") for s in stages]
+
+    def changed(before, after):
+        return {k for k, v in after.items() if not torch.equal(v, before[k])}
+
+    kernels = {k for k in ends[0] if k.endswith("0.weight")}
+    assert all(key.startswith("last_look.") for key in changed(*ends[:2]))
+    assert {"last_look.trunk.0.weight", "last_look.trunk.1.running_mean"} <= changed(*ends[:2])
+    assert kernels & changed(*ends[1:]) == kernels
+
+
+def test_a_network_without_a_thorough_look_may_start_from_one_that_has_it(tmp_path):
+    run(tmp_path / "small", recipe=motion_recipe(stages=[stage("a", 1)]))
+    child = motion_recipe(
+        name="child", starts_from="small", thorough_last_look=False, looks=1, stages=[stage("c", 1)]
+    )
+    run(tmp_path / "child", recipe=child)
+    assert "last_look.head.bias" not in read_weights(tmp_path / "child" / "c.safetensors", "network")

@@ -33,10 +33,17 @@ class MotionNet(Trunk):
     shift_px_m, largest_m  of `Refinement`
     looks                  how many times depth is refined, by the same weights; all but the last look at a
                            quarter of the pixels, which costs less than 1 % of the error's size
+    thorough_last_look     whether the last one has weights of its own, and sees more
     """
 
     def __init__(
-        self, base_width: int = 32, *, shift_px_m: float = 38.4, largest_m: float = 100.0, looks: int = 1
+        self,
+        base_width: int = 32,
+        *,
+        shift_px_m: float = 38.4,
+        largest_m: float = 100.0,
+        looks: int = 1,
+        thorough_last_look: bool = False,
     ) -> None:
         fine, half, quarter = (len(level.shifts_px) for level in LEVELS)
         more = [2 * len(corrected) for corrected in CORRECTED]
@@ -46,6 +53,9 @@ class MotionNet(Trunk):
         he_normal(self.predict_spread2)
         self.refinement = Refinement(3 * base_width + 1, shift_px_m, largest_m)
         self.looks = looks
+        if thorough_last_look:
+            self.last_look = Refinement(3 * base_width + 1, shift_px_m, largest_m, thorough=True)
+        self.thorough_last_look = thorough_last_look
 
     def forward(
         self, current: Tensor, fine: Tensor, half: Tensor, quarter: Tensor, field: Tensor
@@ -73,8 +83,10 @@ class MotionNet(Trunk):
         spread = share * depths[0].detach()
         pictures = earlier / CONTRAST, grey / CONTRAST, field
         for look in range(self.looks):  # only the last at every pixel
-            difference = Difference(*pictures, every=1 if look == self.looks - 1 else 2)
-            refined, spread = self.refinement(depths[0], spread, features, difference)
+            is_last = look == self.looks - 1
+            refine = self.last_look if is_last and self.thorough_last_look else self.refinement
+            difference = Difference(*pictures, every=1 if is_last else 2)
+            refined, spread = refine(depths[0], spread, features, difference)
             depths.insert(0, refined)
         return depths, spread
 

@@ -4,8 +4,9 @@ The trunk chooses between hypotheses that are the same for all pixels, whole pix
 Here each pixel has hypotheses of its own: a little farther than its own depth, the same, a little nearer, and the
 nearest and the farthest depth around it, one of which it takes for its own at an edge. Least squares over a block of
 4x4 pixels says where between the first three the pictures agree (Lucas and Kanade 1981, along a known line), and a
-small network what to believe. What it gives may be looked at again, by the same weights: so depth crosses an edge that
-is more than a pixel of depth off.
+small network what to believe. What it gives may be looked at again: so depth crosses an edge that is more than a pixel
+of depth off. The last of several looks may be a thorough one, with weights of its own: it sees by which quarter of a
+block the pictures differ, so how much of a pixel of depth lies before an edge, and farther around.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ NEIGHBOURHOOD = 5  # pixels of depth, to either side of an edge
 SQUEEZED, WIDTH = 16, 32
 CANDIDATES = 6  # the five hypotheses, and the second corrected
 CLUES = 14
+QUARTERS = 4 * 5  # further clues of a thorough look: for each hypothesis
+FAR_AROUND = 4  # dilation of its last convolution, pixels of depth
 
 
 class Refinement(nn.Module):
@@ -31,14 +34,18 @@ class Refinement(nn.Module):
     features    how many maps come from the trunk
     shift_px_m  shift in pixels of a point at 1 m that moves sideways: D0 times the focal length
     largest_m   where the network's range ends
+    thorough    whether it sees quarters of blocks, and farther around; at every pixel, not at every second
     """
 
-    def __init__(self, features: int, shift_px_m: float, largest_m: float) -> None:
+    def __init__(self, features: int, shift_px_m: float, largest_m: float, *, thorough: bool = False) -> None:
         super().__init__()
-        self.shift_px_m = shift_px_m
+        self.shift_px_m, self.thorough = shift_px_m, thorough
         self.range_m = (NEAREST_SHARE * largest_m, FARTHEST_SHARE * largest_m)
         self.squeeze = nn.Sequential(nn.Conv2d(features, SQUEEZED, 1), nn.ReLU(inplace=True))
-        self.trunk = nn.Sequential(*_conv(CLUES + SQUEEZED), *_conv(WIDTH), *_conv(WIDTH, dilation=2))
+        taken = CLUES + SQUEEZED + (QUARTERS if thorough else 0)
+        self.trunk = nn.Sequential(*_conv(taken), *_conv(WIDTH), *_conv(WIDTH, dilation=2))
+        if thorough:
+            self.around = nn.Sequential(*_conv(WIDTH, dilation=FAR_AROUND)[:2])
         self.head = nn.Conv2d(WIDTH, CANDIDATES + 2, 3, padding=1)
         nn.init.zeros_(self.head.weight)
         assert self.head.bias is not None
@@ -64,8 +71,9 @@ class Refinement(nn.Module):
         square = functional.avg_pool2d(gradient * gradient, block) * inside[:, 1:2]
         product = functional.avg_pool2d(gradient * left[:, 1:2], block) * inside[:, 1:2]
         off = (-product / (square + LEAST_GRADIENT)).clamp(-1, 1)
-        clues = (
-            functional.avg_pool2d(left.abs(), block) * inside,
+        apart = left.abs()
+        clues = [
+            functional.avg_pool2d(apart, block) * inside,
             2 * off,
             0.3 * torch.log1p(square / LEAST_GRADIENT),
             near - shift,
@@ -74,8 +82,15 @@ class Refinement(nn.Module):
             spread[:, None] / depth[:, None],
             difference.field,
             inside[:, 1:2],
-        )
-        answer = self.head(self.trunk(torch.cat((*clues, self.squeeze(features)), 1)))
+            self.squeeze(features),
+        ]
+        if self.thorough:
+            quarters = functional.avg_pool2d(apart, block // 2)
+            clues += [quarters[:, :, row::2, column::2] * inside for row in (0, 1) for column in (0, 1)]
+        seen = self.trunk(torch.cat(clues, 1))
+        if self.thorough:
+            seen = functional.relu(seen + self.around(seen))
+        answer = self.head(seen)
         candidates = torch.cat((hypotheses, shift + 2 * STEP * off), 1)
         weights = answer[:, :CANDIDATES].softmax(1)
         refined = (weights * candidates).sum(1) + 0.3 * answer[:, CANDIDATES]

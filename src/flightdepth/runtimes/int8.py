@@ -25,7 +25,7 @@ Ranges = Mapping[str, tuple[float, float]]
 OTHER_AXES = {"Convolution": (1, 2, 3), "ConvolutionBackpropData": (0, 2, 3)}
 LARGEST_STEP, LARGEST_OF_7_BITS = 127, 63  # 2 * 63 * 255 fits into 16 bits
 # In float: what gives metres, the features of the finest depths, on which the error hangs, and the second look.
-EXACT = ("predict_", "upsampled_", "deconv2", "deconv3", "refinement")
+EXACT = ("predict_", "upsampled_", "deconv2", "deconv3", "refinement", "last_look")
 
 
 class RangeMeter:

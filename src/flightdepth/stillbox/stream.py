@@ -73,6 +73,7 @@ class PairStream:
     rule: PairRule
     seed: int
     photometric: bool = False
+    photometric_share: float = 1.0
     noise: MotionNoise | None = None
     pool_scenes: int = 192
     pairs_per_scene: int = 40
@@ -128,7 +129,9 @@ class PairStream:
         turns = int(rng.integers(4)) if square else 2 * int(rng.integers(2))
         pair = turned(pair, quarter_turns=turns, mirror=bool(rng.integers(2)))
         pair = self.noise(rng, pair) if self.noise else pair
-        return self._effects(rng, pair) if self._effects else pair
+        if self._effects is None or (self.photometric_share < 1 and rng.random() >= self.photometric_share):
+            return pair
+        return self._effects(rng, pair)
 
     def _pool_at(self, index: int) -> range:
         """Scene numbers in the pool when sample `index` is drawn; renders what is missing, drops the rest."""

@@ -111,7 +111,7 @@ def weights_of(onnx_bytes: bytes) -> dict[str, Tensor]:
     """
     graph = onnx.load_model_from_string(onnx_bytes).graph
     arrays = {i.name.removesuffix(HALF): numpy_helper.to_array(i) for i in graph.initializer}
-    keys = _architecture_with(arrays.keys())(1).state_dict().keys()
+    keys = _architecture_with(arrays.keys()).state_dict().keys()
     found = {k: torch.from_numpy(arrays[k].copy()) for k in keys if k in arrays}
     if not found:
         raise BadInput("weights", expected="an ONNX file that flightdepth export wrote", got="other names")
@@ -120,11 +120,11 @@ def weights_of(onnx_bytes: bytes) -> dict[str, Tensor]:
     return {k: v.float() if v.is_floating_point() else v for k, v in found.items()}
 
 
-def _architecture_with(names: Collection[str]) -> type[DepthNet | FlowNetS | MotionNet]:
-    """What only one of them has: a spread, or convolutions with a bias instead of batch norm."""
+def _architecture_with(names: Collection[str]) -> DepthNet | FlowNetS | MotionNet:
+    """What only one of them has: a spread, or convolutions with a bias instead of batch norm; a map wide."""
     if "predict_spread2.weight" in names:
-        return MotionNet
-    return FlowNetS if "conv1.0.bias" in names else DepthNet
+        return MotionNet(1, thorough_last_look="last_look.head.bias" in names)
+    return FlowNetS(1) if "conv1.0.bias" in names else DepthNet(1)
 
 
 def _interface(model: Deployed | DeployedMotion) -> tuple[list[Tensor], list[str], list[str]]:

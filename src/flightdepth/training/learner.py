@@ -36,6 +36,7 @@ from flightdepth.training.schedule import learning_rate
 from flightdepth.weights.store import StoredNetwork, read_network, shipped_networks
 
 SGD_MOMENTUM = 0.9
+LAST_LOOK = "last_look"
 
 
 class Learner:
@@ -47,7 +48,9 @@ class Learner:
     def __init__(self, recipe: Recipe) -> None:
         self.recipe = recipe
         # Batch statistics are not taken from the first process: see `processes`.
-        own_statistics = DistributedDataParallelKwargs(broadcast_buffers=False)
+        own_statistics = DistributedDataParallelKwargs(
+            broadcast_buffers=False, find_unused_parameters=recipe.thorough_last_look
+        )
         self.accelerator = Accelerator(mixed_precision=mixed_precision(), kwargs_handlers=[own_statistics])
         self.share = Share.of(recipe, self.accelerator.process_index, self.accelerator.num_processes)
         torch.manual_seed(recipe.seed)
@@ -129,6 +132,8 @@ class Learner:
             )
 
     def _take(self, weights: dict[str, Tensor]) -> None:
+        if not self.recipe.thorough_last_look:  # what it starts from may have one
+            weights = {key: value for key, value in weights.items() if not key.startswith(LAST_LOOK)}
         self.network.load_state_dict(weights)
         self.averaged.load_state_dict(weights)
 
@@ -137,7 +142,13 @@ class Learner:
         self.model, self.stepper = self.accelerator.prepare(self.network, self.optimizer)
         self.averaged.to(self.accelerator.device)
         self.average = MovingAverage(self.network, self.averaged, self.recipe.ema_decay)
-        self.model.train()
+
+    def begin(self, stage: Stage) -> None:
+        """A stage begins, or goes on: what it does not train stays as it is, running statistics too."""
+        self.model.train(not stage.only_last_look)
+        self.network.requires_grad_(not stage.only_last_look)
+        if stage.only_last_look:
+            self.network.get_submodule(LAST_LOOK).train().requires_grad_()
 
     def step(self, parts: Sequence[Batch], stage: Stage, sample: int) -> float:
         """One step on samples `sample` ... of a stage, of which `parts` are this process's; the loss in metres."""

@@ -103,6 +103,7 @@ class _Run:
 
     def to_end(self, progress: Progress, path: Path, every_s: float) -> Progress:
         """Train from `progress` to the stage's last sample, or until told to stop."""
+        self.learner.begin(self.stage)
         saved = began = self.clock()
         began_at, total = progress.seen, self._total(progress)
         share = self.learner.share
@@ -137,6 +138,7 @@ class _Run:
             rule=self.recipe.rule,
             seed=stream_seed(self.recipe, self.number, part),
             photometric=self.stage.photometric,
+            photometric_share=self.stage.photometric_share,
             noise=self.stage.noise,
             pairs_per_scene=self.recipe.pairs_per_scene,
             threads=self.threads,

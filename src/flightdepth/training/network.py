@@ -27,7 +27,11 @@ def drawn(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
         focal_px = recipe.reference_focal_px or recipe.scenes.focal_px(last.full_width)
         shift_px_m = recipe.nominal_shift * recipe.scenes.step_m * focal_px
         return MotionNet(
-            recipe.base_width, shift_px_m=shift_px_m, largest_m=recipe.depth_max_m, looks=recipe.looks
+            recipe.base_width,
+            shift_px_m=shift_px_m,
+            largest_m=recipe.depth_max_m,
+            looks=recipe.looks,
+            thorough_last_look=recipe.thorough_last_look,
         )
     if recipe.architecture == "FlowNetS":
         return FlowNetS(recipe.base_width, recipe.activation)

@@ -31,6 +31,8 @@ class Stage(_Strict):
     batch: int = Field(gt=0)
     learning_rate: float = Field(gt=0, description="peak, after the warm-up")
     photometric: bool = False
+    photometric_share: float = Field(default=1.0, gt=0, le=1, description="of the pairs, with camera effects")
+    only_last_look: bool = Field(default=False, description="all but MotionNet's thorough last look stays")
     open_share: float = Field(default=0.0, ge=0, le=1, description="share of scenes in the open, under a sky")
     fov_deg: tuple[float, float] | None = Field(default=None, description="of a lens drawn for each scene")
     direction_noise_deg: float = Field(
@@ -61,6 +63,9 @@ class Recipe(_Strict):
         default=0.0, ge=0, lt=1, description="LeakyReLU of that slope where the network has ReLU"
     )
     looks: int = Field(default=1, ge=1, description="times that MotionNet refines its depth")
+    thorough_last_look: bool = Field(
+        default=False, description="MotionNet's last look has weights of its own, and sees more"
+    )
     batch_norm_momentum: float = Field(default=0.1, gt=0, le=1, description="of the running statistics")
     nominal_shift: int = Field(gt=0)
     depth_min_m: float = Field(ge=0)

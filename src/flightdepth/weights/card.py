@@ -23,6 +23,8 @@ class Stage(BaseModel):
     batch: int
     learning_rate: float
     photometric: bool
+    photometric_share: float = Field(default=1.0, description="of the pairs, with camera effects")
+    only_last_look: bool = Field(default=False, description="all but the thorough last look stayed")
     open_share: float = Field(default=0.0, ge=0, le=1, description="share of scenes in the open")
     fov_deg: tuple[float, float] | None = Field(
         default=None, description="of a lens drawn for each scene; `focal_px` is then that of 90 degrees"
@@ -47,6 +49,9 @@ class NetworkCard(BaseModel):
     base_width: int = Field(description="feature maps of the first convolution: 32, or 16 for Tiny")
     activation: Literal["elu+1", "none"]
     looks: int = Field(default=1, ge=1, description="times that MotionNet refines its depth")
+    thorough_last_look: bool = Field(
+        default=False, description="MotionNet's last look has weights of its own, and sees more"
+    )
     nominal_shift: int = Field(gt=0, description="frames between the images of a nominal training pair")
     D0_m: float = Field(gt=0, description="displacement of a nominal training pair")
     depth_min_m: float = Field(ge=0, description="lower clip of the training depth; 0 where there is none")
