@@ -83,7 +83,9 @@ def test_more_looks_have_no_more_parameters():
 def test_a_thorough_last_look_has_weights_of_its_own():
     """A second look's, 20 clues more, and a convolution more."""
     look = 16 * (3 * 4 + 2) + 9 * 32 * (14 + 16 + 20 + 32 + 32 + 32) + 4 * 2 * 32 + (9 * 32 + 1) * 8
-    assert parameters(MotionNet(4, looks=2, thorough_last_look=True)) - parameters(MotionNet(4)) == look
+    added = parameters(MotionNet(4, looks=2, thorough_last_look=True)) - parameters(MotionNet(4))
+    assert added == look
+    assert not hasattr(MotionNet(4, looks=1, thorough_last_look=True), "refinement")
 
 
 @pytest.mark.parametrize("looks", [1, 2, 3])
@@ -91,10 +93,9 @@ def test_only_the_last_look_is_thorough(looks):
     torch.manual_seed(0)
     network = MotionNet(4, looks=looks, thorough_last_look=True).eval()
     seen = []
-    for name in ("refinement", "last_look"):
-        getattr(network, name).register_forward_pre_hook(
-            lambda _, given, name=name: seen.append((name, given[3].every))
-        )
+    for name, module in network.named_children():
+        if name in ("refinement", "last_look"):
+            module.register_forward_pre_hook(lambda _, given, name=name: seen.append((name, given[3].every)))
     network(*inputs())
     assert seen == [("refinement", 2)] * (looks - 1) + [("last_look", 1)]
 

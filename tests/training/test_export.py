@@ -141,10 +141,11 @@ def test_flownets_goes_the_same_way(flownets, storage):
     assert np.abs(depth_m - expected).max() < 2e-3 * expected.max()
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["looks alike", "thorough last look"])
+@pytest.fixture(scope="module", params=[(2, False), (2, True), (1, True)], ids=str)
 def motion(request):
     torch.manual_seed(6)
-    network = MotionNet(8, looks=2, thorough_last_look=request.param)
+    looks, thorough = request.param
+    network = MotionNet(8, looks=looks, thorough_last_look=thorough)
     network.predict_depth2.bias.data.fill_(35)
     model = DeployedMotion(network, 0.0, 100.0).eval()
     exact = to_onnx(model)
@@ -172,5 +173,6 @@ def test_weights_of_a_motion_network_come_back(motion):
     model, exact, half = motion
     kept = {key: value for key, value in model.network.state_dict().items() if value.is_floating_point()}
     found, rounded = weights_of(exact), weights_of(half)
+    assert found.keys() == rounded.keys() == model.network.state_dict().keys()
     assert all(torch.equal(found[key], value) for key, value in kept.items())
     assert all(torch.allclose(rounded[key], value, rtol=1e-3, atol=1e-6) for key, value in kept.items())

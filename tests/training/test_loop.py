@@ -342,10 +342,17 @@ def test_a_stage_of_the_last_look_leaves_all_else_as_it_is(tmp_path):
     assert kernels & changed(*ends[1:]) == kernels
 
 
-def test_a_network_without_a_thorough_look_may_start_from_one_that_has_it(tmp_path):
-    run(tmp_path / "small", recipe=motion_recipe(stages=[stage("a", 1)]))
-    child = motion_recipe(
-        name="child", starts_from="small", thorough_last_look=False, looks=1, stages=[stage("c", 1)]
-    )
-    run(tmp_path / "child", recipe=child)
-    assert "last_look.head.bias" not in read_weights(tmp_path / "child" / "c.safetensors", "network")
+@pytest.mark.parametrize(
+    ("parent", "child"), [((2, True), (1, False)), ((2, True), (1, True)), ((2, False), (2, True))]
+)
+def test_a_network_may_start_from_one_with_other_looks(tmp_path, parent, child):
+    """What it lacks is left, what it has more is drawn."""
+    for name, (looks, thorough), start in (("small", parent, None), ("child", child, "small")):
+        recipe = motion_recipe(
+            name=name, starts_from=start, looks=looks, thorough_last_look=thorough, stages=[stage("a", 1)]
+        )
+        run(tmp_path / name, recipe=recipe)
+    looks, thorough = child
+    found = read_weights(tmp_path / "child" / "a.safetensors", "network").keys()
+    assert ("last_look.head.bias" in found) == thorough
+    assert ("refinement.head.bias" in found) == (looks > thorough)

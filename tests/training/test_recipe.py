@@ -8,8 +8,11 @@ from torch import nn
 from training_runs import BATCH, small_recipe
 
 from flightdepth.errors import BadInput
+from flightdepth.runtimes.network import networks
 from flightdepth.training import Recipe, load_recipe, recipe_names
-from flightdepth.training.network import built
+from flightdepth.training.export import weights_of
+from flightdepth.training.network import built, drawn
+from flightdepth.weights.store import read_network
 
 GOOD = """
 name = "mine"
@@ -62,6 +65,16 @@ def test_the_hash_of_a_trained_recipe_stays(name, digest):
 @pytest.mark.parametrize("name", recipe_names())
 def test_shipped_recipes_are_valid(name):
     assert load_recipe(name).name == name
+
+
+@pytest.mark.parametrize("name", networks())
+def test_shipped_weights_fit_their_recipe(name):
+    """`train NAME --shipped` can go on from them."""
+    recipe, shipped = load_recipe(name), read_network(name)
+    drawn(recipe).load_state_dict(weights_of(shipped.onnx))
+    card = shipped.card
+    assert (card.looks, card.thorough_last_look) == (recipe.looks, recipe.thorough_last_look)
+    assert card.stages[-1].name == recipe.stages[-1].name
 
 
 def test_a_recipe_from_a_file(written):

@@ -51,7 +51,8 @@ class MotionNet(Trunk):
         super().__init__(base_width, taken)
         self.predict_spread2 = predict_depth(3 * base_width + 1)
         he_normal(self.predict_spread2)
-        self.refinement = Refinement(3 * base_width + 1, shift_px_m, largest_m)
+        if looks > 1 or not thorough_last_look:
+            self.refinement = Refinement(3 * base_width + 1, shift_px_m, largest_m)
         self.looks = looks
         if thorough_last_look:
             self.last_look = Refinement(3 * base_width + 1, shift_px_m, largest_m, thorough=True)

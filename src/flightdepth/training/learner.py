@@ -132,8 +132,9 @@ class Learner:
             )
 
     def _take(self, weights: dict[str, Tensor]) -> None:
-        if not self.recipe.thorough_last_look:  # what it starts from may have one
-            weights = {key: value for key, value in weights.items() if not key.startswith(LAST_LOOK)}
+        """Into a network of the same size; its looks may be others: what it lacks is left, what it has more stays."""
+        drawn = self.network.state_dict()
+        weights = drawn | {key: value for key, value in weights.items() if key in drawn}
         self.network.load_state_dict(weights)
         self.averaged.load_state_dict(weights)
 
