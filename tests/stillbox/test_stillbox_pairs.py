@@ -163,6 +163,24 @@ def test_shifts_stay_within_a_short_scene():
     assert np.abs(frames[:, 1] - frames[:, 0]).max() == 3
 
 
+def test_wide_pairs_are_nominal_or_more_frames_apart():
+    """A share w of them: then 1/7 of w for each of 3 to 9 frames, and 1 - w as ever."""
+    rule, rng = PairRule(wide_share=0.5), np.random.default_rng(0)
+    frames = np.array([rule.draw_frames(rng, 10) for _ in range(12000)])
+    shift = frames[:, 1] - frames[:, 0]
+    usual = np.array([1 / 12, *[1 / 6] * 5, 1 / 12, 0, 0, 0])
+    shares = np.bincount(np.abs(shift), minlength=10) / 12000
+    np.testing.assert_allclose(shares, usual / 2 + np.array([0] * 3 + [1 / 14] * 7), atol=0.015)
+    assert (shift > 0).sum() / (shift != 0).sum() == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 4])
+def test_wide_pairs_stay_within_a_short_scene(frames):
+    rule, rng = PairRule(wide_share=1.0), np.random.default_rng(0)
+    drawn = np.array([rule.draw_frames(rng, frames) for _ in range(50)])
+    assert set(np.abs(drawn[:, 1] - drawn[:, 0])) == {frames - 1}
+
+
 def test_a_batch_joins_the_two_images(flown):
     pairs = [make_pair(*flown, RULE, (0, 3)), make_pair(*flown, RULE, (5, 4))]
     batch = Batch.of(pairs)

@@ -356,3 +356,15 @@ def test_a_network_may_start_from_one_with_other_looks(tmp_path, parent, child):
     found = read_weights(tmp_path / "child" / "a.safetensors", "network").keys()
     assert ("last_look.head.bias" in found) == thorough
     assert ("refinement.head.bias" in found) == (looks > thorough)
+
+
+def test_a_stage_says_how_many_of_its_pairs_are_wide(tmp_path, monkeypatch):
+    shares = []
+
+    def stream(**facts):
+        shares.append(facts["rule"].wide_share)
+        return small_stream(**facts)
+
+    monkeypatch.setattr(loop, "PairStream", stream)
+    run(tmp_path, recipe=small_recipe(stages=[stage("a", 1), stage("b", 1) | {"wide_share": 0.25}]))
+    assert shares == [0.0, 0.25]

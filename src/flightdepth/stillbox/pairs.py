@@ -40,6 +40,8 @@ class PairRule:
     reference_focal_px         None: the target is metres. Else it is the depth that moves a pixel as far in a
                                picture of this focal length: depth * reference / focal
     backward, still            whether there are pairs with the later frame first, and pairs of one frame
+    wide_share                 of the pairs are farther apart: the nominal shift up to a whole scene, so that much of
+                               what stands near lies outside the earlier picture
     """
 
     nominal_shift: int = 3
@@ -48,11 +50,15 @@ class PairRule:
     reference_focal_px: float | None = None
     backward: bool = True
     still: bool = True
+    wide_share: float = 0.0
 
     def draw_frames(self, rng: np.random.Generator, frames: int) -> tuple[int, int]:
-        """Numbers of (previous, current): |shift| = round(2 * nominal * u) at most frames - 1, either order."""
-        shift = min(round(2 * self.nominal_shift * rng.random()), frames - 1)
-        shift = shift if self.still else max(shift, 1)
+        """Numbers of (previous, current), either order: |shift| = round(2 * nominal * u), at most frames - 1."""
+        if self.wide_share and rng.random() < self.wide_share:
+            shift = int(rng.integers(min(self.nominal_shift, frames - 1), frames))
+        else:
+            shift = min(round(2 * self.nominal_shift * rng.random()), frames - 1)
+            shift = shift if self.still else max(shift, 1)
         first = int(rng.integers(frames - shift))
         second = first + shift
         return (first, second) if rng.random() < 0.5 or not self.backward else (second, first)

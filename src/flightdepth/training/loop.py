@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -135,7 +135,7 @@ class _Run:
             config=self.recipe.scenes.model_copy(update={"open_share": self.stage.open_share}),
             textures=self.textures,
             picture=self.stage.picture,
-            rule=self.recipe.rule,
+            rule=replace(self.recipe.rule, wide_share=self.stage.wide_share),
             seed=stream_seed(self.recipe, self.number, part),
             photometric=self.stage.photometric,
             photometric_share=self.stage.photometric_share,

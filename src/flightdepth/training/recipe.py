@@ -32,6 +32,9 @@ class Stage(_Strict):
     learning_rate: float = Field(gt=0, description="peak, after the warm-up")
     photometric: bool = False
     photometric_share: float = Field(default=1.0, gt=0, le=1, description="of the pairs, with camera effects")
+    wide_share: float = Field(
+        default=0.0, ge=0, le=1, description="of the pairs, with a shift of up to a whole scene"
+    )
     only_last_look: bool = Field(default=False, description="all but MotionNet's thorough last look stays")
     open_share: float = Field(default=0.0, ge=0, le=1, description="share of scenes in the open, under a sky")
     fov_deg: tuple[float, float] | None = Field(default=None, description="of a lens drawn for each scene")
