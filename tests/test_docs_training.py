@@ -15,6 +15,7 @@ from flightdepth.stillbox import PairStream
 from flightdepth.training import loop, recipe
 from flightdepth.training.run_folder import stages_behind
 from flightdepth.weights.store import find_network, read_card
+from tests_recipes import recipe_text, stage_text
 
 TEXT = (Path(__file__).parents[1] / "docs" / "training.md").read_text(encoding="utf-8")
 COMMANDS = [
@@ -23,34 +24,11 @@ COMMANDS = [
     for line in block.strip().splitlines()
     if line.startswith("flightdepth ")  # `accelerate launch` has a test of its own
 ]
-RECIPE = """
-name = "tiny-clamped-256"
-base_width = 4
-activation = "none"
-nominal_shift = 5
-depth_min_m = 10.0
-depth_max_m = 60.0
-loss = "saturating-l1"
-weight_decay = 1e-4
-ema_decay = 0.9
-warmup_samples = 0
-floor = 0.1
-seed = 3
-"""
-STAGE = """
-[[stages]]
-name = "{0}"
-full_width = 64
-width = 64
-height = 64
-samples = 4
-batch = 4
-learning_rate = 1e-3
-"""
 
 
 def test_every_command_runs(monkeypatch, tmp_path, capsys):
-    text = RECIPE + "".join(map(STAGE.format, (64, 128, 256)))
+    stages = [stage_text(name, 4) for name in ("64", "128", "256")]
+    text = recipe_text(*stages, name="tiny-clamped-256", clamped=True)
     known = recipe._recipe_bytes
     monkeypatch.setattr(
         recipe, "_recipe_bytes", lambda name: text.encode() if name == "tiny-clamped-256" else known(name)

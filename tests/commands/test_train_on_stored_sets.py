@@ -13,30 +13,9 @@ from flightdepth.commands.export import card_of
 from flightdepth.stillbox.stored_pairs import StoredPairs
 from flightdepth.training import loop
 from flightdepth.training.run_folder import read_trained
+from tests_recipes import recipe_text, stage_text
 
-RECIPE = """
-name = "small"
-base_width = 4
-activation = "none"
-nominal_shift = 3
-depth_min_m = 0.0
-depth_max_m = 100.0
-loss = "l1"
-weight_decay = 1e-4
-ema_decay = 0.9
-warmup_samples = 0
-floor = 0.1
-seed = 3
-
-[[stages]]
-name = "square"
-full_width = 64
-width = 64
-height = 64
-samples = 12
-batch = 4
-learning_rate = 1e-3
-"""
+RECIPE = recipe_text(stage_text("square", 12), loss="l1")
 TRAIN = ("train", "small.toml", "--set", "stillbox")
 
 

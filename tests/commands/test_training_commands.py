@@ -20,40 +20,11 @@ from flightdepth.training import Recipe, loop
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.export import weights_of
 from flightdepth.weights.store import read_network
+from tests_recipes import recipe_text, stage_text
 
-TOML = """
-name = "small"
-base_width = 4
-activation = "none"
-nominal_shift = 5
-depth_min_m = 10.0
-depth_max_m = 60.0
-loss = "saturating-l1"
-weight_decay = 1e-4
-ema_decay = 0.9
-warmup_samples = 0
-floor = 0.1
-seed = 3
-
-[[stages]]
-name = "square"
-full_width = 64
-width = 64
-height = 64
-samples = 8
-batch = 4
-learning_rate = 1e-3
-
-[[stages]]
-name = "wide"
-full_width = 128
-width = 128
-height = 64
-samples = 4
-batch = 4
-learning_rate = 1e-3
-photometric = true
-"""
+TOML = recipe_text(
+    stage_text("square", 8), stage_text("wide", 4, width=128, more="photometric = true"), clamped=True
+)
 TRAIN = ("train", "small.toml", "--procedural", "2")
 
 

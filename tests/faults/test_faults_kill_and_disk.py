@@ -19,35 +19,10 @@ from flightdepth import cli
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.outputs import FlightFolder
 from flightdepth.stillbox.stored import open_stored_set
+from tests_recipes import recipe_text, stage_text
 
 FRAMES = 40
-RECIPE = """
-name = "small"
-base_width = 4
-activation = "none"
-nominal_shift = 3
-depth_min_m = 0.0
-depth_max_m = 100.0
-loss = "saturating-l1"
-weight_decay = 1e-4
-ema_decay = 0.9
-warmup_samples = 0
-floor = 0.1
-seed = 3
-scenes = {frames = 3}
-""" + "".join(
-    f"""
-[[stages]]
-name = "{name}"
-full_width = 64
-width = 64
-height = 64
-samples = 16
-batch = 4
-learning_rate = 1e-3
-"""
-    for name in "abc"
-)
+RECIPE = recipe_text(*(stage_text(name, 16) for name in "abc"), more="scenes = {frames = 3}")
 RENDER = ("render", "64", "--size", "16x12", "--procedural", "2", "--config", "short.toml", "--scenes", "60")
 TRAIN = ("train", "small.toml", "--procedural", "2")
 
