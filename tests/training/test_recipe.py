@@ -12,6 +12,8 @@ from flightdepth.runtimes.network import networks
 from flightdepth.training import Recipe, load_recipe, recipe_names
 from flightdepth.training.export import weights_of
 from flightdepth.training.network import built, drawn
+from flightdepth.training.recipe import Stage
+from flightdepth.weights.card import Stage as CardStage
 from flightdepth.weights.store import read_network
 
 GOOD = """
@@ -225,3 +227,7 @@ def test_512_alone_and_64_to_512_come_to_the_compute_of_the_chain():
 def test_seeds_of_shipped_recipes_differ():
     seeds = [load_recipe(name).seed for name in recipe_names()]
     assert len(set(seeds)) == len(seeds)
+
+
+def test_a_card_tells_all_that_a_stage_says():
+    assert set(CardStage.model_fields) - {"focal_px"} == set(Stage.model_fields) - {"full_width"}

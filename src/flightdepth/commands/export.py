@@ -91,22 +91,12 @@ def card_of(run: Trained, name: str) -> NetworkCard:
     recipe, config = run.recipe, run.recipe.scenes
     if not run.stages:
         raise BadInput(f"checkpoint {run.checkpoint}", expected="some training", got="none yet")
+    common = Stage.model_fields.keys() - {"focal_px", "samples"}
     stages = tuple(
         Stage(
-            name=stage.name,
-            width=stage.width,
-            height=stage.height,
             focal_px=round(config.focal_px(stage.full_width), 6),
             samples=seen,
-            batch=stage.batch,
-            learning_rate=stage.learning_rate,
-            photometric=stage.photometric,
-            photometric_share=stage.photometric_share,
-            only_last_look=stage.only_last_look,
-            open_share=stage.open_share,
-            fov_deg=stage.fov_deg,
-            direction_noise_deg=stage.direction_noise_deg,
-            rotation_noise_deg=stage.rotation_noise_deg,
+            **stage.model_dump(include=common),
         )
         for stage, seen in run.stages
     )
