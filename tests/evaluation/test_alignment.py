@@ -105,9 +105,10 @@ def test_the_judge_is_a_perceptron(tmp_path) -> None:
         for size in ((7, 5), (5, 4), (4, 2))
     )
     Judge(layers).save(tmp_path / "judge.npz")
-    clues = rng.normal(size=(9, 7)).astype(np.float32)
-    trust, spread = Judge.read(tmp_path / "judge.npz")(clues)
-    for row, told, wide in zip(clues, trust, spread, strict=True):
+    clues = rng.normal(size=(7, 3, 4)).astype(np.float32)
+    answers = Judge.read(tmp_path / "judge.npz")(clues)
+    assert [each.shape for each in answers] == [(3, 4), (3, 4)]
+    for row, told, wide in zip(clues.reshape(7, 12).T, *(each.ravel() for each in answers), strict=True):
         values = row
         for number, (weights, offsets) in enumerate(layers):
             values = (values if number == 0 else values.clip(min=0)) @ weights + offsets
@@ -136,9 +137,9 @@ def test_rows_that_always_agree_with_the_flow_teach_to_trust_it() -> None:
     clues[:, 0] *= 0.3
     truth = np.exp(-clues[:, :1])
     judge = fitted_judge(np.hstack([clues, truth, np.full_like(truth, 0.1)]), steps=200)
-    assert judge(clues)[0].mean() > 0.9
+    assert judge(clues.T)[0].mean() > 0.9
     contrary = fitted_judge(np.hstack([clues, np.ones_like(truth), np.full_like(truth, 0.1)]), steps=200)
-    assert contrary(clues)[0].mean() < 0.1
+    assert contrary(clues.T)[0].mean() < 0.1
 
 
 def test_rows_of_drawn_pairs() -> None:

@@ -42,7 +42,7 @@ _OWN = local()
 
 @dataclass(frozen=True)
 class Judge:
-    """A perceptron: rows of clues [N, k] to how far to go, 0..1, and the error bar over the network's own.
+    """A perceptron: clues [k, ...] to how far to go, 0..1, and the error bar over the network's own, [...] each.
 
     layers  (weights [in, out], offsets [out]) of each; the first takes the clues as they are
     """
@@ -63,12 +63,15 @@ class Judge:
         np.savez(path, **arrays)
 
     def __call__(self, clues: Maps) -> tuple[Maps, Maps]:
-        """Both [N]."""
-        values = clues
+        """Both as float32."""
+        # Not by BLAS: its threads look out for more work for a while, and take the network's cores from it.
+        values = clues.reshape(len(clues), -1)
         for number, (weights, offsets) in enumerate(self.layers):
-            values = (np.maximum(values, 0) if number else values) @ weights + offsets
-        trust, spread = 1 / (1 + np.exp(-values[:, 0])), np.logaddexp(0, values[:, 1])
-        return np.asarray(trust, np.float32), np.asarray(spread, np.float32)
+            values = np.einsum("km,kn->mn", weights, np.maximum(values, 0) if number else values)
+            values += offsets[:, None]
+        trust, spread = 1 / (1 + np.exp(-values[0])), np.logaddexp(0, values[1])
+        shape = clues.shape[1:]
+        return np.asarray(trust.reshape(shape), np.float32), np.asarray(spread.reshape(shape), np.float32)
 
 
 def align(
@@ -93,7 +96,7 @@ def align(
             np.asarray(grey, np.uint8),
         )
         clues = clues_of(*pictures, depth * lengths_per_output, sigma / depth, direction, camera=camera)
-        trust, spread = (each.reshape(depth.shape) for each in judge()(clues.reshape(len(clues), -1).T))
+        trust, spread = judge()(clues)
         aligned = depth * np.exp(-trust * clues[0])
         output[SIGMA][i] = spread * np.exp(clues[1]) * aligned
         output[DEPTH][i] = aligned.clip(card.depth_min_m, card.depth_max_m)
