@@ -3,7 +3,8 @@
     python benchmarks/infer.py [--networks NAME_OR_FILE ...] [--sizes 64 ... 512] [--batches 1 2 4] [--json FILE]
 
 A call takes frame pairs that are on the network's grid already and gives depth at 1/4 of the size. "inputs" is what
-comes before any runtime: to lay pairs side by side, or to sweep them along the motion. All networks and runtimes
+comes before any runtime: to lay pairs side by side, or to sweep them along the motion. "predict" is all of
+`Network.predict` in OpenVINO, inputs and alignment with the pictures too. All networks and runtimes
 take turns, so that a busy machine slows all of them alike; compare ratios within one run.
 PyTorch is timed too where it is installed.
 """
@@ -11,6 +12,7 @@ PyTorch is timed too where it is installed.
 from __future__ import annotations
 
 import argparse
+import math
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +21,7 @@ from functools import lru_cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 
+import cv2
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -29,12 +32,14 @@ from flightdepth.files import write_json
 from flightdepth.processor import cpu_name, cpu_runs_bf16
 from flightdepth.runtimes.contract import Arrays, Runtime
 from flightdepth.runtimes.inputs import paired_inputs, swept_inputs
+from flightdepth.runtimes.network import Network
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 from flightdepth.runtimes.onnx_ort import OnnxRuntime
 from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.store import StoredNetwork, read_network, shipped_networks
 
 Call = Callable[[], object]
+SHIFT_PX = 3
 
 
 @dataclass(frozen=True)
@@ -51,10 +56,12 @@ class Timing:
 
 def calls_of(stored: StoredNetwork, size: int, batch: int) -> dict[str, Call]:
     """What is timed for one network, by the name of its column."""
-    pictures = np.random.default_rng(0).integers(0, 256, (batch + 1, size, size, 3), dtype=np.uint8)
-    earlier, current = list(pictures[1:]), pictures[0]
-    moves = np.random.default_rng(1).normal(size=(batch, 3))
-    camera = Camera.from_fov(size, size, 90)
+    noise = np.random.default_rng(0).integers(0, 256, (size, size, 3), dtype=np.uint8)
+    current = cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2), None, 0, 255, cv2.NORM_MINMAX)
+    earlier = [np.roll(current, SHIFT_PX, axis=1)] * batch  # nothing near: no second look
+    moves = np.tile((1.0, 0.0, 0.0), (batch, 1))
+    focal_px = size / 2 if stored.card.any_lens else stored.card.focal_px
+    camera = Camera.from_fov(size, size, math.degrees(2 * math.atan(size / 2 / focal_px)))
 
     def inputs() -> Arrays:
         if stored.card.knows_direction:
@@ -62,13 +69,18 @@ def calls_of(stored: StoredNetwork, size: int, batch: int) -> dict[str, Call]:
         return paired_inputs(earlier, current)
 
     made, found = inputs(), {"inputs": inputs}
-    opened = {
-        name: partial(runtime, made)
-        for name, runtime in runtimes(stored.onnx, tuple(stored.card.int8_ranges.items())).items()
-    }
+    opened = {name: partial(runtime, made) for name, runtime in runtimes_of(stored).items()}
     if find_spec("torch"):
         opened["PyTorch f32"] = pytorch(stored.card, made)
+    for precision in ("f32", "bf16"):
+        if (runtime := runtimes_of(stored).get(f"OpenVINO {precision}")) is not None:
+            network = Network(stored.card, runtime)
+            opened[f"predict {precision}"] = partial(network.predict, earlier, current, moves, camera)
     return found | opened
+
+
+def runtimes_of(stored: StoredNetwork) -> dict[str, Runtime]:
+    return runtimes(stored.onnx, tuple(stored.card.int8_ranges.items()))
 
 
 @lru_cache
@@ -93,7 +105,8 @@ def pytorch(card: NetworkCard, made: Arrays) -> Call:
 
     network: torch.nn.Module
     if card.knows_direction:
-        network = MotionNet(card.base_width, looks=card.looks)
+        looks = {"looks": card.looks, "thorough_last_look": card.thorough_last_look}
+        network = MotionNet(card.base_width, **looks)
     else:
         plain = FlowNetS if card.architecture == "FlowNetS" else DepthNet
         network = plain(card.base_width, card.activation)
@@ -174,7 +187,7 @@ def main() -> None:
         for batch in given.batches:
             timings += measure(networks, size, batch, given.seconds)
     cpu = cpu_name()
-    Console().print(table(timings, cpu))
+    Console(width=max(Console().width, 150)).print(table(timings, cpu))
     if given.json:
         facts = {"commit": source_commit(), "cpu": cpu, "python": platform.python_version()}
         write_json(given.json, facts | {"timings": [asdict(timing) for timing in timings]})
