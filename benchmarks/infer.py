@@ -60,8 +60,7 @@ def calls_of(stored: StoredNetwork, size: int, batch: int) -> dict[str, Call]:
     current = cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2), None, 0, 255, cv2.NORM_MINMAX)
     earlier = [np.roll(current, SHIFT_PX, axis=1)] * batch  # nothing near: no second look
     moves = np.tile((1.0, 0.0, 0.0), (batch, 1))
-    focal_px = size / 2 if stored.card.any_lens else stored.card.focal_px
-    camera = Camera.from_fov(size, size, math.degrees(2 * math.atan(size / 2 / focal_px)))
+    camera = Camera.from_fov(size, size, math.degrees(2 * math.atan(size / 2 / stored.card.focal_px)))
 
     def inputs() -> Arrays:
         if stored.card.knows_direction:
@@ -105,8 +104,7 @@ def pytorch(card: NetworkCard, made: Arrays) -> Call:
 
     network: torch.nn.Module
     if card.knows_direction:
-        looks = {"looks": card.looks, "thorough_last_look": card.thorough_last_look}
-        network = MotionNet(card.base_width, **looks)
+        network = MotionNet(card.base_width, looks=card.looks, thorough_last_look=card.thorough_last_look)
     else:
         plain = FlowNetS if card.architecture == "FlowNetS" else DepthNet
         network = plain(card.base_width, card.activation)

@@ -53,7 +53,10 @@ class PairRule:
     wide_share: float = 0.0
 
     def draw_frames(self, rng: np.random.Generator, frames: int) -> tuple[int, int]:
-        """Numbers of (previous, current), either order: |shift| = round(2 * nominal * u), at most frames - 1."""
+        """Numbers of (previous, current), either order: |shift| = round(2 * nominal * u), at most frames - 1.
+
+        Of a wide pair |shift| is any from the nominal one to frames - 1.
+        """
         if self.wide_share and rng.random() < self.wide_share:
             shift = int(rng.integers(min(self.nominal_shift, frames - 1), frames))
         else:
