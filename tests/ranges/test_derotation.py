@@ -158,8 +158,8 @@ def test_few_points_tell_nothing():
     assert remainder(*rays_of((1, 0, 0), TURN, count=11), np.array([1.0, 0, 0]), FOCAL) is None
     blank = np.full((256, 256, 3), 90, np.uint8)
     moved = np.array([0.3, 0.0, 0.0])
-    image, displacement = derotated(blank, blank, moved, CAMERA)
-    assert image is blank and displacement is moved
+    image, displacement, covariance = derotated(blank, blank, moved, CAMERA)
+    assert image is blank and displacement is moved and covariance is None
 
 
 @pytest.fixture(scope="module")

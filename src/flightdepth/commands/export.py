@@ -204,10 +204,10 @@ def carried_over(run: Trained) -> dict[str, float]:
 
 def calibration_pairs(card: NetworkCard, scenes: int) -> list[TestPair]:
     """Pairs that neither training nor a test uses."""
-    from flightdepth.evaluation.sigma_scale import calibration_sets
+    from flightdepth.evaluation.sigma_scale import calibration_set
 
     needed = scenes if card.knows_direction else min(scenes, INT8_PAIRS)  # all of them only for sigma
-    return [pair for pairs in calibration_sets(card, scenes=needed) for pair in rendered(pairs)]
+    return rendered(calibration_set(card, scenes=needed))
 
 
 def with_int8_ranges(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> NetworkCard:

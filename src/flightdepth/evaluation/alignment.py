@@ -92,7 +92,7 @@ def reported_wrongly(pair: Pair, rng: np.random.Generator) -> Pair:
     turn = chance.unit_vector(rng) * np.radians(WRONG_ROTATION_DEG) * rng.random() ** 2
     previous = rotated(pair.previous, pair.camera, turn)
     motion = tilted(pair.displacement, chance.unit_vector(rng), WRONG_DIRECTION_DEG * rng.random() ** 2)
-    previous, motion = derotated(previous, pair.current, motion, pair.camera)
+    previous, motion, _ = derotated(previous, pair.current, motion, pair.camera)
     return replace(pair, previous=previous, displacement=motion)
 
 

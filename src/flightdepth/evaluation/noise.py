@@ -72,8 +72,8 @@ def _errors_m(
     wrong = WRONGS[kind](task, pair, size, rng)
     tries = {network.card.name: wrong}
     if derotate:
-        mended = derotated(wrong.previous, pair.current, wrong.nominal, task.camera)
-        tries[DEROTATED.format(network.card.name)] = Wrong(*mended)
+        previous, nominal, _ = derotated(wrong.previous, pair.current, wrong.nominal, task.camera)
+        tries[DEROTATED.format(network.card.name)] = Wrong(previous, nominal)
     for name, each in tries.items():
         found = task.ask(network, pair, previous=each.previous, nominal=each.nominal)
         yield name, picture_errors(found.depth_m[0], task.truth_m).l1_m

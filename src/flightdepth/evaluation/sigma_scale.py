@@ -1,4 +1,4 @@
-"""What a network's error bar must be multiplied by to keep its word in flight; written on its card at export."""
+"""What a network's error bar must be multiplied by to keep its word; written on its card at export."""
 
 from __future__ import annotations
 
@@ -11,33 +11,31 @@ from numpy.typing import NDArray
 from flightdepth.evaluation.fixed_set import fixed_set
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.evaluation.spread import sigma_scale
-from flightdepth.ranges.derotation import derotated
 from flightdepth.ranges.fusion import WORST_SIGMA, ends
 from flightdepth.runtimes.network import Network
-from flightdepth.scenes import StillBoxConfig, Textures
+from flightdepth.scenes import Textures
 from flightdepth.stillbox.testset import SCENES, TEXTURES, TestSet
 from flightdepth.weights.card import NetworkCard
 
 Values = NDArray[np.float64]
 
 SEED, TEXTURE_SEED = 1702_2018, 8  # neither training's nor those of the fixed test set
-NOISE_RAD = 0.001  # of each frame's orientation, as in the multi-range study: what a gimbal leaves
 FITS = 4  # which pixels count depends on the scale a little
 
 
-def calibration_sets(card: NetworkCard, *, scenes: int = SCENES) -> tuple[TestSet, TestSet]:
-    """Pairs like those of the fixed test set, of other rooms with other textures: half of them turn a little."""
-    textures = Textures.procedural(TEXTURES, TEXTURE_SEED)
-    half = fixed_set(card, scenes=(scenes + 1) // 2, textures=textures)
-    turning = StillBoxConfig(orientation_noise_rad=NOISE_RAD)
-    return replace(half, seed=SEED, config=turning), replace(half, seed=SEED + 1)
+def calibration_set(card: NetworkCard, *, scenes: int = SCENES) -> TestSet:
+    """Pairs like those of the fixed test set, of other rooms with other textures."""
+    return replace(
+        fixed_set(card, scenes=scenes, textures=Textures.procedural(TEXTURES, TEXTURE_SEED)), seed=SEED
+    )
 
 
 def fitted_sigma_scale(network: Network, pairs: Iterable[TruePair]) -> float:
-    """The scale with which 68 % of the errors are inside sigma, on flights that turn a little and on some that don't.
+    """The scale with which 68 % of the errors are inside sigma where the motion is known.
 
-    Pairs are derotated first, and those pixels count that fusion would believe: inside the network's range and
-    with a sigma below WORST_SIGMA of the depth. The card's own scale is part of what is multiplied.
+    What an uncertain motion adds comes on top (`ranges.motion_error`). Those pixels count that fusion would believe:
+    inside the network's range and with a sigma below WORST_SIGMA of the depth. The card's own scale is part of what
+    is multiplied.
     """
     error_m, sigma_m, depth_m = _answers(network, pairs)
     lower, upper = (end * network.card.depth_max_m for end in ends(network.card))
@@ -53,8 +51,7 @@ def _answers(network: Network, pairs: Iterable[TruePair]) -> tuple[Values, Value
     rows = []
     for pair in pairs:
         task = Task.of(pair, network.card)
-        previous, nominal = derotated(pair.previous, pair.current, task.nominal, task.camera)
-        found = task.ask(network, pair, previous=previous, nominal=nominal)
+        found = task.ask(network, pair)
         if found.sigma_m is None:
             raise ValueError(f"expected a network that tells sigma_m, got {network.card.name}")
         depth_m = found.depth_m[0]

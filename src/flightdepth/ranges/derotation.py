@@ -38,6 +38,8 @@ TURNS_PATCHES_RAD = np.radians(1)
 NEAREST_TO_FOCUS = 0.1
 # Neighbouring tracks err together: measured errors are this many times those of independent points.
 TOGETHER = 2.5
+# Errors of depth in rooms agree with this share of the deviations so told, wherever in the picture (docs/log.md).
+SHARE = 0.5
 # Beyond these nothing small is left to mend: the log or the tracks are of something else.
 MOST_SIGMAS, MOST_RAD = 4.0, np.radians(5)
 # Squared deviations (chi^2 of 3 and of 2 parameters, 95 %) from which on an error is taken out.
@@ -69,6 +71,16 @@ class Remainder:
         """Whether the direction's error does."""
         return _squares(self.off, self.covariance[3:, 3:]) > CLEAR_DIRECTION
 
+    def left_open(self, *, turned_back: bool, redirected: bool) -> Vector:
+        """Covariance (6, 6) of what stays off in rotation (3,) and direction (3,), a unit vector.
+
+        What was found and not taken out is off by itself, beside what tracks can't tell.
+        """
+        kept = np.concatenate([(not turned_back) * self.rotation, (not redirected) * self.off])
+        both = np.zeros((6, 5))
+        both[:3, :3], both[3:, 3:] = np.eye(3), _aside(self.unit)
+        return np.asarray(both @ (SHARE**2 * self.covariance + np.outer(kept, kept)) @ both.T)
+
     def is_small(self, direction_sigma_rad: float) -> bool:
         """Whether it can be what a log and a gimbal leave."""
         near = float(np.linalg.norm(self.off)) < MOST_SIGMAS * direction_sigma_rad
@@ -95,8 +107,9 @@ class Derotation:
         left = remainder(now, before, direction, self._camera.fx, direction_sigma_rad=sigma_rad)
         if left is None or not left.is_small(sigma_rad):
             return pair
-        pair = turned_by(pair, left.rotation) if left.turns else pair
         wrong = known and left.heads_elsewhere
+        pair = replace(pair, covariance=left.left_open(turned_back=left.turns, redirected=wrong or not known))
+        pair = turned_by(pair, left.rotation) if left.turns else pair
         return replace(pair, displacement_m=left.unit * pair.length_m) if wrong else pair
 
     def _direction(self, now: Vector, before: Vector) -> Vector | None:
@@ -113,14 +126,20 @@ class Derotation:
         return now, before / before[:, 2:]
 
 
-def derotated(previous: Image, current: Image, displacement: Vector, camera: Camera) -> tuple[Image, Vector]:
-    """One pair of an ideal pinhole with the clear errors of its motion taken out: `previous` and displacement (3,)."""
+def derotated(
+    previous: Image, current: Image, displacement: Vector, camera: Camera
+) -> tuple[Image, Vector, Vector | None]:
+    """One pair of an ideal pinhole with the clear errors of its motion taken out.
+
+    Returns `previous`, the displacement (3,), and the covariance (6, 6) of what is left, None where nothing tells.
+    """
     left = remainder(*tracked_rays(previous, current, camera), displacement, camera.fx)
     if left is None or not left.is_small(LOG_SIGMA_RAD):
-        return previous, displacement
+        return previous, displacement, None
     if left.turns:
         previous = turned(previous, np.asarray(cv2.Rodrigues(left.rotation)[0]), camera)
-    return previous, left.unit * np.linalg.norm(displacement) if left.heads_elsewhere else displacement
+    moved = left.unit * np.linalg.norm(displacement) if left.heads_elsewhere else displacement
+    return previous, moved, left.left_open(turned_back=left.turns, redirected=left.heads_elsewhere)
 
 
 def turned_by(pair: Pair, rotation: Vector) -> Pair:

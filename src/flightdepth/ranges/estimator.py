@@ -22,6 +22,7 @@ from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fallback import OnGridOf
 from flightdepth.ranges.fusion import Fused, Fusion, fuse, within_reach
 from flightdepth.ranges.memory_limit import MemoryLimit
+from flightdepth.ranges.motion_error import widened
 from flightdepth.ranges.network import DepthNetwork, Image, Map
 from flightdepth.ranges.pairs import Baselines, Frame, FrameBuffer, Pair, baselines, pick, seen_from
 from flightdepth.ranges.plan import Planner
@@ -276,7 +277,7 @@ class MultiRangeEstimator:
             for pair in pairs
         ]
         displacements_n3 = np.stack([pair.displacement_m for pair in pairs])
-        return network.predict(previous, current.image, displacements_n3, camera)
+        return widened(network.predict(previous, current.image, displacements_n3, camera), pairs, camera)
 
     def _fuse(self, pairs: tuple[Pair, ...], prediction: Prediction, card: NetworkCard) -> Fused:
         camera, shape = self._grid.camera, prediction.valid.shape

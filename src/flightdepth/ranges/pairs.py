@@ -117,7 +117,8 @@ class Pair:
     """An earlier frame chosen for the current one.
 
     displacement_m (3,) and directed as in Baselines, length_m its length, shift in frames, depth_m the depth
-    that asked for it, current_from_previous (3, 3), turn_rad its angle.
+    that asked for it, current_from_previous (3, 3), turn_rad its angle; covariance (6, 6) of what its rotation and
+    direction may still be off (`Remainder.left_open`), None where the pictures were not asked.
     """
 
     previous: Frame
@@ -128,6 +129,7 @@ class Pair:
     current_from_previous: Vector
     turn_rad: float
     directed: bool = True
+    covariance: Vector | None = None
 
 
 def pick(
