@@ -25,7 +25,7 @@ demo: .venv-demo/installed
 	$(DEMO_BIN)/flightdepth demo
 
 test: lint
-	$(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile
+	$(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile --max-worker-restart 0
 
 test-slow: lint
 	$(BIN)/python -m pytest -m slow --timeout 3600

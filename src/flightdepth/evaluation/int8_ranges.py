@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import openvino as ov
-
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.runtimes.int8 import RangeMeter
 from flightdepth.runtimes.network import Network
@@ -19,7 +17,7 @@ def fitted_int8_ranges(
     card: NetworkCard, onnx: bytes, pairs: Iterable[TruePair]
 ) -> dict[str, tuple[float, float]]:
     """The card's `int8_ranges`, of pairs that no test uses."""
-    meter = RangeMeter(*open_graph(ov.Core(), onnx))
+    meter = RangeMeter(*open_graph(onnx))
     network = Network(card, meter)
     for pair in pairs:
         Task.of(pair, card).ask(network, pair)

@@ -17,6 +17,7 @@ import openvino as ov
 from numpy.typing import ArrayLike, NDArray
 from openvino import opset13 as ops
 
+from flightdepth.processor import openvino_core
 from flightdepth.runtimes.contract import Arrays
 
 Ranges = Mapping[str, tuple[float, float]]
@@ -43,7 +44,7 @@ class RangeMeter:
         entering = {_place(layer): layer.input_value(0) for layer in _layers(model)}
         model.add_outputs(list(entering.values()))
         settings = {"INFERENCE_PRECISION_HINT": "f32"}
-        self._request = ov.Core().compile_model(model, "CPU", settings).create_infer_request()
+        self._request = openvino_core().compile_model(model, "CPU", settings).create_infer_request()
         self._ends = dict.fromkeys(entering, (np.inf, -np.inf))
 
     def __call__(self, inputs: Arrays) -> dict[str, NDArray[np.float32]]:
@@ -91,7 +92,7 @@ def largest_weight_step() -> int:
     layer = ops.convolution(entering, constant, [1, 1], [0, 0], [0, 0], [1, 1])
     model = ov.Model([layer], [entering], "probe")
     to_int8(model, {"probe": (0.0, 255.0)}, weight_step=LARGEST_STEP)
-    compiled = ov.Core().compile_model(model, "CPU", {"INFERENCE_PRECISION_HINT": "f32"})
+    compiled = openvino_core().compile_model(model, "CPU", {"INFERENCE_PRECISION_HINT": "f32"})
     sums = compiled([np.full((1, 16, 3, 3), 255, np.float32)])[0]
     return LARGEST_STEP if np.allclose(sums, 255 * 16 * 9, rtol=1e-3) else LARGEST_OF_7_BITS
 

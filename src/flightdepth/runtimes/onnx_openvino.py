@@ -12,6 +12,7 @@ import openvino as ov
 from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
+from flightdepth.processor import openvino_core
 from flightdepth.runtimes.block_means import by_convolution
 from flightdepth.runtimes.contract import Arrays, Precision, architecture_of, check_inputs
 from flightdepth.runtimes.int8 import Ranges, to_int8
@@ -38,8 +39,7 @@ class OpenVinoRuntime:
         ranges: Ranges | None = None,
     ) -> None:
         """`threads` None uses every core; int8 needs the card's `int8_ranges`."""
-        self._core = ov.Core()
-        self._model, self.architecture = open_graph(self._core, onnx)
+        self._model, self.architecture = open_graph(onnx)
         if precision == "int8":
             to_int8(self._model, ranges or {})
         if precision != "bf16":
@@ -72,7 +72,7 @@ class OpenVinoRuntime:
         request = self._requests.pop(shapes, None)
         if request is None:
             self._model.reshape({name: list(shape) for name, shape in shapes})
-            request = self._core.compile_model(self._model, "CPU", self._settings).create_infer_request()
+            request = openvino_core().compile_model(self._model, "CPU", self._settings).create_infer_request()
         self._requests[shapes] = request
         if len(self._requests) > SHAPES_KEPT:
             self._requests.popitem(last=False)
@@ -81,7 +81,7 @@ class OpenVinoRuntime:
 
 def unfit_weights(onnx: bytes) -> Iterator[tuple[str, float]]:
     """Weights with NaN or infinity in them: name, and how large a share of its numbers."""
-    model, _ = open_graph(ov.Core(), onnx)
+    model, _ = open_graph(onnx)
     for node in model.get_ops():
         if node.get_type_name() != "Constant" or not node.get_element_type().is_real():
             continue
@@ -92,10 +92,10 @@ def unfit_weights(onnx: bytes) -> Iterator[tuple[str, float]]:
             yield node.get_friendly_name(), float(unfit.mean())
 
 
-def open_graph(core: Any, onnx: bytes) -> tuple[Any, str]:
+def open_graph(onnx: bytes) -> tuple[Any, str]:
     """Parse an ONNX file that is in memory; the graph and whose contract it keeps."""
     try:
-        model = core.read_model(onnx)
+        model = openvino_core().read_model(onnx)
     except RuntimeError as error:
         raise BadInput(
             "ONNX file", expected="a graph that OpenVINO reads", got=str(error).strip().splitlines()[-1]
