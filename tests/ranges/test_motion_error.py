@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
+from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.ranges.derotation import SHARE, Remainder
 from flightdepth.ranges.motion_error import depth_errors, widened, with_motion_error
 from flightdepth.ranges.pairs import Frame, Pair
+from flightdepth.runtimes.network import Network
 from flightdepth.runtimes.prediction import Prediction
+from tests_networks import BestHypothesis, swept_card
 
 CAMERA = Camera.from_fov(256, 192, 80)
 SHAPE = (48, 64)
@@ -128,3 +131,26 @@ def test_where_nothing_is_told_nothing_is_widened():
     assert widened(found, [pair_of(np.eye(6))], CAMERA) is found
     still = replace(found, sigma_m=np.ones_like(depth_m), depth_m=np.full_like(depth_m, np.nan))
     assert np.isnan(widened(still, [pair_of(np.eye(6))], CAMERA).sigma_m).all()
+
+
+def test_in_flight_the_bar_holds_what_the_tracks_leave_open():
+    """The same flight, sideways past a textured wall, with and without tracks: same depth, a wider bar with them."""
+    noise = np.random.default_rng(4).integers(0, 256, (192, 320), dtype=np.uint8)
+    wall = np.repeat(
+        (cv2.GaussianBlur(noise, (0, 0), 2.0) * 3.0 - 256).clip(0, 255).astype(np.uint8)[..., None], 3, 2
+    )
+    results = []
+    for derotate in (True, False):
+        estimator = MultiRangeEstimator(
+            Network(swept_card(), BestHypothesis()), CAMERA, ranges=1, derotate=derotate
+        )
+        for number in range(6):
+            estimator.add_velocity(number * 10**8, [1.0, 0.0, 0.0], frame="camera")
+            result = estimator.add_frame(number * 10**8, wall[:, 3 * number : 3 * number + 256])
+        results.append(result)
+    tracked, untracked = results
+    known = np.isfinite(tracked.sigma_m) & np.isfinite(untracked.sigma_m)
+    assert known.mean() > 0.5
+    assert tracked.depth_m[known] == pytest.approx(untracked.depth_m[known], rel=1e-3)
+    share = (tracked.sigma_m / untracked.sigma_m)[known]
+    assert share.min() > 1 and share.max() < 3
