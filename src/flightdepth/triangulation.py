@@ -15,6 +15,8 @@ Maps = NDArray[np.float32]
 Values = NDArray[np.float64]
 
 LEAST_AHEAD = 0.05  # of a point's depth: what counts as left of it when a camera has flown past
+NEAREST_TO_FOCUS = 1e-3  # on the plane z = 1: closer to the focus of expansion a line has no direction
+LEAST_DEPTH = 1e-3  # displacements
 
 
 def flow_of_depth(depth_m: Maps, displacement: ArrayLike, camera: Camera) -> Values:
@@ -40,3 +42,36 @@ def inverse_depth(flow_hw2: Maps | Values, displacement: ArrayLike, camera: Came
     square = a_x**2 + a_y**2
     along = a_x * flow_hw2[..., 0] + a_y * flow_hw2[..., 1]
     return np.divide(along, square, out=np.zeros_like(square), where=square > 0), np.sqrt(square)
+
+
+def depth_errors(depth_m: Maps, displacement_m: ArrayLike, camera: Camera) -> Maps:
+    """By which share of itself depth [h, w] grows, for each of six small errors of a motion, float32 [6, h, w].
+
+    The errors: the earlier picture turned by a radian more about x, y and z than it should have been, and a radian
+    more of x, y and z in the direction of the displacement (3,). An ideal pinhole, seen at any size.
+    """
+    height, width = depth_m.shape
+    rays = camera.resized(width, height).rays().astype(np.float32)
+    x, y = rays[..., 0], rays[..., 1]
+    moved_m = np.asarray(displacement_m, np.float32)
+    length_m = np.linalg.norm(moved_m)
+    dx, dy, dz = moved_m / max(length_m, np.float32(1e-9))
+    inverse = 1 / np.maximum(depth_m / max(length_m, np.float32(1e-9)), np.float32(LEAST_DEPTH))
+    along_x, along_y = dx - x * dz, dy - y * dz
+    reach = np.maximum(np.hypot(along_x, along_y), np.float32(NEAREST_TO_FOCUS))
+    scale = 1 / np.maximum(1 + dz * inverse, np.float32(LEAST_AHEAD))
+    before_x, before_y = x + along_x * inverse * scale, y + along_y * inverse * scale
+    along_x, along_y = along_x / reach, along_y / reach
+    # A turn w adds w x ray, brought back to z = 1; another direction e adds e x scale / Z, and both are along the line
+    # what reach x scale^2 times an error of 1 / Z would be.
+    toward = before_x * along_x + before_y * along_y
+    turns = [
+        -before_y * toward - along_y,
+        before_x * toward + along_x,
+        before_x * along_y - before_y * along_x,
+    ]
+    per_direction = 1 / (reach * scale)
+    per_turn = -per_direction / (inverse * scale)
+    return np.stack(
+        [turn * per_turn for turn in turns] + [way * per_direction for way in (along_x, along_y, -toward)]
+    )

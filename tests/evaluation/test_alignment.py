@@ -120,7 +120,7 @@ def test_what_the_judge_is_told_of_a_plane() -> None:
     pair = plane_pair(SQUARE, (1.0, 0.0, 0.0), distance_m=6.0)
     grey = pair.previous[..., 0].copy(), pair.current[..., 0].copy()
     depth, sigma = np.full((32, 32), 6.6, np.float32), np.full((32, 32), 0.1, np.float32)
-    clues = clues_of(*grey, depth, sigma, np.array([1.0, 0, 0]), camera=SQUARE)
+    clues, _ = clues_of(*grey, depth, sigma, np.array([1.0, 0, 0]), camera=SQUARE)
     ratio, doubt, moved, off, rough, gradient, held = (np.median(clue[MIDDLE]) for clue in clues)
     assert ratio == pytest.approx(np.log(1.1), abs=0.01)
     assert doubt == pytest.approx(np.log(0.1))

@@ -107,7 +107,8 @@ def rows_of(network: Network, pair: Pair) -> Maps:
     previous, current = (np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8) for image in pictures)
     sigma = sigma_m[0] / depth_m / np.float32(network.card.sigma_scale)
     direction = unit_direction(pair.displacement)
-    clues = clues_of(previous, current, depth_m / length_m, sigma, direction, camera=grid.camera)
+    clues, depth = clues_of(previous, current, depth_m / length_m, sigma, direction, camera=grid.camera)
+    depth_m = depth * np.float32(length_m)
     range_m = network.card.at_focal(grid.camera.fx).alpha * length_m
     truth_m = cv2.resize(pair.target_m.clip(0, range_m), depth_m.shape[::-1], interpolation=cv2.INTER_AREA)
     rows = np.stack([*clues, truth_m / depth_m, truth_m / range_m])[:, found.valid & np.isfinite(truth_m)]

@@ -3,8 +3,9 @@
 Near things move by many pixels between two pictures. There a network, which chooses between hypotheses a third apart,
 is good to a few per cent, and optical flow to a part of a pixel in ten or twenty; far away, at edges and on blank
 walls it is the other way round. So optical flow (DIS, Kroeger et al. 2016) starts from where the network says that
-each point was, what it finds is triangulated, and a perceptron with two small layers judges, pixel by pixel, how far
-to go from the network's depth to that one, and how large the error is then. It is told ratios and pixels only, so one
+each point was, the rotation that it shows is taken out of both (`left_rotation`), what it finds is triangulated, and a
+perceptron with two small layers judges, pixel by pixel, how far to go from the network's depth to that one, and how
+large the error is then. It is told ratios and pixels only, so one
 serves every network that knows the motion, at any lens (`evaluation.alignment` fits it).
 """
 
@@ -24,8 +25,9 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.runtimes.contract import DEPTH, OUTPUT_STRIDE, SIGMA
+from flightdepth.runtimes.left_rotation import left_rotation, rotated_flow
 from flightdepth.sweep import motion_field, unit_direction
-from flightdepth.triangulation import flow_of_depth, inverse_depth
+from flightdepth.triangulation import depth_errors, flow_of_depth, inverse_depth
 from flightdepth.weights.card import NetworkCard
 
 Image = NDArray[np.uint8]
@@ -36,6 +38,7 @@ PATCH_PX, STRIDE_PX = 8, 6  # of the flow, at full size
 LEAST_SIGMA = 0.005  # of the depth
 LEAST_MOVED_PX = 0.05
 WIDEST = 2.0  # logarithm of one inverse depth over the other
+MOST_TAKEN = 0.5  # logarithm of the depth that a rotation may be said to have made
 
 _OWN = local()
 
@@ -95,9 +98,11 @@ def align(
             np.asarray(cv2.cvtColor(previous, cv2.COLOR_RGB2GRAY), np.uint8),
             np.asarray(grey, np.uint8),
         )
-        clues = clues_of(*pictures, depth * lengths_per_output, sigma / depth, direction, camera=camera)
+        clues, depth = clues_of(
+            *pictures, depth * lengths_per_output, sigma / depth, direction, camera=camera
+        )
         trust, spread = judge()(clues)
-        aligned = depth * np.exp(-trust * clues[0])
+        aligned = depth / lengths_per_output * np.exp(-trust * clues[0])
         output[SIGMA][i] = spread * np.exp(clues[1]) * aligned
         output[DEPTH][i] = aligned.clip(card.depth_min_m, card.depth_max_m)
 
@@ -110,8 +115,8 @@ def clues_of(
     direction: NDArray[np.float64],
     *,
     camera: Camera,
-) -> Maps:
-    """What tells which of two depths is right, float32 [k, h, w].
+) -> tuple[Maps, Maps]:
+    """What tells which of two depths is right, float32 [k, h, w]; and the network's, without what a rotation made.
 
     previous, current  grey [H, W]
     depth, sigma       the network's, [h, w]: in displacements, and as a share of the depth
@@ -130,6 +135,13 @@ def clues_of(
     mean = _blocks(flow)
     squared = flow[..., 0] ** 2 + flow[..., 1] ** 2
     rough = np.sqrt(np.maximum(_blocks(squared) - (mean * mean).sum(2), 0))
+    along_line, across_line = _contrast(current, direction, camera)
+    held = _held(mean, camera)
+    rotation = left_rotation(mean, across_line, held, direction, camera)
+    if rotation is not None:
+        mean -= rotated_flow(mean, rotation, camera)
+        share = np.einsum("k,khw->hw", rotation, depth_errors(depth, direction, small)[:3])
+        depth = depth * np.exp(-share.clip(-MOST_TAKEN, MOST_TAKEN)).astype(np.float32)
     inverse, leverage = inverse_depth(mean / OUTPUT_STRIDE, direction, small)
     inverse, leverage_px = np.maximum(inverse, 1e-9), OUTPUT_STRIDE * leverage
     along = OUTPUT_STRIDE * flow_of_depth((1 / inverse).astype(np.float32), direction, small)
@@ -141,11 +153,11 @@ def clues_of(
             np.log(np.maximum(leverage_px / depth, LEAST_MOVED_PX)),
             np.log1p(3 * off),
             np.log1p(3 * rough),
-            np.log1p(_gradient_along(current, direction, camera)),
-            _held(mean, camera),
+            np.log1p(along_line),
+            held,
         ]
     )
-    return np.asarray(clues, np.float32)
+    return np.asarray(clues, np.float32), depth
 
 
 @cache
@@ -178,16 +190,15 @@ def _blocks(values: Maps) -> Maps:
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _gradient_along(current: Image, direction: NDArray[np.float64], camera: Camera) -> Maps:
-    """Squared change of grey, a pixel, along the line on which each point moves, [h, w]."""
-    across = cv2.Scharr(current, cv2.CV_32F, 1, 0, scale=1 / 32)
+def _contrast(current: Image, direction: NDArray[np.float64], camera: Camera) -> tuple[Maps, Maps]:
+    """Squared change of grey, a pixel, along the line on which each point moves and across it, [h, w] each."""
+    right = cv2.Scharr(current, cv2.CV_32F, 1, 0, scale=1 / 32)
     down = cv2.Scharr(current, cv2.CV_32F, 0, 1, scale=1 / 32)
     field = motion_field(direction, camera)
     x, y = field / np.maximum(np.hypot(*field), 1e-9)
-    changes = (
-        _blocks(across * across) * x * x + _blocks(down * down) * y * y + 2 * _blocks(across * down) * x * y
-    )
-    return np.asarray(np.maximum(changes, 0), np.float32)
+    rights, downs, both = _blocks(right * right), _blocks(down * down), 2 * _blocks(right * down) * x * y
+    along, across = rights * x * x + downs * y * y + both, rights * y * y + downs * x * x - both
+    return np.asarray(np.maximum(along, 0), np.float32), np.asarray(np.maximum(across, 0), np.float32)
 
 
 def _held(flow: Maps, camera: Camera) -> Maps:
