@@ -49,6 +49,6 @@ def rotated(image: Image, camera: Camera, rotation_vector: Floats) -> Image:
     turn = cv2.Rodrigues(np.asarray(rotation_vector, dtype=np.float64))[0]
     # A pixel of the turned camera looks where `turn` takes its ray.
     seen_from_new = camera.matrix @ turn @ np.linalg.inv(camera.matrix)
-    size, how = (camera.width, camera.height), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    size, how = (camera.width, camera.height), cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     warped = cv2.warpPerspective(image, seen_from_new, size, flags=how, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(warped, dtype=np.uint8)
