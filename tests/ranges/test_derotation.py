@@ -6,11 +6,7 @@ import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.ranges.derotation import (
-    NEAREST_TO_FOCUS,
     Derotation,
-    _aside,
-    _lines,
-    _tilted,
     derotated,
     remainder,
 )
@@ -50,36 +46,6 @@ def test_exact_rays_give_the_rotation(way):
     found = remainder(*rays_of(way, TURN), np.array(way), FOCAL)
     assert found.turns
     assert degrees_off(found, TURN) < 0.01
-
-
-def distances(now, before, unit):
-    """By the book: from the epipolar lines d x now, and along them, away from where d points."""
-    lines = np.cross(unit, now)
-    reach = np.maximum(np.hypot(lines[:, 0], lines[:, 1]), NEAREST_TO_FOCUS)
-    along = np.column_stack([lines[:, 1], -lines[:, 0]])
-    off = (lines * before).sum(axis=1)
-    return np.concatenate([off, -((before - now)[:, :2] * along).sum(axis=1)]) / np.tile(reach, 2)
-
-
-@pytest.mark.parametrize("way", WAYS)
-def test_rows_are_the_derivatives_of_distances_from_lines(way):
-    now, before = rays_of(way, TURN, noise_px=0.3)
-    unit = np.array(way) / np.linalg.norm(way)
-    aside, step = _aside(unit), 1e-6
-    lines = _lines(now.T, before.T, unit, aside)
-    plain = distances(now, before, unit)
-    np.testing.assert_allclose(lines[5], plain, atol=1e-12)
-    for axis in range(3):
-        moved = before @ cv2.Rodrigues(step * np.eye(3)[axis])[0].T
-        slope = (distances(now, moved / moved[:, 2:], unit) - plain) / step
-        # Bringing a ray back to z = 1 shortens it by the turn: a second order of small things.
-        np.testing.assert_allclose(lines[axis, 150:], slope[150:], atol=1e-4)
-        np.testing.assert_allclose(lines[axis, :150], slope[:150], atol=3 * np.abs(plain[:150]).max())
-    far = np.hypot(*(unit[:2, None] - now[:, :2].T * unit[2])) > NEAREST_TO_FOCUS
-    for k in range(2):
-        slope = (distances(now, before, _tilted(unit, aside, step * np.eye(2)[k])) - plain) / step
-        close = np.abs(lines[3 + k, :150] - slope[:150])[far]
-        assert np.median(close) < 0.01 and not lines[3 + k, 150:].any()
 
 
 @pytest.mark.parametrize("way", WAYS)

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
+from flightdepth.epipolar import aside, lines
 from flightdepth.motion import Vector, rotation_angle_rad
 from flightdepth.ranges.direction import direction_of
 from flightdepth.ranges.network import Image
@@ -34,8 +35,6 @@ CAUCHY = 2.0  # a point this many deviations off has half the weight
 LEAST_NOISE_PX = 0.05
 # Up to such a turn points are followed as well in pictures that are not turned back.
 TURNS_PATCHES_RAD = np.radians(1)
-# Closer to the focus of expansion than this, on the plane z = 1, a line has no direction.
-NEAREST_TO_FOCUS = 0.1
 # Neighbouring tracks err together: measured errors are this many times those of independent points.
 TOGETHER = 2.5
 # Errors of depth in rooms agree with this share of the deviations so told, wherever in the picture (docs/log.md).
@@ -78,7 +77,7 @@ class Remainder:
         """
         kept = np.concatenate([(not turned_back) * self.rotation, (not redirected) * self.off])
         both = np.zeros((6, 5))
-        both[:3, :3], both[3:, 3:] = np.eye(3), _aside(self.unit)
+        both[:3, :3], both[3:, 3:] = np.eye(3), aside(self.unit)
         return np.asarray(both @ (SHARE**2 * self.covariance + np.outer(kept, kept)) @ both.T)
 
     def is_small(self, direction_sigma_rad: float) -> bool:
@@ -160,7 +159,7 @@ def remainder(
     if len(now) < FEWEST_POINTS:
         return None
     given = direction / np.linalg.norm(direction)
-    aside = _aside(given)
+    around = aside(given)
     usual = np.array([ROTATION_SIGMA_RAD] * 3 + [direction_sigma_rad] * 2)
     # The rotation vector and the direction's two angles: where they were made linear, and the step from there.
     state: Vector = np.zeros(5)
@@ -170,7 +169,7 @@ def remainder(
         if settled:
             state, step = state + step, np.zeros(5)
             seen = cv2.Rodrigues(state[:3])[0] @ before.T
-            lines_px = focal_px * _lines(now.T, seen / seen[2], _tilted(given, aside, state[3:]), aside)
+            lines_px = focal_px * lines(now.T, seen / seen[2], _tilted(given, around, state[3:]), around)
         information, pull = _normal_equations(lines_px, step)
         prior = _prior(state + step, usual)
         information.flat[::6] += prior
@@ -181,12 +180,12 @@ def remainder(
             break
     state = state + step
     covariance: Vector = np.linalg.inv(information).astype(np.float64)
-    unit = _tilted(given, aside, state[3:])
+    unit = _tilted(given, around, state[3:])
     return Remainder(state[:3], unit, covariance, state[3:])
 
 
 def _normal_equations(lines_px: Vector, step: Vector) -> tuple[Vector, Vector]:
-    """Matrix (5, 5) and right side (5,) of `_lines` in pixels (6, 2 N), with Cauchy weights of what a step leaves.
+    """Matrix (5, 5) and right side (5,) of `lines` in pixels (6, 2 N), with Cauchy weights of what a step leaves.
 
     A point that moved against the parallax has no depth at all, and counts by how far it did.
     """
@@ -205,50 +204,14 @@ def _prior(state: Vector, usual: Vector) -> Vector:
     return np.asarray(usual**-2.0 / np.repeat([1 + far @ far, 1], [3, 2]))
 
 
-def _lines(now: Vector, before: Vector, unit: Vector, aside: Vector) -> Vector:
-    """Points' distances from their epipolar lines, then how far along them they moved, on the plane z = 1 (6, 2 N).
-
-    The rows: what three turns and two angles of the direction add to the distance, and the distance.
-    `now` and `before` (3, N) with z = 1, `unit` (3,), `aside` (3, 2).
-    """
-    (x1, y1, _), (x2, y2, _) = now, before
-    # The line d x x1, whose length on the plane is the reach: d . (x1 x x2) = x2 . (d x x1).
-    along_x, along_y = unit[0] - x1 * unit[2], unit[1] - y1 * unit[2]
-    reach = np.maximum(np.sqrt(along_x * along_x + along_y * along_y), NEAREST_TO_FOCUS)
-    along_x /= reach
-    along_y /= reach
-    across = (unit[0] * y1 - unit[1] * x1) / reach
-    right, down = x2 - x1, y2 - y1
-    rows = np.zeros((6, 2, len(x1)))
-    off, along = rows[:, 0], rows[:, 1]
-    # A turn w adds (w x x2) . (d x x1) = w . (x2 x (d x x1)).
-    toward = x2 * along_x + y2 * along_y
-    off[0], off[1], off[2] = y2 * across + along_x, along_y - x2 * across, -toward
-    off[3:] = np.vstack([aside.T, unit]) @ (np.array([-down, right, x1 * y2 - y1 * x2]) / reach)
-    # What it adds to x and to y of a ray with z = 1: (w x ray) brought back to z = 1.
-    along[0], along[1], along[2] = -y2 * toward - along_y, x2 * toward + along_x, x2 * along_y - y2 * along_x
-    along[5] = right * along_x + down * along_y
-    return rows.reshape(6, -1)
-
-
 def _median(values: Vector) -> float:
     """The upper one of an even number; `np.median` takes ten times as long."""
     middle = len(values) // 2
     return float(np.partition(values, middle)[middle])
 
 
-def _aside(unit: Vector) -> Vector:
-    """Two unit vectors perpendicular to one and to each other, columns (3, 2)."""
-    # d x e_k for each axis; the one farthest from d is used.
-    x, y, z = unit
-    first = np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])[int(np.argmin(np.abs(unit)))]
-    first = first / np.linalg.norm(first)
-    (a, b, c) = first
-    return np.array([first, [y * c - z * b, z * a - x * c, x * b - y * a]]).T
-
-
-def _tilted(unit: Vector, aside: Vector, angles: Vector) -> Vector:
-    tilted = unit + aside @ angles
+def _tilted(unit: Vector, around: Vector, angles: Vector) -> Vector:
+    tilted = unit + around @ angles
     return np.asarray(tilted / np.linalg.norm(tilted))
 
 

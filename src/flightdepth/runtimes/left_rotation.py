@@ -1,10 +1,10 @@
 """The small rotation that is left between two pictures of a pair, from the flow that depth is aligned by.
 
-Where a point goes along its line depends on its depth, where it goes across does not: for a camera that does not turn
-it stays on the line. A rotation w (radians) that nobody knew of moves all points across theirs, each as its ray tells,
-so that some thousand blocks give w by least squares: to half of what tracked corners leave, since the flow starts from
-the network's depth, already in place. Blocks without contrast across the line say nothing, those that move by
-themselves or lie at an edge little (Cauchy weights).
+Where a point goes along its line depends on its depth; across it a point goes only where the motion is a little off.
+Each block of the flow tells how far it left its line, and least squares with Cauchy weights give the rotation, with
+two angles of the direction beside it. Tracked corners leave half as much again: the flow starts from the network's
+depth, already in place. Where the blocks say little about a turn (about one that moves points along their lines, or
+through a long lens) priors of what corners leave hold it near zero.
 """
 
 from __future__ import annotations
@@ -13,72 +13,61 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.epipolar import aside, lines
 
 Maps = NDArray[np.float32]
 Values = NDArray[np.float64]
 
-CONTRAST = 10.0  # squared change of grey across the line, a pixel, that gives half the weight
+CONTRAST = 10.0  # squared change of grey across the line, a pixel, that gives a block half the weight
 FEWEST_BLOCKS, CLEAR_WEIGHT = 100, 0.3
-NEAREST_TO_FOCUS = 0.05  # on the plane z = 1
-STEPS = 5
+LEFT_RAD, ASTRAY_RAD = np.radians(0.03), np.radians(0.5)  # what is usually left of rotation, of direction
+TOGETHER = (
+    6.0  # neighbouring blocks err together: a rotation errs as many times as far as by independent ones
+)
 LEAST_NOISE_PX = 0.02
-# Squared deviations from which on a rotation is taken out: chi^2 of 3 parameters, 95 %, for blocks that err together,
-# which deviate 2.8 times as far as independent ones. With 12 instead, pairs that did not turn lose what others gain.
-CLEAR = 60.0
+STEPS = 5
 
 
 def left_rotation(
     flow: Maps, contrast: Maps, held: Maps, direction: NDArray[np.float64], camera: Camera
 ) -> Values | None:
-    """Rotation vector (3,) that turned the earlier picture's rays, radians; None where it does not stand out.
+    """Rotation vector (3,) by which the earlier picture's rays are turned too far, radians; None of few blocks.
 
     flow       pixels of `camera` from the current picture's blocks to the earlier one's, [h, w, 2]
     contrast   squared change of grey across each block's line, [h, w]
     held       1 where the earlier picture holds the block, [h, w]
-    direction  of the displacement, (3,)
+    direction  of the displacement, (3,), a unit vector
     """
-    weights = (contrast / (contrast + np.float32(CONTRAST)) * held).ravel()
+    weights = (contrast / (contrast + np.float32(CONTRAST)) * held).ravel().astype(np.float64)
     clear = weights > CLEAR_WEIGHT
     if np.count_nonzero(clear) < FEWEST_BLOCKS:
         return None
-    rows, off = _across(flow, direction, camera)
-    rotation, noise = np.zeros(3), 0.0
+    now, before = _rays(flow, camera)
+    table = lines(now, before, direction, aside(direction))[:, : now.shape[1]]
+    rows, off = table[:5], table[5]
+    prior = np.diag([LEFT_RAD**-2.0] * 3 + [ASTRAY_RAD**-2.0] * 2)
+    mending = np.zeros(5)
     for _ in range(STEPS):
-        left = off - np.einsum("k,km->m", rotation, rows)
+        left = off + mending @ rows
         noise = max(1.4826 * float(np.median(np.abs(left[clear]))), LEAST_NOISE_PX / camera.fx)
-        trusted = rows * (weights / (1 + (left / noise) ** 2))
-        information = np.einsum("km,lm->kl", trusted, rows) + 1e-9 * np.eye(3)
-        rotation = np.linalg.solve(information, np.einsum("km,m->k", trusted, off))
-    return rotation if rotation @ information @ rotation > CLEAR * noise**2 else None
+        trusted = rows * (weights / ((TOGETHER * noise) ** 2 * (1 + (left / noise) ** 2)))
+        mending = np.linalg.solve(trusted @ rows.T + prior, -trusted @ off)
+    return -mending[:3]
 
 
 def rotated_flow(flow: Maps, rotation: Values, camera: Camera) -> Maps:
     """What of a flow [h, w, 2] a rotation of the earlier picture's rays made, pixels."""
-    x, y = _before(flow, camera)
+    x, y, _ = _rays(flow, camera)[1]
     wx, wy, wz = rotation
     toward = wx * y - wy * x
-    return np.asarray(
-        np.stack([camera.fx * (wy - wz * y - x * toward), camera.fy * (wz * x - wx - y * toward)], axis=-1),
-        np.float32,
-    )
+    made = [camera.fx * (wy - wz * y - x * toward), camera.fy * (wz * x - wx - y * toward)]
+    return np.stack(made, axis=-1).reshape(flow.shape).astype(np.float32)
 
 
-def _before(flow: Maps, camera: Camera) -> tuple[Values, Values]:
-    """Rays of the earlier picture on the plane z = 1, [h, w] each."""
+def _rays(flow: Maps, camera: Camera) -> tuple[Values, Values]:
+    """Rays of the blocks and of where they are in the earlier picture, (3, N) each, z = 1."""
     height, width = flow.shape[:2]
-    rays = camera.resized(width, height).rays()
-    return rays[..., 0] + flow[..., 0] / camera.fx, rays[..., 1] + flow[..., 1] / camera.fy
-
-
-def _across(flow: Maps, direction: NDArray[np.float64], camera: Camera) -> tuple[Values, Values]:
-    """What three turns add to the distance from the line (3, N), and that distance (N,), on the plane z = 1."""
-    height, width = flow.shape[:2]
-    rays = camera.resized(width, height).rays()
-    along_x, along_y = direction[0] - rays[..., 0] * direction[2], direction[1] - rays[..., 1] * direction[2]
-    reach = np.maximum(np.hypot(along_x, along_y), NEAREST_TO_FOCUS)
-    nx, ny = -along_y / reach, along_x / reach
-    x, y = _before(flow, camera)
-    off = (x - rays[..., 0]) * nx + (y - rays[..., 1]) * ny
-    toward = x * nx + y * ny
-    rows = np.stack([-ny - y * toward, nx + x * toward, x * ny - y * nx])
-    return rows.reshape(3, -1), off.ravel()
+    now = camera.resized(width, height).rays().reshape(-1, 3).T
+    before = now.copy()
+    before[:2] += flow.reshape(-1, 2).T / np.array([[camera.fx], [camera.fy]])
+    return now, before
