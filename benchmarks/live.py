@@ -49,6 +49,7 @@ from flightdepth.live.video_stream import Picture
 from flightdepth.ranges.derotation import Derotation
 from flightdepth.ranges.estimator import MultiRangeEstimator
 from flightdepth.ranges.plan import Planner
+from flightdepth.runtimes import network as runtimes_network
 from flightdepth.runtimes.contract import Precision
 from flightdepth.runtimes.network import Network, load_network
 
@@ -69,7 +70,8 @@ STAGES: tuple[tuple[str, Any, str], ...] = (
     ("pairs", MultiRangeEstimator, "_pairs"),
     ("derotate", Derotation, "of"),
     ("network", MultiRangeEstimator, "_predict"),
-    ("  its inputs", Network, "_inputs"),
+    ("  its inputs", Network, "_batch"),
+    ("  aligning", runtimes_network, "align"),
     ("fuse", MultiRangeEstimator, "_fuse"),
     ("plan", Planner, "learn"),
     ("result", MultiRangeEstimator, "_result"),

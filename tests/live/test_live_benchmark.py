@@ -81,3 +81,11 @@ def test_this_process_does_not_count_as_others(benchmark):
     while time.process_time() - own < 0.3:
         pass
     assert benchmark.busy_s() - before >= 0.25
+
+
+def test_each_stage_that_it_times_is_there(benchmark):
+    before = [getattr(owner, name) for _, owner, name in benchmark.STAGES]
+    with benchmark.StageTimes().taken():
+        during = [getattr(owner, name) for _, owner, name in benchmark.STAGES]
+    after = [getattr(owner, name) for _, owner, name in benchmark.STAGES]
+    assert after == before and not any(a is b for a, b in zip(during, before, strict=True))
