@@ -175,13 +175,13 @@ def test_any_bytes_at_any_place(tmp_path_factory, name, at, trash, repeats):
 def test_500_trashed_copies_take_no_longer_than_twice_as_many_whole_ones(tmp_path, flight):
     data = flight(1000)
     path = written(tmp_path / "whole", data)
-    times = []
-    for _ in range(5):
+    whole_s, trashed_s = [], 0.0
+    for first in range(0, 500, 50):  # in turns: a machine is not always as fast
         start = time.process_time()
         read_telemetry(path)
-        times.append(time.process_time() - start)
-    _, trashed_s = outcomes(tmp_path, data, range(500))
-    assert trashed_s < 2 * 500 * sorted(times)[2]
+        whole_s.append(time.process_time() - start)
+        trashed_s += outcomes(tmp_path, data, range(first, first + 50))[1]
+    assert trashed_s < 2 * 500 * np.median(whole_s)
 
 
 # Fault 4: a declared length that is not there.
