@@ -19,7 +19,7 @@ Maps = NDArray[np.float32]
 Values = NDArray[np.float64]
 
 CONTRAST = 10.0  # squared change of grey across the line, a pixel, that gives a block half the weight
-FEWEST_BLOCKS, CLEAR_WEIGHT = 100, 0.3
+FEWEST_BLOCKS, CLEAR_WEIGHT = 100, 0.3  # those with less weight do not count
 LEFT_RAD, ASTRAY_RAD = np.radians(0.03), np.radians(0.5)  # what is usually left of rotation, of direction
 TOGETHER = (
     6.0  # neighbouring blocks err together: a rotation errs as many times as far as by independent ones
@@ -39,17 +39,18 @@ def left_rotation(
     direction  of the displacement, (3,), a unit vector
     """
     weights = (contrast / (contrast + np.float32(CONTRAST)) * held).ravel().astype(np.float64)
-    clear = weights > CLEAR_WEIGHT
-    if np.count_nonzero(clear) < FEWEST_BLOCKS:
+    clear = np.flatnonzero(weights > CLEAR_WEIGHT)
+    if len(clear) < FEWEST_BLOCKS:
         return None
-    now, before = _rays(flow, camera)
-    table = lines(now, before, direction, aside(direction))[:, : now.shape[1]]
+    weights = weights[clear]
+    now, before = (rays[:, clear] for rays in _rays(flow, camera))
+    table = lines(now, before, direction, aside(direction))[:, : len(clear)]
     rows, off = table[:5], table[5]
     prior = np.diag([LEFT_RAD**-2.0] * 3 + [ASTRAY_RAD**-2.0] * 2)
     mending = np.zeros(5)
     for _ in range(STEPS):
         left = off + mending @ rows
-        noise = max(1.4826 * float(np.median(np.abs(left[clear]))), LEAST_NOISE_PX / camera.fx)
+        noise = max(1.4826 * float(np.median(np.abs(left))), LEAST_NOISE_PX / camera.fx)
         trusted = rows * (weights / ((TOGETHER * noise) ** 2 * (1 + (left / noise) ** 2)))
         mending = np.linalg.solve(trusted @ rows.T + prior, -trusted @ off)
     return -mending[:3]
