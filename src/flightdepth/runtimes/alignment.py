@@ -38,6 +38,7 @@ PATCH_PX, STRIDE_PX = 8, 6  # of the flow, at full size
 LEAST_SIGMA = 0.005  # of the depth
 LEAST_MOVED_PX = 0.05
 WIDEST = 2.0  # logarithm of one inverse depth over the other
+LEAST_MATCHED_PX = 0.66  # what moved less is far away because nothing was matched, whatever the camera did
 MOST_TAKEN = 0.5  # logarithm of the depth that a rotation may be said to have made
 
 _OWN = local()
@@ -141,7 +142,9 @@ def clues_of(
     if rotation is not None:
         mean -= rotated_flow(mean, rotation, camera)
         share = np.einsum("k,khw->hw", rotation, depth_errors(depth, direction, small)[:3])
-        depth = depth * np.exp(-share.clip(-MOST_TAKEN, MOST_TAKEN)).astype(np.float32)
+        moved_px = OUTPUT_STRIDE * np.linalg.norm(flow_of_depth(depth, direction, small), axis=2)
+        share = np.where(moved_px > LEAST_MATCHED_PX, share.clip(-MOST_TAKEN, MOST_TAKEN), 0)
+        depth = depth * np.exp(-share).astype(np.float32)
     inverse, leverage = inverse_depth(mean / OUTPUT_STRIDE, direction, small)
     inverse, leverage_px = np.maximum(inverse, 1e-9), OUTPUT_STRIDE * leverage
     along = OUTPUT_STRIDE * flow_of_depth((1 / inverse).astype(np.float32), direction, small)
