@@ -76,7 +76,7 @@ def test_its_flow_is_what_it_added(way):
 
 
 def test_depth_of_pairs_that_turned_a_little_is_better_by_it(monkeypatch):
-    """Rooms turned by 0.06 degrees, too little for corners to be sure of (which are not asked here): a sixth of the harm goes, and more."""
+    """Rooms turned by 0.06 degrees, corners not asked: a sixth of the harm goes, and more."""
     network = load_network("motion", threads=1)
     camera, errors = Camera.from_fov(256, 256, 90), {"still": [], "turned": [], "mended": []}
     for number, pair in enumerate(TestSet(Picture(256, 256, 256), PairRule(), scenes=8, seed=5)):
