@@ -6,9 +6,10 @@ import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.runtimes import alignment
-from flightdepth.runtimes.left_rotation import left_rotation, rotated_flow
+from flightdepth.runtimes.left_rotation import left_rotation, mended_depth, rotated_flow
 from flightdepth.runtimes.network import load_network
 from flightdepth.stillbox import PairRule, Picture, TestSet
+from flightdepth.triangulation import flow_of_depth, inverse_depth
 
 CAMERA = Camera.from_fov(256, 192, 80)
 SHAPE = (48, 64)
@@ -73,6 +74,23 @@ def test_its_flow_is_what_it_added(way):
     turned, still = flow_of(way, TURN), flow_of(way, (0, 0, 0))
     assert turned - rotated_flow(turned, TURN, CAMERA) == pytest.approx(still, abs=2e-3)
     assert np.abs(turned - still).max() > 0.1
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_depth_that_a_rotation_made_is_mended(way):
+    """Who takes the turned flow for parallax is off; mended, by a tenth of that at most, but for what hardly moved."""
+    rays = CAMERA.resized(*SHAPE[::-1]).rays()
+    depth = np.random.default_rng(0).uniform(3, 400, (*SHAPE, 1))
+    before = (rays * depth + np.array(way)) @ cv2.Rodrigues(TURN / 10)[0].T
+    flow = (before[..., :2] / before[..., 2:] - rays[..., :2]) * CAMERA.fx / 4
+    inverse, _ = inverse_depth(flow, way, CAMERA.resized(*SHAPE[::-1]))
+    taken, depth = np.clip(1 / inverse, 1, 1e4).astype(np.float32), depth[..., 0]
+    mended = mended_depth(taken, TURN / 10, np.array(way), CAMERA)
+    moved_px = 4 * np.linalg.norm(flow_of_depth(taken, way, CAMERA.resized(*SHAPE[::-1])), axis=2)
+    clear = moved_px > 2
+    assert np.abs(mended / depth - 1)[clear].mean() < 0.1 * np.abs(taken / depth - 1)[clear].mean()
+    hardly = moved_px < 0.66
+    assert (mended[hardly] == taken[hardly]).all() and hardly.mean() > 0.1
 
 
 def test_depth_of_pairs_that_turned_a_little_is_better_by_it(monkeypatch):

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.runtimes.contract import DEPTH, OUTPUT_STRIDE, SIGMA
-from flightdepth.runtimes.left_rotation import left_rotation, rotated_flow
+from flightdepth.runtimes.left_rotation import left_rotation, mended_depth, rotated_flow
 from flightdepth.sweep import motion_field, unit_direction
-from flightdepth.triangulation import depth_errors, flow_of_depth, inverse_depth
+from flightdepth.triangulation import flow_of_depth, inverse_depth
 from flightdepth.weights.card import NetworkCard
 
 Image = NDArray[np.uint8]
@@ -38,8 +38,6 @@ PATCH_PX, STRIDE_PX = 8, 6  # of the flow, at full size
 LEAST_SIGMA = 0.005  # of the depth
 LEAST_MOVED_PX = 0.05
 WIDEST = 2.0  # logarithm of one inverse depth over the other
-LEAST_MATCHED_PX = 0.66  # what moved less is far away because nothing was matched, whatever the camera did
-MOST_TAKEN = 0.5  # logarithm of the depth that a rotation may be said to have made
 
 _OWN = local()
 
@@ -141,10 +139,7 @@ def clues_of(
     rotation = left_rotation(mean, across_line, held, direction, camera)
     if rotation is not None:
         mean -= rotated_flow(mean, rotation, camera)
-        share = np.einsum("k,khw->hw", rotation, depth_errors(depth, direction, small)[:3])
-        moved_px = OUTPUT_STRIDE * np.linalg.norm(flow_of_depth(depth, direction, small), axis=2)
-        share = np.where(moved_px > LEAST_MATCHED_PX, share.clip(-MOST_TAKEN, MOST_TAKEN), 0)
-        depth = depth * np.exp(-share).astype(np.float32)
+        depth = mended_depth(depth, rotation, direction, camera)
     inverse, leverage = inverse_depth(mean / OUTPUT_STRIDE, direction, small)
     inverse, leverage_px = np.maximum(inverse, 1e-9), OUTPUT_STRIDE * leverage
     along = OUTPUT_STRIDE * flow_of_depth((1 / inverse).astype(np.float32), direction, small)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.epipolar import aside, lines
+from flightdepth.triangulation import depth_errors, flow_of_depth
 
 Maps = NDArray[np.float32]
 Values = NDArray[np.float64]
@@ -24,6 +25,8 @@ LEFT_RAD, ASTRAY_RAD = np.radians(0.03), np.radians(0.5)  # what is usually left
 TOGETHER = 9.0  # blocks err together: a rotation that much more than from independent ones
 LEAST_NOISE_PX = 0.02
 STEPS = 5
+LEAST_MATCHED_PX = 0.66
+MOST_TAKEN = 0.5  # logarithm of the depth that a rotation may be said to have made
 
 
 def left_rotation(
@@ -61,6 +64,19 @@ def rotated_flow(flow: Maps, rotation: Values, camera: Camera) -> Maps:
     toward = wx * y - wy * x
     made = [camera.fx * (wy - wz * y - x * toward), camera.fy * (wz * x - wx - y * toward)]
     return np.stack(made, axis=-1).reshape(flow.shape).astype(np.float32)
+
+
+def mended_depth(depth: Maps, rotation: Values, direction: NDArray[np.float64], camera: Camera) -> Maps:
+    """Depth [h, w], in displacements, without what a rotation of the earlier picture's rays made of it, to first order.
+
+    A point that moved by less than LEAST_MATCHED_PX is far because nothing was matched, whatever the camera did.
+    """
+    height, width = depth.shape
+    small = camera.resized(width, height)
+    moved_px = camera.width / width * np.linalg.norm(flow_of_depth(depth, direction, small), axis=2)
+    share = np.einsum("k,khw->hw", rotation, depth_errors(depth, direction, small)[:3])
+    share = np.where(moved_px > LEAST_MATCHED_PX, share.clip(-MOST_TAKEN, MOST_TAKEN), 0)
+    return np.asarray(depth * np.exp(-share), np.float32)
 
 
 def _rays(flow: Maps, camera: Camera) -> tuple[Values, Values]:
