@@ -289,7 +289,8 @@ def test_a_motion_network_finds_metres_through_any_lens(focal_px: float, pixels:
     # What was `pixels` farther right before came from there: the displacement points right.
     depth = network.depth(checkers(camera, -pixels), checkers(camera), [0.5 * way, 0.0, 0.0], camera)
     expected = focal_px * 0.5 / abs(pixels)
-    assert np.median(depth) == pytest.approx(expected, rel=1e-5)
+    # Aligning takes what it sees of a rotation out, here some 1e-6 of a radian.
+    assert np.median(depth) == pytest.approx(expected, rel=1e-4)
 
 
 def test_a_motion_network_tells_its_error_in_metres() -> None:
