@@ -73,6 +73,23 @@ def test_nothing_is_looked_at_again_where_all_is_within_reach(farthest_px: float
     assert len(runtime.calls) == 1
 
 
+def test_only_the_pair_that_moved_far_is_looked_at_again() -> None:
+    """The first of two pairs is the short one."""
+
+    class Second(Said):
+        def __call__(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+            said = super().__call__(inputs)
+            if len(said["depth_m"]) == 2:
+                said["depth_m"][0] = 64.0 * 0.3 / 4
+            return said
+
+    runtime = Second(at_128=(50.0, 5.0), at_64=(20.0, 3.0))
+    shifts, _ = moved_px(runtime, pairs=2)
+    assert runtime.calls == [(2, 128, 128), (1, 64, 64)]
+    np.testing.assert_allclose(shifts[0], 4.0, rtol=1e-5)
+    np.testing.assert_allclose(shifts[1, :, :14], 40.0, rtol=1e-5)
+
+
 def test_pictures_of_64_px_are_the_smallest() -> None:
     runtime = Said(at_128=(90.0, 90.0), at_64=(50.0, 50.0))
     moved_px(runtime)

@@ -29,19 +29,21 @@ def coarser_grid(card: NetworkCard, camera: Camera) -> NetworkGrid | None:
     return NetworkGrid(camera, filling_focal_px(camera, camera.fx / 2))
 
 
-def is_beyond_reach(card: NetworkCard, depth_m: Maps, valid: NDArray[np.bool_]) -> bool:
-    """Whether the output [n, h, w] says that enough of what is `valid` [h, w] moved too far."""
+def beyond_reach(card: NetworkCard, depth_m: Maps, valid: NDArray[np.bool_]) -> list[int]:
+    """Which of n pairs' outputs [n, h, w] say that enough of what is `valid` [h, w] moved too far."""
     near = (depth_m < _nearest_m(card)) & valid
-    return bool(near.sum() > FEW * near.size)
+    return [int(i) for i in np.flatnonzero(near.mean(axis=(1, 2)) > FEW)]
 
 
-def take_near(card: NetworkCard, output: dict[str, Maps], coarse: dict[str, Maps], grid: NetworkGrid) -> None:
-    """Write into `output` what `coarse`, on `grid`, says of the pixels that moved too far."""
-    n, height, width = output[DEPTH].shape
+def take_near(
+    card: NetworkCard, output: dict[str, Maps], far: list[int], coarse: dict[str, Maps], grid: NetworkGrid
+) -> None:
+    """Write into `output` what `coarse`, on `grid`, says of the pixels of the pairs `far` that moved too far."""
+    height, width = output[DEPTH].shape[1:]
     finer = np.float32(grid.camera.fx / grid.source.fx)
-    for i in range(n):
+    for k, i in enumerate(far):
         depth_m, sigma_m = (
-            finer * cv2.resize(grid.to_source(coarse[name][i]), (width, height), interpolation=cv2.INTER_AREA)
+            finer * cv2.resize(grid.to_source(coarse[name][k]), (width, height), interpolation=cv2.INTER_AREA)
             for name in (DEPTH, SIGMA)
         )
         near = depth_m < _nearest_m(card)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.runtimes.alignment import align
-from flightdepth.runtimes.coarser import coarser_grid, is_beyond_reach, take_near
+from flightdepth.runtimes.coarser import beyond_reach, coarser_grid, take_near
 from flightdepth.runtimes.contract import DEPTH, SIGMA, Arrays, Precision, Runtime
 from flightdepth.runtimes.devices import OPENVINO_DEVICES, on_cpu, open_runtime
 from flightdepth.runtimes.grid import NetworkGrid, check_image, filling_focal_px, wide_focal_px
@@ -143,7 +143,7 @@ class Network:
         return True
 
     def warm_up(self, camera: Camera, pairs: int = 1) -> None:
-        """Compile for batches of 1 to `pairs`, about 0.1 s each; a flight's first frames would wait.
+        """Compile for batches of 1 to `pairs`, a third of a second a size; a flight's first frames would wait.
 
         A batch that the device has no memory for is left: who flies finds out, and says so.
         """
@@ -160,12 +160,12 @@ class Network:
     ) -> dict[str, Maps]:
         """Outputs for pictures on `grid`; what moved too far there is seen in smaller ones."""
         output = self.runtime(self._batch(previous_n, current, displacements, grid.camera))
-        too_near = is_beyond_reach(self.card, output[DEPTH], grid.valid)
-        smaller = coarser_grid(self.card, grid.camera) if too_near else None
+        far = beyond_reach(self.card, output[DEPTH], grid.valid)
+        smaller = coarser_grid(self.card, grid.camera) if far else None
         if smaller is not None:
-            shrunk = [smaller.image(previous) for previous in previous_n]
-            coarse = self._look(shrunk, smaller.image(current), displacements, smaller)
-            take_near(self.card, output, coarse, smaller)
+            shrunk = [smaller.image(previous_n[i]) for i in far]
+            coarse = self._look(shrunk, smaller.image(current), displacements[far], smaller)
+            take_near(self.card, output, far, coarse, smaller)
         return output
 
     def _batch(
