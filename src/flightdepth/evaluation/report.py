@@ -13,7 +13,7 @@ from flightdepth.evaluation.report_pictures import gallery
 from flightdepth.evaluation.report_style import STYLE
 from flightdepth.evaluation.report_text import PLOT_TEXTS, lead, settings, table, verdicts
 
-PLOT_SETTINGS = {"displaylogo": False, "responsive": True}
+PLOT_SETTINGS = {"displayModeBar": False, "responsive": True}  # its buttons would lie over the legend
 
 
 def page(found: Mapping[str, Any]) -> str:

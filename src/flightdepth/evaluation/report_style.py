@@ -29,7 +29,8 @@ th, td { padding: 5px 9px; text-align: right; border-bottom: 1px solid var(--lin
 th { color: var(--soft); font-weight: 600; }
 th:first-child, td:first-child { text-align: left; }
 tbody tr:hover { background: #f4f8fc; }
-.claims { table-layout: fixed; min-width: 860px; }
+.claims { table-layout: fixed; min-width: 700px; }
+.claims td:nth-child(2) { white-space: normal; text-align: left; }
 .claims th:nth-child(1) { width: 130px; }
 .claims th:nth-child(3) { width: 110px; }
 .claims th:nth-child(4) { width: 170px; }
