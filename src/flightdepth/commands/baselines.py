@@ -30,7 +30,7 @@ SHEET_FRAMES = 3
 def baselines(
     flight: Annotated[Path, typer.Argument(metavar="FLIGHT", help="Stabilised video.")],
     *,
-    telemetry: Annotated[Path | None, typer.Option(metavar="LOG", help="Velocity log.")] = None,
+    telemetry: Annotated[Path | None, typer.Option(metavar="LOG", help="Flight log.")] = None,
     camera: Annotated[Path | None, typer.Option(metavar="FILE|NAME", help="As of `run`.")] = None,
     hfov: Annotated[float | None, typer.Option(metavar="DEG", help="Instead of --camera.")] = None,
     network: Annotated[

@@ -66,7 +66,10 @@ def run(
     *,
     telemetry: Annotated[
         Path | None,
-        typer.Option(metavar="LOG", help="Velocity log. Without it, the GPMF track inside the video."),
+        typer.Option(
+            metavar="LOG",
+            help="Flight log. Without it, the video's own track, or a log of the video's name beside it.",
+        ),
     ] = None,
     telemetry_offset: Annotated[
         str,

@@ -20,7 +20,7 @@ DEPTH_BINS = ((0.0, 15.0), (15.0, 30.0), (30.0, 60.0), (60.0, 120.0))
 def tracks(
     flight: Annotated[Path, typer.Argument(metavar="FLIGHT", help="Video of a flight straight ahead.")],
     *,
-    telemetry: Annotated[Path | None, typer.Option(metavar="LOG", help="Velocity log.")] = None,
+    telemetry: Annotated[Path | None, typer.Option(metavar="LOG", help="Flight log.")] = None,
     camera: Annotated[Path | None, typer.Option(metavar="FILE|NAME", help="As of `run`.")] = None,
     hfov: Annotated[float | None, typer.Option(metavar="DEG", help="Instead of --camera.")] = None,
     network: Annotated[str | None, typer.Option(metavar="NAME", help="Default: as `run`.")] = None,

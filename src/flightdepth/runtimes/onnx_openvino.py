@@ -62,7 +62,9 @@ class OpenVinoRuntime:
         check_inputs(self.architecture, inputs)
         contiguous = {name: np.ascontiguousarray(array) for name, array in inputs.items()}
         with self._lock:
-            request = self._request(tuple((name, (1, *array.shape[1:])) for name, array in contiguous.items()))
+            request = self._request(
+                tuple((name, (1, *array.shape[1:])) for name, array in contiguous.items())
+            )
             pairs = []
             for i in range(len(next(iter(contiguous.values())))):
                 pair = {name: array[i : i + 1] for name, array in contiguous.items()}
