@@ -26,7 +26,7 @@ def trained(seed, optimizer="adamw"):
     """A network, an average and an optimizer after two steps, in the memory layout that training uses."""
     torch.manual_seed(seed)
     network, averaged = (DepthNet(2).to(memory_format=torch.channels_last) for _ in range(2))
-    optimizer = optimizer_of(small_recipe(optimizer=optimizer), network)
+    optimizer = optimizer_of(small_recipe(), network, optimizer)
     for group in optimizer.param_groups:
         group["lr"] = 1e-3
     for _ in range(2):

@@ -177,6 +177,20 @@ def test_a_recipe_starts_from_a_stage_of_another(whole, tmp_path):
     assert [(each.name, seen) for each, seen in trained.stages] == [("a", 4 * BATCH), ("c", BATCH)]
 
 
+@pytest.mark.parametrize("steps", [1, 2, 3, 4])
+def test_a_stage_with_an_optimizer_of_its_own_is_resumed_exactly(tmp_path, steps):
+    recipe = small_recipe(stages=[stage("a", 2), stage("b", 2) | {"optimizer": "muon"}])
+    losses = run(tmp_path / "whole", recipe=recipe)
+    run(tmp_path / "cut", recipe=recipe, cut_after=steps)
+    run(tmp_path / "cut", recipe=recipe, resume=True)
+    assert checkpoint(tmp_path / "cut") == checkpoint(tmp_path / "whole")
+    by_adamw = small_recipe(stages=[stage("a", 2), stage("b", 2)])
+    others = run(tmp_path / "adamw", recipe=by_adamw)
+    # The first step of a stage sees what the one before learnt; the second what it learnt itself.
+    assert others[:3] == losses[:3]
+    assert others[3] != losses[3]
+
+
 @pytest.mark.parametrize("optimizer", ["sgd", "muon"])
 def test_other_optimizers_are_resumed_exactly(tmp_path, optimizer):
     recipe = small_recipe(optimizer=optimizer, stages=[stage("a", 3)])

@@ -30,7 +30,7 @@ from flightdepth.training.muon import Muon
 from flightdepth.training.network import built
 from flightdepth.training.precision import mixed_precision
 from flightdepth.training.processes import Share, any_says, mean_over, weigh_part
-from flightdepth.training.recipe import Recipe, Stage
+from flightdepth.training.recipe import OptimizerName, Recipe, Stage
 from flightdepth.training.run_folder import SHIPPED, parent_checkpoint, read_trained, stages_behind
 from flightdepth.training.schedule import learning_rate
 from flightdepth.weights.store import StoredNetwork, read_network, shipped_networks
@@ -56,7 +56,8 @@ class Learner:
         torch.manual_seed(recipe.seed)
         network = built(recipe)
         self.network: nn.Module = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.optimizer = optimizer_of(recipe, self.network)
+        self._optimizer_name = recipe.optimizers[0]
+        self.optimizer = optimizer_of(recipe, self.network, self._optimizer_name)
         self.averaged = copy.deepcopy(self.network).requires_grad_(False).eval()
 
     def restored(self, path: Path) -> Progress:
@@ -71,6 +72,9 @@ class Learner:
             )
         self.network.load_state_dict(read_weights(path, "network"))
         self.averaged.load_state_dict(read_weights(path, "averaged"))
+        # A stage that has not begun has the state of the one before.
+        self._optimizer_name = recipe.optimizers[max(progress.stage - (progress.sample == 0), 0)]
+        self.optimizer = optimizer_of(recipe, self.network, self._optimizer_name)
         read_optimizer(path, self.network, self.optimizer)
         return progress
 
@@ -144,8 +148,12 @@ class Learner:
         self.averaged.to(self.accelerator.device)
         self.average = MovingAverage(self.network, self.averaged, self.recipe.ema_decay)
 
-    def begin(self, stage: Stage) -> None:
+    def begin(self, number: int) -> None:
         """A stage begins, or goes on: what it does not train stays as it is, running statistics too."""
+        stage, name = self.recipe.stages[number], self.recipe.optimizers[number]
+        if name != self._optimizer_name:
+            self._optimizer_name, self.optimizer = name, optimizer_of(self.recipe, self.network, name)
+            self.stepper = self.accelerator.prepare(self.optimizer)
         self.model.train(not stage.only_last_look)
         self.network.requires_grad_(not stage.only_last_look)
         if stage.only_last_look:
@@ -192,12 +200,12 @@ class Learner:
         self.accelerator.wait_for_everyone()
 
 
-def optimizer_of(recipe: Recipe, network: nn.Module) -> optim.Optimizer:
+def optimizer_of(recipe: Recipe, network: nn.Module, name: OptimizerName) -> optim.Optimizer:
     """Before the first step; the learning rate is set step by step."""
     # Fused: half the time of the other forms of AdamW, on CPUs too.
     weights, decay = network.parameters(), recipe.weight_decay
-    if recipe.optimizer == "sgd":
+    if name == "sgd":
         return optim.SGD(weights, lr=0.0, momentum=SGD_MOMENTUM, weight_decay=decay, fused=True)
-    if recipe.optimizer == "muon":
+    if name == "muon":
         return Muon(network, lr=0.0, weight_decay=decay)
     return optim.AdamW(weights, lr=0.0, weight_decay=decay, fused=True)

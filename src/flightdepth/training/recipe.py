@@ -20,6 +20,9 @@ class _Strict(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+OptimizerName = Literal["adamw", "sgd", "muon"]
+
+
 class Stage(_Strict):
     """One stage of the curriculum: crops of `width` x `height` from pictures `full_width` pixels wide."""
 
@@ -42,6 +45,7 @@ class Stage(_Strict):
         default=0.0, ge=0, description="largest error of the direction of motion"
     )
     rotation_noise_deg: float = Field(default=0.0, ge=0, description="largest rotation that is not reported")
+    optimizer: OptimizerName | None = Field(default=None, description="instead of the recipe's")
 
     @property
     def picture(self) -> Picture:
@@ -86,7 +90,7 @@ class Recipe(_Strict):
         ge=0,
         description="an error at depth Z counts 1 + this / Z times: 10 m makes 5 m count threefold",
     )
-    optimizer: Literal["adamw", "sgd", "muon"] = Field(
+    optimizer: OptimizerName = Field(
         default="adamw", description="sgd: with momentum 0.9; muon: for kernels, with AdamW for the rest"
     )
     weight_decay: float = Field(ge=0)
@@ -103,6 +107,11 @@ class Recipe(_Strict):
     )
     scenes: StillBoxConfig = StillBoxConfig()
     stages: tuple[Stage, ...] = Field(min_length=1)
+
+    @property
+    def optimizers(self) -> tuple[OptimizerName, ...]:
+        """Of each stage; one that takes another than the stage before begins it anew."""
+        return tuple(stage.optimizer or self.optimizer for stage in self.stages)
 
     @property
     def rule(self) -> PairRule:
