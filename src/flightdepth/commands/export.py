@@ -91,11 +91,12 @@ def card_of(run: Trained, name: str) -> NetworkCard:
     recipe, config = run.recipe, run.recipe.scenes
     if not run.stages:
         raise BadInput(f"checkpoint {run.checkpoint}", expected="some training", got="none yet")
-    common = Stage.model_fields.keys() - {"focal_px", "samples"}
+    common = Stage.model_fields.keys() - {"focal_px", "samples", "optimizer"}
     stages = tuple(
         Stage(
             focal_px=round(config.focal_px(stage.full_width), 6),
             samples=seen,
+            optimizer=stage.optimizer or recipe.optimizer,
             **stage.model_dump(include=common),
         )
         for stage, seen in run.stages

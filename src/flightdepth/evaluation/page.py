@@ -66,7 +66,7 @@ def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str) -> str
                     f"{s.focal_px:g}",
                     f"{s.samples:,}",
                     s.batch,
-                    s.learning_rate,
+                    f"{s.learning_rate:g}" + ("" if s.optimizer == "adamw" else f" ({s.optimizer})"),
                 )
                 for s in card.stages
             ],

@@ -34,6 +34,7 @@ class Stage(BaseModel):
         default=0.0, ge=0, description="largest error of the direction of motion"
     )
     rotation_noise_deg: float = Field(default=0.0, ge=0, description="largest rotation that was not reported")
+    optimizer: str = "adamw"
 
 
 class NetworkCard(BaseModel):
