@@ -96,7 +96,7 @@ def card_of(run: Trained, name: str) -> NetworkCard:
         Stage(
             focal_px=round(config.focal_px(stage.full_width), 6),
             samples=seen,
-            optimizer=stage.optimizer or recipe.optimizer,
+            optimizer=recipe.optimizer_in(stage),
             **stage.model_dump(include=common),
         )
         for stage, seen in run.stages

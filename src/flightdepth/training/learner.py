@@ -56,7 +56,7 @@ class Learner:
         torch.manual_seed(recipe.seed)
         network = built(recipe)
         self.network: nn.Module = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self._optimizer_name = recipe.optimizers[0]
+        self._optimizer_name = recipe.optimizer_in(recipe.stages[0])
         self.optimizer = optimizer_of(recipe, self.network, self._optimizer_name)
         self.averaged = copy.deepcopy(self.network).requires_grad_(False).eval()
 
@@ -73,7 +73,8 @@ class Learner:
         self.network.load_state_dict(read_weights(path, "network"))
         self.averaged.load_state_dict(read_weights(path, "averaged"))
         # A stage that has not begun has the state of the one before.
-        self._optimizer_name = recipe.optimizers[max(progress.stage - (progress.sample == 0), 0)]
+        stage = recipe.stages[max(progress.stage - (progress.sample == 0), 0)]
+        self._optimizer_name = recipe.optimizer_in(stage)
         self.optimizer = optimizer_of(recipe, self.network, self._optimizer_name)
         read_optimizer(path, self.network, self.optimizer)
         return progress
@@ -148,9 +149,9 @@ class Learner:
         self.averaged.to(self.accelerator.device)
         self.average = MovingAverage(self.network, self.averaged, self.recipe.ema_decay)
 
-    def begin(self, number: int) -> None:
+    def begin(self, stage: Stage) -> None:
         """A stage begins, or goes on: what it does not train stays as it is, running statistics too."""
-        stage, name = self.recipe.stages[number], self.recipe.optimizers[number]
+        name = self.recipe.optimizer_in(stage)
         if name != self._optimizer_name:
             self._optimizer_name, self.optimizer = name, optimizer_of(self.recipe, self.network, name)
             self.stepper = self.accelerator.prepare(self.optimizer)

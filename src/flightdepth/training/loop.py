@@ -103,7 +103,7 @@ class _Run:
 
     def to_end(self, progress: Progress, path: Path, every_s: float) -> Progress:
         """Train from `progress` to the stage's last sample, or until told to stop."""
-        self.learner.begin(self.number)
+        self.learner.begin(self.stage)
         saved = began = self.clock()
         began_at, total = progress.seen, self._total(progress)
         share = self.learner.share

@@ -108,10 +108,9 @@ class Recipe(_Strict):
     scenes: StillBoxConfig = StillBoxConfig()
     stages: tuple[Stage, ...] = Field(min_length=1)
 
-    @property
-    def optimizers(self) -> tuple[OptimizerName, ...]:
-        """Of each stage; one that takes another than the stage before begins it anew."""
-        return tuple(stage.optimizer or self.optimizer for stage in self.stages)
+    def optimizer_in(self, stage: Stage) -> OptimizerName:
+        """One that is another than the stage's before is begun anew."""
+        return stage.optimizer or self.optimizer
 
     @property
     def rule(self) -> PairRule:
