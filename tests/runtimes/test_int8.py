@@ -7,7 +7,7 @@ from openvino import opset13 as ops
 
 from flightdepth.errors import BadInput
 from flightdepth.runtimes import load_network
-from flightdepth.runtimes.int8 import RangeMeter, largest_weight_step, to_int8
+from flightdepth.runtimes.int8 import RangeMeter, largest_weight_step, rounded_with_sum, to_int8
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 from flightdepth.weights.store import read_network
 
@@ -49,6 +49,31 @@ def test_what_bytes_can_say_is_exact(transposed, least, largest):
     to_int8(model, {"conv2.0.weight": (least, largest)})
     assert answer(model, picture) == pytest.approx(expected, rel=1e-5, abs=0.5)
     assert np.abs(expected).max() > 1e5 * step / 127
+
+
+@pytest.mark.parametrize("axes", [(1, 2, 3), (0, 2, 3)])
+def test_rounded_weights_keep_their_sum(axes):
+    """Each goes up or down by less than one, and whole numbers stay."""
+    values = np.random.default_rng(0).normal(0, 40, (5, 6, 3, 3)).astype(np.float32)
+    values[:, :, 0] = np.round(values[:, :, 0])
+    rounded = rounded_with_sum(values, axes)
+    assert np.array_equal(rounded, np.round(rounded))
+    assert np.abs(rounded - values).max() < 1
+    assert np.array_equal(rounded[:, :, 0], values[:, :, 0])
+    assert np.abs((rounded - values).sum(axis=axes)).max() <= 0.5 + 1e-3
+    assert np.abs((np.round(values) - values).sum(axis=axes)).max() > 0.7
+
+
+def test_what_is_smooth_is_not_shifted_by_rounded_weights():
+    """A flat picture through kernels of 600 weights: within half a step, where each rounded alone is off by many."""
+    rng, step = np.random.default_rng(0), largest_weight_step()
+    weights = rng.normal(0, 1, (16, 66, 3, 3)).astype(np.float32)
+    model = graph(weights)
+    picture = np.full((1, 66, 8, 8), 255.0, np.float32)
+    expected = answer(model, picture)[0, :, 4, 4]
+    to_int8(model, {"conv2.0.weight": (0.0, 255.0)})
+    steps = 255 * np.abs(weights).max(axis=(1, 2, 3)) / step
+    assert np.abs((answer(model, picture)[0, :, 4, 4] - expected) / steps).max() < 0.55
 
 
 def test_the_largest_bytes_do_not_overflow():
