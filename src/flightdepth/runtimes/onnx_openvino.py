@@ -16,6 +16,7 @@ from flightdepth.processor import openvino_core
 from flightdepth.runtimes.block_means import by_convolution
 from flightdepth.runtimes.contract import Arrays, Precision, architecture_of, check_inputs
 from flightdepth.runtimes.int8 import Ranges, to_int8
+from flightdepth.runtimes.precise import precise_differences
 
 # Picture sizes, and those of coarser looks; an older one is compiled again when it returns.
 SHAPES_KEPT = 8
@@ -43,7 +44,9 @@ class OpenVinoRuntime:
         self._model, self.architecture = open_graph(onnx)
         if precision == "int8":
             to_int8(self._model, ranges or {})
-        if precision != "bf16":
+        if precision == "bf16":
+            self._model = precise_differences(self._model)
+        else:
             by_convolution(self._model)
         self._outputs = [port.any_name for port in self._model.outputs]
         # The precision is always said: OpenVINO takes bf16 by itself where the CPU has it.
