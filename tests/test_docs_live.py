@@ -45,7 +45,7 @@ def test_the_recorded_flight_plays(monkeypatch, capsys, save_difference_network)
 @pytest.mark.parametrize(
     ("more", "expected"),
     [
-        ([], "one of them"),
+        ([], "Give --telemetry LOG or --mavlink LINK."),
         (["--mavlink", "udpin:0.0.0.0:14550", "--telemetry", "telemetry.csv"], "one of them"),
         (["--telemetry", "telemetry.csv", "--obstacles"], "--dry-run"),
         (["--telemetry", "telemetry.csv", "--camera-delay-ms", "-1"], "0 to 10000"),

@@ -28,7 +28,16 @@ class Flight:
         self.monitor = HealthMonitor(ns(start_s))
 
     def fly(
-        self, seconds, *, pictures=True, changed=True, results=True, no_depth=None, velocity=True, age=30
+        self,
+        seconds,
+        *,
+        pictures=True,
+        changed=True,
+        results=True,
+        no_depth=None,
+        doubt=None,
+        velocity=True,
+        age=30,
     ):
         """The health after each frame's time; what is off does not happen meanwhile."""
         healths = []
@@ -42,7 +51,7 @@ class Flight:
             if pictures and changed:
                 self.monitor.changed(now)
             if pictures and results:
-                self.monitor.result(now, no_depth=no_depth, age_ms=age)
+                self.monitor.result(now, no_depth=no_depth, age_ms=age, doubt=doubt)
             healths.append(self.monitor.judge(now))
         return healths
 
@@ -146,6 +155,12 @@ def test_one_frame_without_depth_is_no_trouble(flight):
     for _ in range(5):
         assert flight.fly(2 * FRAME_S, no_depth="hovering: 0 m")[-1].state is State.OK
         assert flight.fly(0.3)[-1].state is State.OK
+
+
+def test_telemetry_that_the_pictures_deny_is_told_at_once(flight):
+    denied = "the pictures deny the log's direction: 90 degrees off"
+    assert flight.noticed_s(State.DEGRADED, denied, doubt=denied) < 2 * FRAME_S
+    assert flight.fly(1)[-1].state is State.OK
 
 
 def test_flickering_trouble_does_not_flicker_in_the_state(flight):

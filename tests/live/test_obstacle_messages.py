@@ -171,7 +171,10 @@ def test_what_is_wanting_for_obstacles_is_told() -> None:
     """All was unknown, and the state said that all was well."""
     told = feed()
     told.take(live_result(NS_PER_S, result(wall(camera_attitude(), 10.0)), body=None))
-    assert told.lacking == "obstacles are unknown: nobody tells the drone's heading"
+    assert (
+        told.lacking
+        == "obstacles are unknown: nobody tells the drone's heading (a camera screwed to it: --mount fixed)"
+    )
     told.take(live_result(2 * NS_PER_S, result(wall(camera_attitude(), 10.0))))
     assert told.lacking is None
 

@@ -1,14 +1,19 @@
 """What `flightdepth live` puts together; nothing is opened."""
 
+import shutil
 from contextlib import ExitStack
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 from live_peers import free_port
 
-from flightdepth.commands.live_session import Session
+from flightdepth.commands.demo import LOG, VIDEO
+from flightdepth.commands.live_session import Session, played_log
 from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.precision_option import NetworkPrecision
+from flightdepth.errors import BadInput
+from flightdepth.live.video_address import video_address
 
 
 @pytest.fixture
@@ -59,3 +64,20 @@ def test_how_far_obstacles_are_seen_is_that_of_the_pictures_that_come(session, s
     """It was that of 640x360, whatever the stream showed."""
     camera = session.lens.at(*size)
     assert session._sight(camera).focal_px == pytest.approx(session.network.grid(camera).camera.fx, rel=0.02)
+
+
+def test_a_recorded_flight_is_played_with_its_own_log(session, tmp_path):
+    """As `run` finds it: inside the video, or beside it under its name."""
+    shutil.copy(VIDEO, tmp_path / "v.mp4")
+    shutil.copy(LOG, tmp_path / "v.csv")
+    given = replace(session.settings, mavlink=None, video=str(tmp_path / "v.mp4"), telemetry_offset=0.5)
+    own = played_log(given, video_address(given.video))
+    told = played_log(replace(given, telemetry=LOG), video_address(given.video))
+    assert [each.stamp_ns for each in own.samples] == [each.stamp_ns for each in told.samples]
+    assert own.samples[0].stamp_ns == 500_000_000
+
+
+def test_a_stream_has_no_log_of_its_own(session):
+    stream = replace(session.settings, mavlink=None)
+    with pytest.raises(BadInput, match="one of them, for the drone's velocity, got neither"):
+        played_log(stream, video_address(stream.video))

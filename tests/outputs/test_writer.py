@@ -108,7 +108,7 @@ def test_the_record_says_what_was_run_and_dropped(tmp_path):
     assert record.source == SOURCE
     assert record.counts.dropped == {"damaged frames": 2}
     assert record.counts.frames_without_depth == {"hovering": 1}
-    assert record.notes == ("taken not to turn",)
+    assert record.notes == ("taken not to turn (1 frame)",)
 
 
 def test_the_preview_has_every_frame(tmp_path):

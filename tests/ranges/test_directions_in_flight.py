@@ -52,9 +52,20 @@ def flown(velocity, frame, *, attitude=None, pictures=picture):
 
 
 def test_a_velocity_in_the_camera_s_frame_is_taken_as_it_is():
-    network, _ = flown([0.6, 0.8, 0.0], "camera")
+    network, result = flown([0.6, 0.8, 0.0], "camera", pictures=blank)
     units = [moved / np.linalg.norm(moved) for moved in network.displacements]
     assert np.allclose(units, [0.6, 0.8, 0.0])
+    assert result.doubt is None
+
+
+def test_a_log_that_the_pictures_deny_is_not_followed():
+    """Flown to the right, told as downwards and to the right: after a quarter of a second the pictures direct."""
+    network, result = flown([0.6, 0.8, 0.0], "camera")
+    units = [moved / np.linalg.norm(moved) for moved in network.displacements]
+    assert np.allclose(units[:3], [0.6, 0.8, 0.0])
+    assert np.degrees(np.arccos(np.clip(np.array(units[3:]) @ [1.0, 0.0, 0.0], -1, 1))).max() < 3
+    assert "it is 53 degrees off" in result.doubt
+    assert np.nanmedian(result.depth_m) == pytest.approx(96 * 0.1 / 3, rel=0.25)
 
 
 def test_a_world_velocity_is_turned_into_the_camera():

@@ -189,7 +189,7 @@ def test_hovering_is_unknown_not_far() -> None:
     still = (0.02, 0.0, 0.0)
     result = fly(MultiRangeEstimator(Oracle(wall(40), straight(still)), CAMERA), still, range(90))[-1]
     assert result.reason is not None
-    assert result.reason.startswith("hovering: flown 0.06 m in 3.0 s")
+    assert result.reason.startswith("hovering: flown 0.06 m in 2.97 s")
     assert np.isnan(result.farther_than_m).all()
 
 

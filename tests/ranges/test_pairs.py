@@ -115,8 +115,8 @@ def test_a_direction_is_looked_for_over_a_longer_baseline() -> None:
     buffered = frames(20)
     lines = lines_of([[0.1 * (20 - index), 0, 0] for index in range(20)])
     pairs = pick(lines, buffered, 20, np.array([0.2, 0.4]), np.array([1.0, 2.0]))
-    ((looked_at, served),) = seen_from(lines, buffered, pairs)
-    assert [frame.index for frame in looked_at] == [20 - 6, 20 - 4]
+    ((looked_at, served),) = seen_from(lines, buffered, 20, pairs)
+    assert [pair.shift for pair in looked_at] == [6, 4]
     assert [pair.shift for pair in served] == [2, 4]
 
 
@@ -127,8 +127,8 @@ def test_frames_from_before_a_bend_tell_no_direction() -> None:
     buffered = frames(len(path))
     lines = lines_of([here - np.array(place) for place in path])
     pairs = pick(lines, buffered, len(path), np.array([0.2, 1.0]), np.array([1.0, 2.0]))
-    groups = seen_from(lines, buffered, pairs)
+    groups = seen_from(lines, buffered, len(path), pairs)
     assert len(groups) == 2
     for looked_at, served in groups:
         after_the_bend = max(pair.length_m for pair in served) < 0.3
-        assert all((frame.index >= 9) == after_the_bend for frame in looked_at)
+        assert all((pair.previous.index >= 9) == after_the_bend for pair in looked_at)

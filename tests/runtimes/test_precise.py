@@ -29,7 +29,11 @@ def differences():
 
 def test_absolute_values_carry_the_mark_and_nothing_else_does():
     model = precise_differences(differences())
-    marked = {node.get_type_name() for node in model.get_ops() if "DisablePrecisionConversion_0" in list(node.get_rt_info().keys())}
+    marked = {
+        node.get_type_name()
+        for node in model.get_ops()
+        if "DisablePrecisionConversion_0" in list(node.get_rt_info().keys())
+    }
     assert marked == {"Abs"}
 
 

@@ -24,7 +24,11 @@ def live(
         ),
     ] = None,
     telemetry: Annotated[
-        Path | None, typer.Option(metavar="LOG", help="A recorded log, played beside a video file.")
+        Path | None,
+        typer.Option(
+            metavar="LOG",
+            help="A recorded log, played beside a video file. Default: the one inside it (GoPro), or of its name.",
+        ),
     ] = None,
     telemetry_offset: Annotated[
         float, typer.Option(metavar="S", help="Seconds added to the log's times.")

@@ -15,7 +15,9 @@ from types import FrameType
 from flightdepth.camera import Camera
 from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.terminal import say, warn
+from flightdepth.errors import BadInput
 from flightdepth.flight.gimbal import looking
+from flightdepth.flight.open import own_telemetry
 from flightdepth.flight.records import NS_PER_S, Telemetry
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.video import Video
@@ -32,7 +34,7 @@ from flightdepth.live.obstacles import ObstacleSettings, Sight
 from flightdepth.live.page import Page, PageServer
 from flightdepth.live.recorder import Recorder
 from flightdepth.live.status import LiveStatus
-from flightdepth.live.video_address import video_address
+from flightdepth.live.video_address import VideoAddress, video_address
 from flightdepth.live.video_input import VideoInput, VideoListener
 from flightdepth.runtimes.network import Network, load_network, nearest_network
 
@@ -63,7 +65,7 @@ class Session:
         stage = DepthStage(
             self.network, self.lens, self.store, ranges=settings.ranges, fixed=fixed, turns=turns
         )
-        self.log = played_log(settings)
+        self.log = played_log(settings, self.address)
         if self.address.paced:  # a file must not run on while the network is prepared
             with Video(Path(self.address.target)) as first:
                 stage.prepare(*first.size)
@@ -166,11 +168,19 @@ class Session:
         return self.link.write
 
 
-def played_log(settings: LiveSettings) -> Telemetry | None:
-    """The log of --telemetry on the video's clock; None where an autopilot tells the velocity."""
-    if settings.telemetry is None:
+def played_log(settings: LiveSettings, address: VideoAddress) -> Telemetry | None:
+    """The log of --telemetry, or a video file's own, on its clock; None where an autopilot tells the velocity."""
+    if settings.mavlink is not None:
         return None
-    return read_telemetry(settings.telemetry).later_by(round(settings.telemetry_offset * NS_PER_S))
+    if settings.telemetry is not None:
+        log = read_telemetry(settings.telemetry)
+    elif address.paced:
+        log, _ = own_telemetry(Path(address.target), mend="Give --telemetry LOG or --mavlink LINK.")
+    else:
+        raise BadInput(
+            "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="neither"
+        )
+    return log.later_by(round(settings.telemetry_offset * NS_PER_S))
 
 
 @contextmanager

@@ -43,10 +43,9 @@ class LiveSettings:
     duration: float | None
 
     def __post_init__(self) -> None:
-        if (self.mavlink is None) == (self.telemetry is None):
-            got = "neither" if self.mavlink is None else "both"
+        if self.mavlink is not None and self.telemetry is not None:
             raise BadInput(
-                "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got=got
+                "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="both"
             )
         if not (math.isfinite(self.camera_delay_ms) and 0 <= self.camera_delay_ms < 10_000):
             raise BadInput("--camera-delay-ms", expected="0 to 10000", got=str(self.camera_delay_ms))

@@ -195,9 +195,11 @@ def choose_telemetry(
     if speed_m_s is not None:
         forward_velocity(0, speed_m_s)  # refuses a speed that is not one, before the first frame
         return None, False
-    log = read_gpmf(video.path) if telemetry is None else read_telemetry(Path(telemetry))
-    inside = telemetry is None and log is not None
-    log = read_telemetry(log_beside(video.path)) if log is None else log
+    inside = False
+    if telemetry is None:
+        log, inside = own_telemetry(video.path, mend=NO_TELEMETRY)
+    else:
+        log = read_telemetry(Path(telemetry))
     if offset_s == AUTO:
         return log, inside  # moved once the camera is known
     log = log.later_by(round(offset_s * NS_PER_S)) if offset_s else log
@@ -205,14 +207,24 @@ def choose_telemetry(
     return log, inside
 
 
-def log_beside(video: Path) -> Path:
+def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:
+    """The log inside a video, or else the one beside it, and whether it is the one inside.
+
+    Raises:
+        BadInput: there is none; `mend` says what to do then.
+    """
+    inside = read_gpmf(video)
+    return (read_telemetry(log_beside(video, mend)), False) if inside is None else (inside, True)
+
+
+def log_beside(video: Path, mend: str) -> Path:
     """The one log that has the video's name but for its ending, as DJI's cameras write it."""
     others = (path for path in video.parent.iterdir() if path.stem == video.stem and path.name != video.name)
     logs = sorted(path for path in others if path.is_file() and is_log(path))
     if len(logs) == 1:
         return logs[0]
     got = "none inside the video" + (f", and beside it {', '.join(p.name for p in logs)}" if logs else "")
-    raise BadInput(f"telemetry of {video}", expected="a velocity", got=got, mend=NO_TELEMETRY)
+    raise BadInput(f"telemetry of {video}", expected="a velocity", got=got, mend=mend)
 
 
 def synchronised(video: Video, camera: Camera, log: Telemetry) -> tuple[Telemetry, ClockOffset]:

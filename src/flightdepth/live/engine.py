@@ -199,7 +199,8 @@ class LiveEngine:
             self._ages.add(ready_ns, age_ms)
             if staged.changed:
                 self._monitor.changed(ready_ns)
-            self._monitor.result(ready_ns, no_depth=staged.depth.reason, age_ms=age_ms)
+            depth = staged.depth
+            self._monitor.result(ready_ns, no_depth=depth.reason, age_ms=age_ms, doubt=depth.doubt)
 
     def _publish(self, staged: Staged, picture: Picture, ready_ns: int) -> None:
         motion = self._store.at(picture.stamp_ns)

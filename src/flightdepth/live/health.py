@@ -52,6 +52,7 @@ class HealthMonitor:
         self._result_ns: int | None = None
         self._depth_ns = start_ns
         self._no_depth: str | None = None
+        self._doubt: str | None = None
         self._lacking: str | None = None
         self._age_ms = self._pictures_hz = self._results_hz = 0.0
 
@@ -85,9 +86,10 @@ class HealthMonitor:
         """The autopilot's clock began again."""
         self._reboot_ns = now_ns
 
-    def result(self, now_ns: int, *, no_depth: str | None, age_ms: float) -> None:
-        """A result stood; `no_depth` says why it holds none."""
+    def result(self, now_ns: int, *, no_depth: str | None, age_ms: float, doubt: str | None = None) -> None:
+        """A result stood; `no_depth` says why it holds none, `doubt` what speaks against the telemetry."""
         self._result_ns, self._no_depth, self._age_ms, self._refused = now_ns, no_depth, age_ms, None
+        self._doubt = doubt
         if no_depth is None:
             self._depth_ns = now_ns
 
@@ -146,6 +148,7 @@ class HealthMonitor:
             (velocity_ns is None, silent),
             (late_ns > limits.late_ns, late),
             (now_ns - self._depth_ns > limits.no_depth_ns, self._no_depth),
+            (True, self._doubt),
             (
                 0 < results_hz < min(limits.slow_hz, pictures_hz / 2),
                 f"{SLOW}: {results_hz:.1f} results a second of {pictures_hz:.0f} pictures;"

@@ -20,6 +20,7 @@ from flightdepth.motion import NED_FROM_CAMERA, Vector, rotation_from_quaternion
 RATE_HZ = 15.0  # PX4 was tested with 10 Hz at 4 m/s; both autopilots give up after half a second
 HEARTBEAT_NS = NS_PER_S
 BLIND = "obstacles are unknown"
+FIXED_HEADING = " (a camera screwed to it: --mount fixed)"
 
 Write = Callable[[bytes], object]
 
@@ -78,7 +79,8 @@ class ObstacleFeed:
         heading = self._heading(result)
         unknown = {"camera's attitude": result.world_from_camera, "drone's heading": heading}
         wanting = " and the ".join(what for what, told in unknown.items() if told is None)
-        self._lacking = f"{BLIND}: nobody tells the {wanting}" if wanting else None
+        mend = FIXED_HEADING if heading is None and result.world_from_camera is not None else ""
+        self._lacking = f"{BLIND}: nobody tells the {wanting}{mend}" if wanting else None
         sectors = self._obstacles.add(
             result.stamp_ns,
             result.depth,

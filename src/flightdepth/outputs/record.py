@@ -86,6 +86,11 @@ def grouped(reasons: Iterable[str]) -> Counter[str]:
     return found
 
 
+def counted(notes: Iterable[str]) -> tuple[str, ...]:
+    """Each note once, with its number of frames."""
+    return tuple(f"{note} ({frames} frame{'s' * (frames > 1)})" for note, frames in grouped(notes).items())
+
+
 def _span(numbers: Sequence[str]) -> str:
     least, most = min(numbers, key=float), max(numbers, key=float)
     return least if least == most else f"{least} to {most}"
@@ -100,7 +105,9 @@ class FlightRecord(BaseModel):
     source: Source
     depth: DepthScaleNote
     counts: Counts
-    notes: tuple[str, ...] = Field(default=(), description="assumptions behind the depth")
+    notes: tuple[str, ...] = Field(
+        default=(), description="assumptions behind the depth, and of how many frames"
+    )
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,15 @@ from flightdepth.outputs.frame_table import COLUMNS, FrameRow, cells_of, rows_fr
 from flightdepth.outputs.poses import COLUMNS as POSE_COLUMNS
 from flightdepth.outputs.poses import FramePose, pose_cells
 from flightdepth.outputs.preview import Preview
-from flightdepth.outputs.record import Counts, DepthFormat, DepthScaleNote, FlightRecord, Source, Summary
+from flightdepth.outputs.record import (
+    Counts,
+    DepthFormat,
+    DepthScaleNote,
+    FlightRecord,
+    Source,
+    Summary,
+    counted,
+)
 from flightdepth.outputs.table_file import TableFile
 from flightdepth.ranges.result import RangedDepth
 
@@ -64,7 +72,7 @@ class FlightWriter:
     ) -> None:
         check_target(target)
         self._target, self._source, self._preview, self._format = target, source, preview, depth_format
-        self._notes: dict[str, None] = {}  # a set in order
+        self._notes: list[str] = []  # of all frames
         self._dropped: dict[str, int] = {}
         self._saturated_pixels = 0
 
@@ -106,7 +114,7 @@ class FlightWriter:
         self._rows.add(cells_of(FrameRow.of(frame, result)))
         if pose is not None:
             self._poses.add(pose_cells(pose))
-        self._notes.update(dict.fromkeys(result.notes))
+        self._notes += result.notes if result.doubt is None else (*result.notes, result.doubt)
         for thread in self._threads:
             thread.put(Item(frame, result))
 
@@ -144,13 +152,14 @@ class FlightWriter:
         self._poses.finish()
         rows = rows_from_csv((self._folder / TABLE).read_text(encoding="utf-8"))
         counts = Counts.of(rows, self._dropped, self._saturated_pixels)
-        self._summary = Summary.of(rows, counts, tuple(self._notes))
+        notes = counted(self._notes)
+        self._summary = Summary.of(rows, counts, notes)
         record = FlightRecord(
             flightdepth=version("flightdepth"),
             source=self._source,
             depth=DepthScaleNote(format=self._format),
             counts=counts,
-            notes=tuple(self._notes),
+            notes=notes,
         )
         write_atomic(self._folder / RECORD, (record.model_dump_json(indent=2) + "\n").encode())
 

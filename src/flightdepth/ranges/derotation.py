@@ -18,10 +18,10 @@ import numpy as np
 from flightdepth.camera import Camera
 from flightdepth.epipolar import aside, lines
 from flightdepth.motion import Vector, rotation_angle_rad
-from flightdepth.ranges.direction import direction_of
+from flightdepth.ranges.direction import direction_of, rays_of
 from flightdepth.ranges.network import Image
 from flightdepth.ranges.pairs import Frame, Pair
-from flightdepth.ranges.tracks import Tracker, in_grey, tracked_rays
+from flightdepth.ranges.tracks import Tracker, tracked_rays
 from flightdepth.ranges.turning import turned
 
 FEWEST_POINTS = 12
@@ -33,8 +33,6 @@ STRAIGHT_RAD = np.radians(0.2)  # what is linear at the start stays so that far
 CLOSE, CLOSE_ENOUGH = 1.0, 0.01  # squares of a deviation, and of a tenth of one
 CAUCHY = 2.0  # a point this many deviations off has half the weight
 LEAST_NOISE_PX = 0.05
-# Up to such a turn points are followed as well in pictures that are not turned back.
-TURNS_PATCHES_RAD = np.radians(1)
 # Neighbouring tracks err together: measured errors are this many times those of independent points.
 TOGETHER = 2.5
 # Errors of depth in rooms agree with this share of the deviations so told, wherever in the picture (docs/log.md).
@@ -97,7 +95,7 @@ class Derotation:
         return tuple(self._without_remainder(pair, current, seen=seen) for pair in pairs)
 
     def _without_remainder(self, pair: Pair, current: Frame, *, seen: bool) -> Pair:
-        now, before = self._rays(pair, current)
+        now, before = rays_of(pair, current, self._tracker)
         known = pair.directed or seen
         direction = pair.displacement_m if known else self._direction(now, before)
         if direction is None:
@@ -114,15 +112,6 @@ class Derotation:
     def _direction(self, now: Vector, before: Vector) -> Vector | None:
         found = direction_of(now, before, self._camera.fx)
         return None if found is None else found.unit
-
-    def _rays(self, pair: Pair, current: Frame) -> tuple[Vector, Vector]:
-        """Rays [N, 3] of corners now, and before in the current orientation as far as that is reported."""
-        turn, image = pair.current_from_previous, pair.previous.image
-        if pair.turn_rad > TURNS_PATCHES_RAD:
-            return self._tracker.rays(turned(in_grey(image), turn, self._camera), current.image)
-        now, before = self._tracker.rays(image, current.image)
-        before = before @ turn.T
-        return now, before / before[:, 2:]
 
 
 def derotated(

@@ -1,4 +1,4 @@
-"""The direction of motion from two pictures of a camera that did not turn, where no log tells it.
+"""The direction of motion from two pictures whose turn is known, or none, where no log tells it, or a wrong one.
 
 A static point seen on the rays x1 (now) and x2 (before) moved in the plane that holds both rays and the
 displacement d: d . (x1 x x2) = 0 (the essential constraint without rotation; Hartley and Zisserman, 9.6).
@@ -48,16 +48,18 @@ class SeenDirections:
         self._last: tuple[int, Vector, Vector] | None = None  # stamp, world displacement, unit in camera axes
 
     def of(self, served: Sequence[Served], current: Frame) -> tuple[Pair, ...]:
-        """The pairs whose direction is seen, or was a moment ago; shortest shift first."""
+        """The pairs whose direction is seen, or was a moment ago; shortest shift first. No log directs them."""
         found: list[Pair] = []
-        for frames, pairs in served:
-            unit = self._seen(frames, pairs[0].displacement_m, current)
+        for through, pairs in served:
+            unit = self._seen(through, pairs[0].displacement_m, current)
             if unit is not None:
-                found += [replace(pair, displacement_m=unit * pair.length_m) for pair in pairs]
+                found += [
+                    replace(pair, displacement_m=unit * pair.length_m, directed=False) for pair in pairs
+                ]
         return tuple(sorted(found, key=lambda pair: pair.shift))
 
-    def _seen(self, frames: Sequence[Frame], world_m: Vector, current: Frame) -> Vector | None:
-        tries = (self._direction(frame, current) for frame in frames)
+    def _seen(self, through: Sequence[Pair], world_m: Vector, current: Frame) -> Vector | None:
+        tries = (self._direction(pair, current) for pair in through)
         found = next((each for each in tries if each is not None), None)
         if found is not None:
             self._last = current.stamp_ns, world_m, found.unit
@@ -66,9 +68,15 @@ class SeenDirections:
             return None
         return self._last[2] if same_way(self._last[1][None], world_m)[0] else None
 
-    def _direction(self, previous: Frame, current: Frame) -> Direction | None:
-        now, before = self._tracker.rays(previous.image, current.image)
+    def _direction(self, pair: Pair, current: Frame) -> Direction | None:
+        now, before = rays_of(pair, current, self._tracker)
         return direction_of(now, before, self._focal_px)
+
+
+def rays_of(pair: Pair, current: Frame, tracker: Tracker) -> tuple[Vector, Vector]:
+    """Rays [N, 3] of corners now, and before in the current orientation as far as that is known."""
+    image, turn = pair.previous.image, pair.current_from_previous
+    return tracker.rays_turned(image, current.image, turn, pair.turn_rad)
 
 
 def estimate_direction(previous: Image, current: Image, camera: Camera) -> Direction | None:

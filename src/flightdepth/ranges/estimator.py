@@ -21,10 +21,11 @@ from flightdepth.ranges.direction import SeenDirections
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fallback import OnGridOf
 from flightdepth.ranges.fusion import Fused, Fusion, fuse, within_reach
+from flightdepth.ranges.log_check import LogCheck
 from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.motion_error import widened
 from flightdepth.ranges.network import DepthNetwork, Image, Map
-from flightdepth.ranges.pairs import Baselines, Frame, FrameBuffer, Pair, baselines, pick, seen_from
+from flightdepth.ranges.pairs import Baselines, Frame, FrameBuffer, Pair, Served, baselines, pick, seen_from
 from flightdepth.ranges.plan import Planner
 from flightdepth.ranges.repeats import Repeats
 from flightdepth.ranges.result import RangedDepth
@@ -37,6 +38,10 @@ from flightdepth.weights.card import NetworkCard
 MAX_RANGES = 4
 NO_DIRECTION = "direction of motion unknown: no log tells it, and too few tracked points do"
 FALLEN_BACK = "frames without a direction of motion: depth by {}, rough, its confidence is no chance"
+DENIED = (
+    "the pictures deny the log's direction of motion, and are followed: it is {:.0f} degrees off;"
+    " are its velocities north, east, down, is it of this clock, and is the camera mounted as it says?"
+)
 NON_ROTATING = "camera-frame velocity without attitude: the camera is taken not to turn"
 
 
@@ -60,7 +65,8 @@ class MultiRangeEstimator:
     The attitude must be the camera's (of the gimbal, not of the body): where it is known at both frames,
     the earlier picture is turned into the current orientation before the network sees it. Give none for
     pictures that are already stabilised. What small rotation no log reports is seen in each pair's pictures
-    and taken out, and so is an error of the direction, unless `derotate` is False.
+    and taken out, and so is an error of the direction, unless `derotate` is False. Where the pictures deny the log's
+    direction altogether, they are followed, and a note says so.
 
     With one range and `turns` of 2, successive frames look at the near and at the far cluster in turn: each depth
     knows less, two in a row know as much as of two ranges. For who joins them himself (live.obstacle_memory).
@@ -112,6 +118,7 @@ class MultiRangeEstimator:
         self._span_ns = round(buffer_s * 1e9)
         self._last_ns: int | None = None
         self._frames_given = 0
+        self._denied = False  # the log's direction, by the pictures of the last frame
 
     @property
     def ranges(self) -> int:
@@ -182,6 +189,7 @@ class MultiRangeEstimator:
         self._averaged_ns: int | None = None  # stamp of the last depth that the average holds
         tracker = Tracker(camera)
         self._directions, self._derotation = SeenDirections(camera, tracker), Derotation(camera, tracker)
+        self._log_check = LogCheck(camera, tracker)
 
     def forget_frames(self) -> None:
         """Pair what comes with none of the frames so far: some of them may be damaged, or of another flight."""
@@ -236,8 +244,11 @@ class MultiRangeEstimator:
         if lines.reason is not None:
             return lines.reason
         pairs = self._picked(lines, frames, current, self._first)
+        through = seen_from(lines, frames, current.index, pairs)
+        if self._is_denied(pairs, through, current):
+            pairs = tuple(replace(pair, directed=False) for pair in pairs)
         if self._network.card.knows_direction and not all(pair.directed for pair in pairs):
-            pairs = self._directions.of(seen_from(lines, frames, pairs), current)
+            pairs = self._directions.of(through, current)
         if pairs:
             return pairs, self._first
         if self._open_fallback is None:
@@ -251,6 +262,15 @@ class MultiRangeEstimator:
             planner = self._planner_of(network.card, ranges=self.ranges, sides=sides_of(self._camera))
             self._fallback = Seer(network, network.card, planner)
         return self._picked(lines, frames, current, self._fallback), self._fallback
+
+    def _is_denied(self, pairs: Sequence[Pair], through: Sequence[Served], current: Frame) -> bool:
+        """Whether the pictures contradict the direction that a log tells of these pairs."""
+        self._denied = (
+            self._derotate
+            and all(pair.directed for pair in pairs)
+            and self._log_check.denies(through[0][0][0], current)
+        )
+        return self._denied
 
     def _picked(
         self, lines: Baselines, frames: Sequence[Frame], current: Frame, seer: Seer
@@ -300,9 +320,10 @@ class MultiRangeEstimator:
             return fused
         step = None
         if self._averaged_ns is not None:
-            told = self._network.card.knows_direction or pairs[0].directed
-            unit = pairs[0].displacement_m / pairs[0].length_m if told else None
-            step = step_between(self._trajectory, (self._averaged_ns, stamp_ns), unit)
+            directed = pairs[0].directed
+            unit = None if directed else pairs[0].displacement_m / pairs[0].length_m
+            if directed or self._network.card.knows_direction:
+                step = step_between(self._trajectory, (self._averaged_ns, stamp_ns), unit)
         self._averaged_ns = stamp_ns
         return self._average.add(fused, step)
 
@@ -324,6 +345,7 @@ class MultiRangeEstimator:
             nearer_than_m=self._bound(fused.nearer_than_m, depth_m),
             latency_ms=_since_ms(started),
             notes=self._notes(seer),
+            doubt=DENIED.format(math.degrees(self._log_check.off_rad)) if self._denied else None,
             moved_m=self._moved(pairs, seer.card),
             network=seer.card.name,
         )

@@ -19,6 +19,7 @@ MIN_BASELINE_M = 0.05
 # An integrated displacement must stand out from the velocity's own noise: 0.1 m/s where no sigma is given.
 MIN_SPEED_M_S = 0.1
 SPEED_OVER_SIGMA = 3.0
+SOON_S = 0.2  # a drone that flies is off its first frame by then
 LOOK_BACK = 3.0
 SAME_WAY_RAD = np.radians(3)
 
@@ -145,30 +146,35 @@ def pick(
     for wanted, depth in zip(wanted_m, depths_m, strict=True):
         nearest = int(usable[np.argmin(np.abs(lines.length_m[usable] - wanted))])
         chosen.setdefault(nearest, float(depth))
-    return tuple(
-        Pair(
-            previous=frames[k],
-            displacement_m=lines.displacement_m[k],
-            length_m=float(lines.length_m[k]),
-            shift=current_index - frames[k].index,
-            depth_m=chosen[k],
-            current_from_previous=lines.current_from_previous[k],
-            turn_rad=float(lines.turn_rad[k]),
-            directed=bool(lines.directed[k]),
-        )
-        for k in sorted(chosen, reverse=True)
+    return tuple(_pair(lines, frames, current_index, k, chosen[k]) for k in sorted(chosen, reverse=True))
+
+
+def _pair(
+    lines: Baselines, frames: Sequence[Frame], current_index: int, k: int, depth_m: float = np.nan
+) -> Pair:
+    return Pair(
+        previous=frames[k],
+        displacement_m=lines.displacement_m[k],
+        length_m=float(lines.length_m[k]),
+        shift=current_index - frames[k].index,
+        depth_m=depth_m,
+        current_from_previous=lines.current_from_previous[k],
+        turn_rad=float(lines.turn_rad[k]),
+        directed=bool(lines.directed[k]),
     )
 
 
-Served = tuple[tuple[Frame, ...], tuple[Pair, ...]]  # frames to look from, and the pairs that they serve
+Served = tuple[tuple[Pair, ...], tuple[Pair, ...]]  # pairs to look through, and those that they serve
 
 
-def seen_from(lines: Baselines, frames: Sequence[Frame], pairs: Sequence[Pair]) -> list[Served]:
-    """Frames from which the pairs' directions can be seen, the best first, each with the pairs that it serves.
+def seen_from(
+    lines: Baselines, frames: Sequence[Frame], current_index: int, pairs: Sequence[Pair]
+) -> list[Served]:
+    """Pairs in which the direction of `pairs` can be seen, the best first, each with those that it serves.
 
     A direction is seen best over a baseline that moves pixels by several, and leaves most of them in view: the
     frame about LOOK_BACK times as far away as the shortest pair; else the longest pair's. Both of those that
-    were flown from in the pair's direction (in world axes) within SAME_WAY_RAD.
+    were flown from in the pair's direction within SAME_WAY_RAD.
     """
     found: list[Served] = []
     left = sorted(pairs, key=lambda pair: pair.length_m)
@@ -178,7 +184,7 @@ def seen_from(lines: Baselines, frames: Sequence[Frame], pairs: Sequence[Pair]) 
         off_m = np.where(straight, np.abs(lines.length_m - LOOK_BACK * shortest.length_m), np.inf)
         near = same_way(np.array([pair.displacement_m for pair in left]), shortest.displacement_m)
         served = tuple(pair for pair, same in zip(left, near, strict=True) if same)
-        found.append(((frames[int(off_m.argmin())], served[-1].previous), served))
+        found.append(((_pair(lines, frames, current_index, int(off_m.argmin())), served[-1]), served))
         left = [pair for pair, same in zip(left, near, strict=True) if not same]
     return found
 
@@ -215,4 +221,5 @@ def _reason(
         return None
     span_s = (current[0] - frames[int(np.argmax(connected))].stamp_ns) * 1e-9
     farthest_m = float(lengths_m[connected & steady].max())
-    return f"hovering: flown {farthest_m:.2f} m in {span_s:.1f} s, no baseline"
+    kind = "hovering" if span_s > SOON_S else "first frames"
+    return f"{kind}: flown {farthest_m:.2f} m in {span_s:.2f} s, no baseline"

@@ -27,6 +27,7 @@ class RangedDepth:
     latency_ms                  time spent in `add_frame`
     reason                      why there is no depth at all, None when there is
     notes                       assumptions behind this depth, a line each; mostly empty
+    doubt                       what the pictures say against the log's motion, None where they do not
     moved_m          [n, 3]     the displacements as vectors in the current camera's axes (right, down,
                                 forward); None where their direction is unknown
     network                     name of the one that gave this depth; empty where there is none
@@ -46,6 +47,7 @@ class RangedDepth:
     latency_ms: float
     reason: str | None = None
     notes: tuple[str, ...] = ()
+    doubt: str | None = None
     moved_m: NDArray[np.float64] | None = None
     network: str = ""
 

@@ -36,20 +36,20 @@ class Step:
 def step_between(trajectory: Trajectory, stamps_ns: tuple[int, int], seen_unit: Vector | None) -> Step | None:
     """The step from the first time to the second; None where the log does not tell it.
 
-    `seen_unit` (3,): direction in the current camera's axes, seen in the pictures, for a log that has none there.
+    `seen_unit` (3,): direction in the current camera's axes that the pictures show, for a log without, or a wrong one.
     """
     states = trajectory.at(np.array(stamps_ns, dtype=np.int64))
     if states.segment[0] < 0 or states.segment[0] != states.segment[1]:
         return None
     world_m = states.position_m[1] - states.position_m[0]
+    current, turn = states.world_from_camera[1], np.eye(3)
     if states.oriented.all():
-        current = states.world_from_camera[1]
-        return Step(world_m @ current, current.T @ states.world_from_camera[0])
-    if trajectory.non_rotating:
-        return Step(world_m, np.eye(3))
-    if seen_unit is None:
-        return None
-    return Step(seen_unit * np.linalg.norm(world_m), np.eye(3))
+        turn = current.T @ states.world_from_camera[0]
+    if seen_unit is not None:
+        return Step(seen_unit * np.linalg.norm(world_m), turn)
+    if states.oriented.all():
+        return Step(world_m @ current, turn)
+    return Step(world_m, turn) if trajectory.non_rotating else None
 
 
 class TemporalAverage:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.motion import Vector
 from flightdepth.ranges.network import Image
+from flightdepth.ranges.turning import turned
 
 Rays = tuple[Vector, Vector]  # now and before, [N, 3] each, z = 1
 
@@ -22,6 +23,8 @@ WINDOW_PX = 8
 LEVELS = 2  # reaches 10 px
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)  # steps, and px below which they end
 LARGEST_RETURN_PX = 0.25  # a track that does not come back to within this is lost
+# Up to such a turn points are followed as well in pictures that are not turned back.
+TURNS_PATCHES_RAD = np.radians(1)
 
 
 class Tracker:
@@ -42,6 +45,14 @@ class Tracker:
             known = self._corners.rays(previous)
             self._found.append((previous, known))
         return known
+
+    def rays_turned(self, previous: Image, current: Image, turn: Vector, turn_rad: float) -> Rays:
+        """The same, those of `previous` in the current orientation as far as that is known; `turn` (3, 3)."""
+        if turn_rad > TURNS_PATCHES_RAD:
+            return self.rays(turned(in_grey(previous), turn, self._camera), current)
+        now, before = self.rays(previous, current)
+        before = before @ turn.T
+        return now, before / before[:, 2:]
 
 
 class Corners:
