@@ -6,7 +6,7 @@ from command_flights import FRAMES, SIZE, make_log, make_video
 
 from flightdepth.cli import main
 from flightdepth.commands.batch import jobs_of
-from flightdepth.outputs import FlightFolder
+from flightdepth.outputs import FlightFolder, FlightWriter
 from flightdepth.ranges.direction import SeenDirections
 
 
@@ -116,6 +116,20 @@ def test_a_fallback_takes_the_frames_without_a_direction(run, work, monkeypatch,
     assert {row.network for row in folder.rows if not row.reason} == {"spare"}
     assert folder.record.counts.frames_with_depth > FRAMES / 2
     assert "depth by spare" in " ".join(stdout.split())
+
+
+def test_a_stopped_run_says_what_stands(run, work, monkeypatch):
+    assert run()[0] == 0
+    stood = {path: path.read_bytes() for path in (work / "made").rglob("*") if path.is_file()}
+
+    def stopped(self, frame, result, pose=None):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(FlightWriter, "add", stopped)
+    code, _, stderr = run()
+    assert code == 130
+    assert "stopped: nothing of this flight was written" in stderr
+    assert {path: path.read_bytes() for path in (work / "made").rglob("*") if path.is_file()} == stood
 
 
 @pytest.mark.parametrize("name", ["motion", "nowhere.onnx"])

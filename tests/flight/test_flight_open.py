@@ -75,6 +75,12 @@ def test_a_flight_with_a_log(video, tmp_path):
     assert "log.csv" in flight.telemetry_name
 
 
+def test_a_log_in_milliseconds_is_refused(video, tmp_path):
+    """Taken for seconds its velocities are minutes apart; no frame had depth, and the log was not named."""
+    with pytest.raises(BadInput, match=r"a velocity every 5\.000 s at least, got one in 100\.000 s.*unit"):
+        open_flight(video, log(tmp_path, range(0, 2_100_000, 100_000)), hfov_deg=60)
+
+
 def test_a_flight_with_its_telemetry_inside(video):
     rows = [(5000 + 250 * k, 1.0, 0.0, 0.0) for k in range(8)]
     with open_flight(

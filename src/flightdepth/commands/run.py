@@ -358,11 +358,15 @@ def write_depth(
         if watch is not None:
             watch(frame, result)
 
-    with (
-        FlightWriter(target, source, preview, depth_format=settings.depth_format) as writer,
-        progress_bar(name, flight.frame_count_hint, "frames") as bar,
-    ):
-        run_flight(flight, estimator, writer, progress)
+    try:
+        with (
+            FlightWriter(target, source, preview, depth_format=settings.depth_format) as writer,
+            progress_bar(name, flight.frame_count_hint, "frames") as bar,
+        ):
+            run_flight(flight, estimator, writer, progress)
+    except KeyboardInterrupt:
+        warn(f"stopped: nothing of this flight was written, and {target} is as it was")
+        raise
     return writer.summary
 
 

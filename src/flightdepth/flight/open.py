@@ -10,6 +10,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal
 
+import numpy as np
+
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.apparent_motion import apparent_motion
@@ -38,6 +40,7 @@ BODY_ONLY = (
 )
 AUTO: Literal["auto"] = "auto"
 WATCHED_S = 120.0  # of the video, to estimate an offset
+SELDOM_NS = 5 * NS_PER_S  # between velocities: what lies in the middle of such a gap is known to nobody
 NO_TELEMETRY = "Give --telemetry LOG or --speed M_S."
 
 
@@ -266,6 +269,15 @@ def check_overlap(video: Video, log: Telemetry) -> None:
             expected=f"times within {seconds(video.start_ns)} to {end} of the video",
             got=f"{seconds(first_ns)} to {seconds(last_ns)}",
             mend="Times count from the video's first picture; --telemetry-offset S adds S seconds to the log's.",
+        )
+    stamps_ns = [sample.stamp_ns for sample in log.samples if isinstance(sample, VelocitySample)]
+    apart_ns = int(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0
+    if apart_ns > SELDOM_NS:
+        raise BadInput(
+            f"telemetry {log.name}",
+            expected=f"a velocity every {seconds(SELDOM_NS)} at least",
+            got=f"one in {seconds(apart_ns)}",
+            mend="Are its times in the unit that their column says?",
         )
 
 
