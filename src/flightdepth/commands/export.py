@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from flightdepth.runtimes.contract import Precision
     from flightdepth.runtimes.network import Network
-    from flightdepth.stillbox import TestPair, TestSet
+    from flightdepth.stillbox import OutdoorTestSet, TestPair, TestSet
     from flightdepth.training import Recipe
     from flightdepth.training.run_folder import Trained
     from flightdepth.weights.card import NetworkCard
@@ -141,7 +141,7 @@ def mean_of(weights: Weights, other: StoredNetwork) -> Weights:
     }
 
 
-def rendered(pairs: TestSet) -> list[TestPair]:
+def rendered(pairs: TestSet | OutdoorTestSet) -> list[TestPair]:
     """Every pair of a test set, with a progress bar."""
     return list(counted(pairs, "test set", "scenes"))
 
@@ -212,10 +212,15 @@ def calibration_pairs(card: NetworkCard, scenes: int) -> list[TestPair]:
 
 
 def with_int8_ranges(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> NetworkCard:
-    """The card with what must be known to run the network on bytes."""
+    """The card with what must be known to run the network on bytes; half of it from the open, for one that knows it."""
     from flightdepth.evaluation.int8_ranges import fitted_int8_ranges
+    from flightdepth.evaluation.sigma_scale import outdoor_calibration_set
 
-    ranges = fitted_int8_ranges(card, onnx, pairs[:INT8_PAIRS])
+    pairs = pairs[:INT8_PAIRS]
+    if card.any_lens:
+        outdoors = rendered(outdoor_calibration_set(card, scenes=(len(pairs) + 1) // 2))
+        pairs = [pair for both in zip(pairs, outdoors, strict=False) for pair in both]
+    ranges = fitted_int8_ranges(card, onnx, pairs)
     return card.model_copy(update={"int8_ranges": ranges})
 
 

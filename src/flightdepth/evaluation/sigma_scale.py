@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.evaluation.fixed_set import fixed_set
+from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.evaluation.spread import sigma_scale
 from flightdepth.ranges.fusion import WORST_SIGMA, ends
 from flightdepth.runtimes.network import Network
 from flightdepth.scenes import Textures
-from flightdepth.stillbox.testset import SCENES, TEXTURES, TestSet
+from flightdepth.stillbox.testset import SCENES, TEXTURES, OutdoorTestSet, TestSet
 from flightdepth.weights.card import NetworkCard
 
 Values = NDArray[np.float64]
@@ -28,6 +28,11 @@ def calibration_set(card: NetworkCard, *, scenes: int = SCENES) -> TestSet:
     return replace(
         fixed_set(card, scenes=scenes, textures=Textures.procedural(TEXTURES, TEXTURE_SEED)), seed=SEED
     )
+
+
+def outdoor_calibration_set(card: NetworkCard, *, scenes: int) -> OutdoorTestSet:
+    """Pairs like those of the outdoor test set, of other flights."""
+    return replace(outdoor_set(card, scenes=scenes), seed=SEED)
 
 
 def fitted_sigma_scale(network: Network, pairs: Iterable[TruePair]) -> float:
