@@ -245,7 +245,8 @@ class MultiRangeEstimator:
             return lines.reason
         pairs = self._picked(lines, frames, current, self._first)
         through = seen_from(lines, frames, current.index, pairs)
-        if self._is_denied(pairs, through, current):
+        self._denied = self._log_denied(pairs, through, current)
+        if self._denied:
             pairs = tuple(replace(pair, directed=False) for pair in pairs)
         if self._network.card.knows_direction and not all(pair.directed for pair in pairs):
             pairs = self._directions.of(through, current)
@@ -263,14 +264,10 @@ class MultiRangeEstimator:
             self._fallback = Seer(network, network.card, planner)
         return self._picked(lines, frames, current, self._fallback), self._fallback
 
-    def _is_denied(self, pairs: Sequence[Pair], through: Sequence[Served], current: Frame) -> bool:
+    def _log_denied(self, pairs: Sequence[Pair], through: Sequence[Served], current: Frame) -> bool:
         """Whether the pictures contradict the direction that a log tells of these pairs."""
-        self._denied = (
-            self._derotate
-            and all(pair.directed for pair in pairs)
-            and self._log_check.denies(through[0][0][0], current)
-        )
-        return self._denied
+        told = all(pair.directed for pair in pairs)
+        return self._derotate and told and self._log_check.denies(through[0][0][0], current)
 
     def _picked(
         self, lines: Baselines, frames: Sequence[Frame], current: Frame, seer: Seer
