@@ -81,6 +81,17 @@ def test_a_network_without_sigma_leaves_no_folder(tmp_path):
     assert FlightFolder(tmp_path / "out").sigma_m(0) is None
 
 
+@pytest.mark.parametrize("depth_format", ["png", "npz"])
+def test_bounds_come_back_where_there_are_any(tmp_path, depth_format):
+    sky = np.where(np.isnan(HALF_KNOWN), np.float32(87.6), np.float32(np.nan))
+    result = replace(known(HALF_KNOWN), farther_than_m=sky)
+    write(tmp_path / "out", [unknown(), result], depth_format=depth_format)
+    folder = FlightFolder(tmp_path / "out")
+    assert folder.farther_than_m(1) == pytest.approx(sky, abs=0.005, nan_ok=True)
+    assert folder.nearer_than_m(1) is None and folder.farther_than_m(0) is None
+    assert not (tmp_path / "out/nearer_than").exists()
+
+
 def test_depth_png_is_16_bit_grey(tmp_path):
     write(tmp_path / "out", [known(12.34)])
     stored = cv2.imread(str(tmp_path / "out/depth/000000.png"), cv2.IMREAD_UNCHANGED)

@@ -168,7 +168,7 @@ def run(
 ) -> None:
     """Depth of every frame of one or more flights, in metres.
 
-    Each output folder holds depth/, confidence/, sigma/, frames.csv, poses.csv, flight.json
+    Each output folder holds depth/, confidence/, sigma/, bounds, frames.csv, poses.csv, flight.json
     and preview.mp4. It appears when all of it stands; after an error there is none.
 
     A video that carries its own telemetry (GoPro):

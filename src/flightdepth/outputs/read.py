@@ -18,7 +18,7 @@ from flightdepth.outputs.encoding import Map, confidence_from_bytes, depth_from_
 from flightdepth.outputs.frame_table import FrameRow, rows_from_csv
 from flightdepth.outputs.poses import FramePose, poses_from_csv
 from flightdepth.outputs.record import FlightRecord
-from flightdepth.outputs.writer import CONFIDENCE, DEPTH, POSES, RECORD, SIGMA, TABLE
+from flightdepth.outputs.writer import CONFIDENCE, DEPTH, FARTHER, NEARER, POSES, RECORD, SIGMA, TABLE
 
 Table = TypeVar("Table")
 
@@ -70,6 +70,18 @@ class FlightFolder:
         """Standard deviation in metres, float32 [H, W]; None without depth, or of a network that tells none."""
         path = self.folder / SIGMA / f"{index:06d}.{self.record.depth.format}"
         return read_sigma(path) if path.exists() else None
+
+    def farther_than_m(self, index: int) -> Map | None:
+        """What is at least so far, metres, float32 [H, W], NaN where that is not told; None where it is nowhere."""
+        return self._bound_m(FARTHER, index)
+
+    def nearer_than_m(self, index: int) -> Map | None:
+        """What is at most so far, metres, float32 [H, W], NaN where that is not told; None where it is nowhere."""
+        return self._bound_m(NEARER, index)
+
+    def _bound_m(self, folder: str, index: int) -> Map | None:
+        path = self.folder / folder / f"{index:06d}.png"
+        return read_depth(path) if path.exists() else None
 
     def _read_record(self) -> FlightRecord:
         path = self.folder / RECORD

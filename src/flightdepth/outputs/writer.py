@@ -43,8 +43,9 @@ from flightdepth.outputs.table_file import TableFile
 from flightdepth.ranges.result import RangedDepth
 
 DEPTH, CONFIDENCE, SIGMA = "depth", "confidence", "sigma"
+FARTHER, NEARER = "farther_than", "nearer_than"  # bounds of what has no depth
 TABLE, POSES, RECORD, PREVIEW = "frames.csv", "poses.csv", "flight.json", "preview.mp4"
-OWN_NAMES = frozenset({DEPTH, CONFIDENCE, SIGMA, TABLE, POSES, RECORD, PREVIEW})
+OWN_NAMES = frozenset({DEPTH, CONFIDENCE, SIGMA, FARTHER, NEARER, TABLE, POSES, RECORD, PREVIEW})
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +128,8 @@ class FlightWriter:
         confidence = png(bytes_from_confidence(item.result.confidence))
         (self._folder / CONFIDENCE / f"{name}.png").write_bytes(confidence)
         self._write_sigma(name, item.result.sigma_m)
+        self._write_bound(FARTHER, name, item.result.farther_than_m)
+        self._write_bound(NEARER, name, item.result.nearer_than_m)
         if self._format == "npz":
             (self._folder / DEPTH / f"{name}.npz").write_bytes(npz(depth_m=item.result.depth_m))
             return
@@ -140,6 +143,12 @@ class FlightWriter:
         (self._folder / SIGMA).mkdir(exist_ok=True)
         data = npz(sigma_m=sigma_m) if self._format == "npz" else png(rounded_centimetres(sigma_m))
         (self._folder / SIGMA / f"{name}.{self._format}").write_bytes(data)
+
+    def _write_bound(self, folder: str, name: str, bound_m: Map) -> None:
+        """In centimetres whatever the format: a bound is one value over wide areas, and small so."""
+        if np.isfinite(bound_m).any():
+            (self._folder / folder).mkdir(exist_ok=True)
+            (self._folder / folder / f"{name}.png").write_bytes(png(centimetres_from_depth(bound_m)))
 
     def _write_picture(self, item: Item) -> None:
         self._film.add(item.frame.stamp_ns, self._preview.draw(item.frame, item.result))
