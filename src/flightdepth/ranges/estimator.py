@@ -247,7 +247,7 @@ class MultiRangeEstimator:
         through = seen_from(lines, frames, current.index, pairs)
         self._denied = self._log_denied(pairs, through, current)
         if self._denied:
-            pairs = tuple(replace(pair, directed=False) for pair in pairs)
+            pairs = undirected(pairs)
         if self._network.card.knows_direction and not all(pair.directed for pair in pairs):
             pairs = self._directions.of(through, current)
         if pairs:
@@ -262,7 +262,8 @@ class MultiRangeEstimator:
                 )
             planner = self._planner_of(network.card, ranges=self.ranges, sides=sides_of(self._camera))
             self._fallback = Seer(network, network.card, planner)
-        return self._picked(lines, frames, current, self._fallback), self._fallback
+        pairs = self._picked(lines, frames, current, self._fallback)
+        return undirected(pairs) if self._denied else pairs, self._fallback
 
     def _log_denied(self, pairs: Sequence[Pair], through: Sequence[Served], current: Frame) -> bool:
         """Whether the pictures contradict the direction that a log tells of these pairs."""
@@ -373,6 +374,11 @@ class MultiRangeEstimator:
     def _forget_before(self, stamp_ns: int) -> None:
         self._buffer.expire(stamp_ns)
         self._trajectory.forget(stamp_ns)
+
+
+def undirected(pairs: Sequence[Pair]) -> tuple[Pair, ...]:
+    """The pairs as though their direction were not told."""
+    return tuple(replace(pair, directed=False) for pair in pairs)
 
 
 def sides_of(camera: Camera) -> float:
