@@ -53,6 +53,16 @@ def test_a_graph_without_differences_is_left_alone():
     assert precise_differences(model) is model
 
 
+def test_without_temporary_files_it_goes_on_as_it_is(monkeypatch, caplog):
+    def full():
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("flightdepth.runtimes.precise.TemporaryDirectory", full)
+    model = differences()
+    assert precise_differences(model) is model
+    assert "no space left" in caplog.text
+
+
 @needs_bf16
 def test_a_network_that_looks_at_differences_loses_nothing_by_bf16():
     """`motion` on eight rooms: depth changes by a third of what all in bf16 changes it by."""
