@@ -51,6 +51,7 @@ class Session:
     def __init__(self, settings: LiveSettings) -> None:
         self.settings = settings
         self.address = video_address(settings.video)
+        self.log = played_log(settings, self.address)
         self.lens = Lens.given(settings.camera, settings.hfov)
         nominal = self.lens.camera or self.lens.at(*NOMINAL_SIZE)
         self.network: Network = load_network(
@@ -65,7 +66,6 @@ class Session:
         stage = DepthStage(
             self.network, self.lens, self.store, ranges=settings.ranges, fixed=fixed, turns=turns
         )
-        self.log = played_log(settings, self.address)
         if self.address.paced:  # a file must not run on while the network is prepared
             with Video(Path(self.address.target)) as first:
                 stage.prepare(*first.size)

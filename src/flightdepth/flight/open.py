@@ -198,11 +198,10 @@ def choose_telemetry(
     if speed_m_s is not None:
         forward_velocity(0, speed_m_s)  # refuses a speed that is not one, before the first frame
         return None, False
-    inside = False
     if telemetry is None:
         log, inside = own_telemetry(video.path, mend=NO_TELEMETRY)
     else:
-        log = read_telemetry(Path(telemetry))
+        log, inside = read_telemetry(Path(telemetry)), False
     if offset_s == AUTO:
         return log, inside  # moved once the camera is known
     log = log.later_by(round(offset_s * NS_PER_S)) if offset_s else log

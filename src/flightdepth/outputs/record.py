@@ -86,7 +86,7 @@ def grouped(reasons: Iterable[str]) -> Counter[str]:
     return found
 
 
-def counted(notes: Iterable[str]) -> tuple[str, ...]:
+def with_frames(notes: Iterable[str]) -> tuple[str, ...]:
     """Each note once, with its number of frames."""
     return tuple(f"{note} ({frames} frame{'s' * (frames > 1)})" for note, frames in grouped(notes).items())
 

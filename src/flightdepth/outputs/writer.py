@@ -37,7 +37,7 @@ from flightdepth.outputs.record import (
     FlightRecord,
     Source,
     Summary,
-    counted,
+    with_frames,
 )
 from flightdepth.outputs.table_file import TableFile
 from flightdepth.ranges.result import RangedDepth
@@ -161,7 +161,7 @@ class FlightWriter:
         self._poses.finish()
         rows = rows_from_csv((self._folder / TABLE).read_text(encoding="utf-8"))
         counts = Counts.of(rows, self._dropped, self._saturated_pixels)
-        notes = counted(self._notes)
+        notes = with_frames(self._notes)
         self._summary = Summary.of(rows, counts, notes)
         record = FlightRecord(
             flightdepth=version("flightdepth"),

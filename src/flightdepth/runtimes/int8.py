@@ -80,10 +80,10 @@ def to_int8(model: Any, ranges: Ranges, *, weight_step: int | None = None) -> No
             least, largest = -128 * step, 127 * step
         _replace(layer, 0, layer.input_value(0), least, largest, levels=256)
         weights = np.asarray(constant.get_data(), dtype=np.float32)
-        ends = np.abs(weights).max(axis=OTHER_AXES[layer.get_type_name()], keepdims=True)
-        ends = np.maximum(ends * part, 1e-8)
+        axes = OTHER_AXES[layer.get_type_name()]
+        ends = np.maximum(np.abs(weights).max(axis=axes, keepdims=True) * part, 1e-8)
         step = ends / LARGEST_STEP
-        weights = rounded_with_sum(weights / step, OTHER_AXES[layer.get_type_name()]) * step
+        weights = rounded_with_sum(weights / step, axes) * step
         _replace(layer, 1, ops.constant(weights), -ends, ends, levels=255)
 
 
