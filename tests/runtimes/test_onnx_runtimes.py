@@ -1,13 +1,13 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
+from flightdepth import processor
 from flightdepth.errors import BadInput
-from flightdepth.processor import cpu_runs_bf16
 from flightdepth.runtimes.contract import Runtime
 from flightdepth.runtimes.devices import BF16_COST, BF16_COST_BEFORE, best_precision, open_runtime
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
@@ -129,7 +129,7 @@ def test_a_batch_that_breaks_the_contract_is_our_bug(
 
 
 def test_bf16_is_near_f32() -> None:
-    if not cpu_runs_bf16():
+    if not processor.cpu_runs_bf16():
         pytest.skip("this CPU does not compute bf16")
     pairs = np.random.default_rng(2).integers(0, 256, (1, 64, 64, 6)).astype(np.uint8)
     onnx = difference_onnx()
@@ -178,7 +178,30 @@ def test_f32_unless_the_card_measured_that_bf16_is_cheap(metrics: dict[str, floa
     assert best_precision(difference_card(metrics=metrics)) == "f32"
 
 
+@pytest.fixture
+def timed_bf16(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[float], None]]:
+    """Sets how long bf16 takes beside float32 on a CPU that computes it."""
+    monkeypatch.setattr(processor, "cpu_runs_bf16", lambda: True)
+
+    def takes(ratio: float) -> None:
+        monkeypatch.setattr(processor, "bf16_over_f32", lambda: ratio)
+        processor.cpu_gains_by_bf16.cache_clear()
+
+    yield takes
+    processor.cpu_gains_by_bf16.cache_clear()
+
+
 @pytest.mark.parametrize("measured", [BF16_COST, BF16_COST_BEFORE])
-def test_bf16_where_its_cost_is_one_percent_and_the_cpu_has_it(measured: str) -> None:
-    expected = "bf16" if cpu_runs_bf16() else "f32"
-    assert best_precision(difference_card(metrics={measured: 0.01})) == expected
+@pytest.mark.parametrize(("ratio", "chosen"), [(0.5, "bf16"), (1.6, "f32")])
+def test_bf16_where_its_cost_is_one_percent_and_the_cpu_is_faster_in_it(
+    timed_bf16: Callable[[float], None], measured: str, ratio: float, chosen: str
+) -> None:
+    """Intel's CPUs without AMX compute it, 1.6 times as slowly as float32."""
+    timed_bf16(ratio)
+    assert best_precision(difference_card(metrics={measured: 0.01})) == chosen
+
+
+def test_bf16_is_timed_where_the_cpu_computes_it() -> None:
+    if not processor.cpu_runs_bf16():
+        pytest.skip("this CPU does not compute bf16")
+    assert 0.02 < processor.bf16_over_f32() < 5

@@ -29,6 +29,6 @@ PrecisionOption = Annotated[
     NetworkPrecision,
     typer.Option(
         help="int8 is fastest on CPUs with VNNI; what it costs stands on the network's card. "
-        "auto: bf16 where the CPU has it and it costs 1 % at most, else f32."
+        "auto: bf16 where the CPU is faster in it and it costs 1 % at most, else f32."
     ),
 ]

@@ -6,7 +6,7 @@ import logging
 from typing import get_args
 
 from flightdepth.errors import BadInput
-from flightdepth.processor import cpu_runs_bf16
+from flightdepth.processor import cpu_gains_by_bf16
 from flightdepth.runtimes.contract import Precision, Runtime
 from flightdepth.runtimes.memory import OutOfMemory
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
@@ -57,9 +57,9 @@ def on_cpu(card: NetworkCard, onnx: bytes, *, threads: int | None = None) -> Run
 
 
 def best_precision(card: NetworkCard) -> Precision:
-    """bf16 where the CPU computes it and its measured cost is at most 1 % of the test error; else f32."""
+    """bf16 where this CPU is faster in it and its measured cost is at most 1 % of the test error; else f32."""
     cost = bf16_cost(card)
-    return "bf16" if cost is not None and cost <= BF16_COST_LIMIT and cpu_runs_bf16() else "f32"
+    return "bf16" if cost is not None and cost <= BF16_COST_LIMIT and cpu_gains_by_bf16() else "f32"
 
 
 def bf16_cost(card: NetworkCard) -> float | None:

@@ -6,12 +6,12 @@ from typing import Literal
 
 import torch
 
-from flightdepth.processor import cpu_runs_bf16
+from flightdepth.processor import cpu_gains_by_bf16
 
 
 def mixed_precision() -> Literal["bf16", "no"]:
-    """What accelerate calls it: "bf16" on accelerators and on processors that multiply it.
+    """What accelerate calls it: "bf16" on accelerators and on processors that are faster in it.
 
-    Elsewhere it is emulated, and a step takes twice as long as in float32.
+    Elsewhere a step takes up to twice as long as in float32.
     """
-    return "bf16" if torch.accelerator.is_available() or cpu_runs_bf16() else "no"
+    return "bf16" if torch.accelerator.is_available() or cpu_gains_by_bf16() else "no"
