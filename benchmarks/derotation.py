@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
-from flightdepth.ranges.derotation import Remainder, remainder
+from flightdepth.ranges.remainder import Remainder, remainder
 from flightdepth.ranges.tracks import Corners
 from flightdepth.stillbox import OutdoorTestSet, PairRule, Picture, TestSet
 from flightdepth.stillbox.motion_noise import rotated

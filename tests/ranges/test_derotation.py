@@ -1,16 +1,15 @@
 """What is left of a pair's motion: exact rays, noisy rays, the prior, and pictures turned by known angles."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
-from flightdepth.ranges.derotation import (
-    Derotation,
-    derotated,
-    remainder,
-)
+from flightdepth.ranges.derotation import Derotation, derotated
 from flightdepth.ranges.pairs import Frame, Pair
+from flightdepth.ranges.remainder import remainder
 from flightdepth.ranges.tracks import Tracker, in_grey, tracked_rays
 from flightdepth.stillbox import PairRule, Picture, TestSet
 from flightdepth.stillbox.motion_noise import rotated, tilted
@@ -174,6 +173,27 @@ def test_a_direction_that_no_one_knows_is_seen_for_the_rotation_alone(pairs):
     found = Derotation(CAMERA, Tracker(CAMERA)).of([asked], Frame(1, 1, pair.current), seen=False)[0]
     assert np.degrees(np.linalg.norm(cv2.Rodrigues(found.current_from_previous)[0][:, 0] - TURN)) < 0.15
     assert (found.displacement_m == asked.displacement_m).all()
+
+
+@pytest.mark.parametrize("fault", ["moves by itself", "turned by 9 degrees", "heads elsewhere"])
+def test_a_pair_that_nothing_small_makes_right_is_left_out(pairs, fault):
+    """No depth is better than one that looks right; the pair beside it stays."""
+    pair, current = pairs[0], Frame(1, 1, pairs[0].current)
+    wrong = pair_of(pair, pair.previous)
+    if fault == "moves by itself":  # each quarter of the picture another way
+        parts = [np.roll(pair.previous, shift, axis=(0, 1)) for shift in ((4, 0), (-4, 0), (0, 4), (0, -4))]
+        mixed = pair.previous.copy()
+        for k, part in enumerate(parts):
+            where = np.s_[128 * (k // 2) : 128 * (k // 2 + 1), 128 * (k % 2) : 128 * (k % 2 + 1)]
+            mixed[where] = part[where]
+        wrong = pair_of(pair, mixed)
+    if fault == "turned by 9 degrees":
+        wrong = pair_of(pair, rotated(pair.previous, CAMERA, np.radians([0, 0, 9.0])))
+    if fault == "heads elsewhere":
+        wrong = replace(wrong, displacement_m=-pair.displacement)
+    right = pair_of(pair, pair.previous)
+    found = Derotation(CAMERA, Tracker(CAMERA)).of([wrong, right], current, seen=False)
+    assert [each.previous for each in found] == [right.previous]
 
 
 def test_grey_pictures_are_tracked_as_their_colours_are(pairs):

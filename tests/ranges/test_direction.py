@@ -1,10 +1,11 @@
 """Direction of motion: exact rays, noisy rays, outliers, and pictures of scenes with known motion."""
 
+import cv2
 import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
-from flightdepth.ranges.direction import direction_of, estimate_direction
+from flightdepth.ranges.direction import direction_of, direction_seen, estimate_direction
 from flightdepth.stillbox import PairRule, Picture, TestSet
 
 FOCAL = 200.0
@@ -75,6 +76,37 @@ def test_a_quarter_of_the_points_that_moved_is_enough():
 def test_a_direction_that_half_of_the_points_deny_is_none():
     now, before = rays_of((0, 0, 1), noise_px=0.1, outliers=60)
     assert direction_of(now, before, FOCAL) is None
+
+
+def turned_meanwhile(before, degrees, *, seed=0):
+    axis = np.random.default_rng(seed).normal(size=3)
+    turned = before @ cv2.Rodrigues(axis / np.linalg.norm(axis) * np.radians(degrees))[0]
+    return turned / turned[:, 2:]
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("degrees", [0.3, 1.0, 3.0])
+def test_a_camera_that_turned_meanwhile_does_not_hide_the_direction(way, degrees):
+    """Of the pictures' two explanations, flight alone and flight with a turn, the better one; never a wrong one."""
+    now, before = rays_of(way, noise_px=0.1, outliers=10)
+    found = [direction_seen(now, turned_meanwhile(before, degrees, seed=k), FOCAL) for k in range(4)]
+    told = [degrees_between(each, way) for each in found if each is not None]
+    assert len(told) >= 3
+    assert max(told) < 6
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_camera_that_did_not_turn_is_not_said_to(way):
+    now, before = rays_of(way, noise_px=0.1)
+    assert (direction_seen(now, before, FOCAL) == direction_of(now, before, FOCAL).unit).all()
+
+
+def test_points_that_move_each_their_own_way_have_no_direction_with_a_turn_either():
+    now, _ = rays_of((1, 0, 0))
+    before = now + np.column_stack(
+        [np.random.default_rng(1).normal(0, 5 / FOCAL, (len(now), 2)), np.zeros(len(now))]
+    )
+    assert direction_seen(now, before, FOCAL) is None
 
 
 def test_a_blank_picture_has_no_direction():

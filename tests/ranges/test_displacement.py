@@ -7,6 +7,7 @@ from flightdepth.errors import BadInput
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
 from flightdepth.ranges.attitude import HOLD_S, MAX_GAP_S
 from flightdepth.ranges.displacement import Trajectory, integrate
+from flightdepth.ranges.timeline import MOST_ROWS
 
 S = 1_000_000_000
 EPOCH = 1_700_000_000 * S  # stamps of a real clock must lose no precision
@@ -203,3 +204,10 @@ def test_frames_are_not_mixed() -> None:
 def test_a_pose_that_is_not_rigid_is_refused(pose) -> None:
     with pytest.raises(BadInput, match="pose: expected a rigid 4x4 matrix"):
         Trajectory().add_pose(0, pose)
+
+
+def test_samples_beyond_what_is_kept_are_counted() -> None:
+    track = Trajectory()
+    for k in range(MOST_ROWS + 5):
+        track.add_attitude(k * 1000, [1.0, 0.0, 0.0, 0.0])
+    assert track.dropped == {"attitude followed by more than are kept": 5}

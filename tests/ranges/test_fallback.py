@@ -118,6 +118,26 @@ def test_a_network_of_another_focal_length_answers_on_the_same_grid():
     assert found.valid.mean() > 0.9
 
 
+class Columns(Same):
+    """As deep as the pixel's number in its row."""
+
+    def __call__(self, inputs):
+        n, height, width, _ = inputs["pairs"].shape
+        row = np.arange(width // 4, dtype=np.float32) + 10
+        return {"depth_m": np.broadcast_to(row, (n, height // 4, width // 4)).copy()}
+
+
+def test_a_grid_of_the_same_size_may_be_of_another_focal_length():
+    """Pictures of 96 px of focal length, scaled to 84 and padded to as many pixels: columns are 7/8 as far apart."""
+    other = Network(difference_card(name="spare", focal_px=84.0), Columns())
+    given = [picture(0)], picture(1), np.array([[0.3, 0.0, 0.0]])
+    own = other.predict(*given, CAMERA)
+    assert own.depth_m.shape == (1, 32, 48)
+    found = OnGridOf(other).predict(*given, CAMERA)
+    apart = np.diff(found.depth_m[0, 16, [4, 44]])
+    assert apart == pytest.approx(40 * 84 / 96, abs=1.0)
+
+
 def test_one_that_needs_a_direction_is_refused(fly):
     with pytest.raises(BadInput, match="needs no direction"):
         fly(lambda: Network(swept_card(), BestHypothesis()))

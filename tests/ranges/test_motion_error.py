@@ -8,9 +8,9 @@ import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.ranges import MultiRangeEstimator
-from flightdepth.ranges.derotation import SHARE, Remainder
 from flightdepth.ranges.motion_error import widened, with_motion_error
 from flightdepth.ranges.pairs import Frame, Pair
+from flightdepth.ranges.remainder import SHARE, Remainder
 from flightdepth.runtimes.network import Network
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.triangulation import depth_errors

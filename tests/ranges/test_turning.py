@@ -15,12 +15,16 @@ def smooth(camera: Camera, rotation: np.ndarray) -> np.ndarray:
     return np.clip(128 + 100 * np.sin(4 * rays), 0, 255).astype(np.uint8)
 
 
+def everywhere(size: int) -> np.ndarray:
+    return np.ones((size, size), dtype=np.bool_)
+
+
 @pytest.mark.parametrize("angles", [(0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.3), (0.05, -0.08, 0.1)])
 def test_a_turned_picture_is_what_the_current_camera_sees(angles: tuple[float, float, float]) -> None:
     previous = rotation_from_euler(*angles)
     warped = turned(smooth(CAMERA, previous), previous, CAMERA)
     truth = smooth(CAMERA, np.eye(3))
-    seen = in_view(previous, CAMERA, (128, 128))
+    seen = in_view(previous, CAMERA, everywhere(128))
     assert 0.5 < seen.mean() < 1
     assert np.abs(warped.astype(int) - truth.astype(int))[seen].max() <= 3
 
@@ -28,7 +32,7 @@ def test_a_turned_picture_is_what_the_current_camera_sees(angles: tuple[float, f
 def test_no_turn_changes_nothing() -> None:
     image = smooth(CAMERA, np.eye(3))
     np.testing.assert_array_equal(turned(image, np.eye(3), CAMERA), image)
-    assert in_view(np.eye(3), CAMERA, (32, 32)).all()
+    assert in_view(np.eye(3), CAMERA, everywhere(32)).all()
 
 
 def test_a_turn_and_its_inverse_cancel() -> None:
@@ -38,7 +42,16 @@ def test_a_turn_and_its_inverse_cancel() -> None:
 
 
 def test_what_lies_behind_is_not_in_view() -> None:
-    assert not in_view(rotation_from_euler(0, np.pi, 0), CAMERA, (32, 32)).any()
+    assert not in_view(rotation_from_euler(0, np.pi, 0), CAMERA, everywhere(32)).any()
+
+
+def test_what_was_padding_before_is_not_in_view() -> None:
+    """The right quarter of the pictures is padding: half of the focal length off the middle and beyond."""
+    valid = everywhere(32)
+    valid[:, 24:] = False
+    np.testing.assert_array_equal(in_view(np.eye(3), CAMERA, valid), valid)
+    seen = in_view(rotation_from_euler(0, -np.arctan(0.5), 0), CAMERA, valid)
+    assert seen[16, :16].all() and not seen[16, 16:].any()
 
 
 @pytest.mark.parametrize(("angle_rad", "visible"), [(0.001, False), (0.01, True)])

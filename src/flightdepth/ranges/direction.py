@@ -1,8 +1,9 @@
-"""The direction of motion from two pictures whose turn is known, or none, where no log tells it, or a wrong one.
+"""The direction of motion from two pictures, or none, where no log tells it, or a wrong one.
 
 A static point seen on the rays x1 (now) and x2 (before) moved in the plane that holds both rays and the
 displacement d: d . (x1 x x2) = 0 (the essential constraint without rotation; Hartley and Zisserman, 9.6).
 Two points give d, more give it better; the points must have moved away from where d points, which tells its sign.
+Where the camera also turned that fits no direction well, and direction and rotation are sought together (`remainder`).
 """
 
 from __future__ import annotations
@@ -11,11 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.motion import Vector
 from flightdepth.ranges.network import Image
 from flightdepth.ranges.pairs import Frame, Pair, Served, same_way
+from flightdepth.ranges.remainder import LEFT_SHARE, MOST_OFF_PX, Remainder, off_lines_px, remainder
 from flightdepth.ranges.tracks import Tracker, tracked_rays
 
 FEWEST_INLIERS = 12
@@ -27,6 +30,17 @@ INLIER_PX = 0.75  # between a point and its epipolar line
 TRIALS = 120
 REFINEMENTS = 3
 WORST_SIGMA_RAD = np.radians(15)
+# Corners off their lines, on average. Without a turn they are 0.1 to 0.25 px off, with one of 0.2 degrees that is left
+# out 0.2 to 0.4: from CLEAN_PX on a turn is looked for. One that leaves more than MOST_LEFT_PX is of things that move.
+CLEAN_PX, MOST_LEFT_PX = 0.2, 0.35
+ANY_SIGMA_RAD = np.radians(60)  # of each of STARTS: together they reach every direction
+STARTS = np.array(
+    [
+        *((0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)),
+        *((1, 0, 1), (-1, 0, 1), (1, 0, -1), (-1, 0, -1)),
+    ],
+    dtype=np.float64,
+)
 # How long a direction holds for pictures that do not tell one, if the log says the same way.
 HOLDS_NS = 500_000_000
 
@@ -62,15 +76,15 @@ class SeenDirections:
         tries = (self._direction(pair, current) for pair in through)
         found = next((each for each in tries if each is not None), None)
         if found is not None:
-            self._last = current.stamp_ns, world_m, found.unit
-            return found.unit
+            self._last = current.stamp_ns, world_m, found
+            return found
         if self._last is None or current.stamp_ns - self._last[0] > HOLDS_NS:
             return None
         return self._last[2] if same_way(self._last[1][None], world_m)[0] else None
 
-    def _direction(self, pair: Pair, current: Frame) -> Direction | None:
+    def _direction(self, pair: Pair, current: Frame) -> Vector | None:
         now, before = rays_of(pair, current, self._tracker)
-        return direction_of(now, before, self._focal_px)
+        return direction_seen(now, before, self._focal_px)
 
 
 def rays_of(pair: Pair, current: Frame, tracker: Tracker) -> tuple[Vector, Vector]:
@@ -88,11 +102,44 @@ def estimate_direction(previous: Image, current: Image, camera: Camera) -> Direc
     return direction_of(now, before, camera.fx)
 
 
+def direction_seen(now: Vector, before: Vector, focal_px: float) -> Vector | None:
+    """From rays [N, 3] of a camera that may have turned by a few degrees to the unit vector (3,), or None.
+
+    Without a turn (`direction_of`), unless that leaves much and a turn explains it.
+    """
+    still = direction_of(now, before, focal_px)
+    unit = None if still is None else still.unit
+    left_px = MOST_OFF_PX if unit is None else off_lines_px(now, before, unit, focal_px)
+    if left_px < CLEAN_PX or not _tells(_moved(now, before, focal_px)):
+        return unit
+    turning = _turning(now, before, focal_px, STARTS if unit is None else np.vstack([unit, STARTS]))
+    if turning is None or turning[1] > min(MOST_LEFT_PX, LEFT_SHARE * left_px):
+        return unit
+    sigma_rad = np.sqrt(np.linalg.eigvalsh(turning[0].covariance[3:, 3:])[-1])
+    return turning[0].unit if sigma_rad <= WORST_SIGMA_RAD else unit
+
+
+def _turning(now: Vector, before: Vector, focal_px: float, starts: Vector) -> tuple[Remainder, float] | None:
+    """Direction and rotation together, of those found from each start (3,) the one that leaves least, and how much."""
+    found = [remainder(now, before, each, focal_px, direction_sigma_rad=ANY_SIGMA_RAD) for each in starts]
+    left = [(each, each.left_px(now, before, focal_px)) for each in found if each is not None]
+    return min(left, key=lambda pair: pair[1], default=None)
+
+
+def _moved(now: Vector, before: Vector, focal_px: float) -> NDArray[np.bool_]:
+    return np.asarray(np.linalg.norm(before - now, axis=1) * focal_px >= LEAST_MOTION_PX)
+
+
+def _tells(moved: NDArray[np.bool_]) -> bool:
+    """Whether enough points moved far enough."""
+    return len(moved) >= FEWEST_INLIERS and bool(np.mean(moved) >= LEAST_MOVED)
+
+
 def direction_of(now: Vector, before: Vector, focal_px: float) -> Direction | None:
-    """From rays [N, 3] to the direction: RANSAC over pairs of points, then weighted least squares."""
+    """From rays [N, 3] of a camera that did not turn: RANSAC over pairs of points, then weighted least squares."""
     normals = np.cross(now, before)
-    moved = np.linalg.norm(before - now, axis=1) * focal_px >= LEAST_MOTION_PX
-    if len(now) < FEWEST_INLIERS or np.mean(moved) < LEAST_MOVED:
+    moved = _moved(now, before, focal_px)
+    if not _tells(moved):
         return None
     d = _consensus(normals, now, focal_px)
     for _ in range(REFINEMENTS):

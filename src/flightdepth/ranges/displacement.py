@@ -72,8 +72,9 @@ class Trajectory:
     """Collects velocities, attitudes and poses; answers where the camera was at given times.
 
     Samples may come ahead of the frames; each must come after the one before of its kind, or it is dropped
-    and counted in `dropped`. A velocity that jumps away by more than MAX_ACCELERATION_M_S2 waits for the next
-    one: agreed with, both count; alone, it is dropped.
+    and counted in `dropped`, as are the oldest where more are given than a `Timeline` keeps. A velocity that
+    jumps away by more than MAX_ACCELERATION_M_S2 waits for the next one: agreed with, both count; alone, it
+    is dropped.
     """
 
     def __init__(self) -> None:
@@ -119,7 +120,7 @@ class Trajectory:
 
     def add_attitude(self, stamp_ns: int, quaternion: ArrayLike) -> None:
         """`world_from_camera` as a quaternion (w, x, y, z)."""
-        self._count(self._attitudes.add(stamp_ns, unit_quaternion(quaternion)), "attitude")
+        self._add(self._attitudes, "attitude", stamp_ns, unit_quaternion(quaternion))
 
     def add_pose(self, stamp_ns: int, world_from_camera: ArrayLike) -> None:
         """`world_from_camera` as a 4x4 matrix: position and attitude, in place of integration."""
@@ -131,7 +132,7 @@ class Trajectory:
         if not rigid or not np.allclose(pose[3], [0, 0, 0, 1]):
             raise BadInput("pose", expected="a rigid 4x4 matrix world_from_camera", got=str(pose.tolist()))
         row = np.concatenate([pose[:3, 3], quaternion_from_rotation(pose[:3, :3])])
-        self._count(self._poses.add(stamp_ns, row), "pose")
+        self._add(self._poses, "pose", stamp_ns, row)
 
     def at(self, at_ns: Stamps) -> States:
         """The camera at the rising times `at_ns`, shape (k,), k >= 1."""
@@ -168,21 +169,30 @@ class Trajectory:
     def _take_velocity(self, stamp_ns: int, velocity: Vector) -> None:
         newest = self._suspect[0] if self._suspect else self._velocities.newest_ns
         if newest is None or stamp_ns <= newest:
-            self._count(newest is None and self._velocities.add(stamp_ns, velocity), "velocity")
+            if newest is None:
+                self._add(self._velocities, "velocity", stamp_ns, velocity)
+            else:
+                self._too_late("velocity")
             return
         if self._suspect and _plausible(*self._suspect, stamp_ns, velocity):
-            self._velocities.add(*self._suspect)
+            self._add(self._velocities, "velocity", *self._suspect)
         elif self._suspect:
             self.dropped["velocity glitch"] += 1
         self._suspect = None
         if _plausible(*self._velocities.newest, stamp_ns, velocity):
-            self._velocities.add(stamp_ns, velocity)
+            self._add(self._velocities, "velocity", stamp_ns, velocity)
         else:
             self._suspect = stamp_ns, velocity
 
-    def _count(self, kept: bool, kind: str) -> None:
-        if not kept:
-            self.dropped[f"{kind} not after the one before"] += 1
+    def _add(self, timeline: Timeline, kind: str, stamp_ns: int, row: ArrayLike) -> None:
+        full = timeline.is_full
+        if not timeline.add(stamp_ns, row):
+            self._too_late(kind)
+        elif full:
+            self.dropped[f"{kind} followed by more than are kept"] += 1
+
+    def _too_late(self, kind: str) -> None:
+        self.dropped[f"{kind} not after the one before"] += 1
 
 
 def _plausible(from_ns: int, start: Vector, to_ns: int, end: Vector) -> bool:

@@ -37,6 +37,10 @@ from flightdepth.weights.card import NetworkCard
 
 MAX_RANGES = 4
 NO_DIRECTION = "direction of motion unknown: no log tells it, and too few tracked points do"
+NOT_RIGID = (
+    "turned too far, or what is seen moves by itself:"
+    " no rotation of a few degrees and no direction near the one told explain the pictures"
+)
 FALLEN_BACK = "frames without a direction of motion: depth by {}, rough, its confidence is no chance"
 DENIED = (
     "the pictures deny the log's direction of motion, and are followed: it is {:.0f} degrees off;"
@@ -65,7 +69,9 @@ class MultiRangeEstimator:
     The attitude must be the camera's (of the gimbal, not of the body): where it is known at both frames,
     the earlier picture is turned into the current orientation before the network sees it. Give none for
     pictures that are already stabilised. What small rotation no log reports is seen in each pair's pictures
-    and taken out, and so is an error of the direction, unless `derotate` is False. Where the pictures deny the log's
+    and taken out, and so is an error of the direction, unless `derotate` is False; a pair that this does not make right
+    is not used. Up to 65,536 velocities, attitudes and poses each are kept, of which frames need the last seconds;
+    beyond that the oldest go, and `dropped` counts them. Where the pictures deny the log's
     direction altogether, they are followed, and a note says so.
 
     With one range and `turns` of 2, successive frames look at the near and at the far cluster in turn: each depth
@@ -224,6 +230,8 @@ class MultiRangeEstimator:
         pairs, seer = chosen
         if self._derotate:
             pairs = self._derotation.of(pairs, current, seen=seer.card.knows_direction)
+        if not pairs:
+            return self._unknown(NOT_RIGID, started)
         predict = partial(self._predict, current=current, network=seer.network)
         pairs, prediction = self._memory.predicted(pairs, seer.network, predict)
         fused = self._fuse(pairs, prediction, seer.card)
@@ -298,10 +306,10 @@ class MultiRangeEstimator:
         return widened(network.predict(previous, current.image, displacements_n3, camera), pairs, camera)
 
     def _fuse(self, pairs: tuple[Pair, ...], prediction: Prediction, card: NetworkCard) -> Fused:
-        camera, shape = self._grid.camera, prediction.valid.shape
-        seen = None
+        camera, seen = self._grid.camera, None
         if any(is_visible(pair.turn_rad, camera) for pair in pairs):
-            seen = np.stack([in_view(pair.current_from_previous, camera, shape) for pair in pairs])
+            valid = self._grid.valid
+            seen = np.stack([in_view(pair.current_from_previous, camera, valid) for pair in pairs])
         lengths_m = np.array([pair.length_m for pair in pairs])
         return fuse(
             prediction.beta,

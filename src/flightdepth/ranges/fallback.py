@@ -32,14 +32,13 @@ class OnGridOf:
     ) -> Prediction:
         """As the network's own, [n, h, w] with a quarter of the sides of `camera`."""
         found = self._network.predict(previous_n, current, displacements_n3, camera)
-        shape = (camera.height // 4, camera.width // 4)
-        if found.valid.shape == shape:
+        grid, shape = self._network.grid(camera), (camera.height // 4, camera.width // 4)
+        if grid.camera == camera:  # the same size is not enough: its pixels may be of another focal length
             return found
-        to_pictures = self._network.grid(camera).to_source
 
         def resized(maps: Map) -> Map:
             """The nearest pixels of each; the middle of 4x4 of the picture's."""
-            return np.stack([_smaller(to_pictures(one, "nearest"), shape) for one in maps])
+            return np.stack([_smaller(grid.to_source(one, "nearest"), shape) for one in maps])
 
         beta = resized(found.beta)
         sigma_m = None if found.sigma_m is None else resized(found.sigma_m)

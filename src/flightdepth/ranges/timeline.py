@@ -9,6 +9,7 @@ Stamps = NDArray[np.int64]
 Rows = NDArray[np.float64]
 
 FIRST_CAPACITY = 1024
+MOST_ROWS = 65536
 
 
 class Timeline:
@@ -17,7 +18,7 @@ class Timeline:
     Whoever writes ahead of the frames (a log read at once) may do so up to `limit`; then the oldest row goes.
     """
 
-    def __init__(self, columns: int, *, limit: int = 65536) -> None:
+    def __init__(self, columns: int, *, limit: int = MOST_ROWS) -> None:
         self._stamps = np.empty(FIRST_CAPACITY, dtype=np.int64)
         self._rows = np.empty((FIRST_CAPACITY, columns))
         self._start = self._end = 0
@@ -25,6 +26,11 @@ class Timeline:
 
     def __len__(self) -> int:
         return self._end - self._start
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the next row costs the oldest."""
+        return len(self) == self._limit
 
     @property
     def newest_ns(self) -> int | None:

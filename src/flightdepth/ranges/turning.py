@@ -12,6 +12,7 @@ from flightdepth.ranges.network import Image
 
 # A turn that moves no pixel by more than this is left alone: resampling would cost more than it mends.
 UNSEEN_PX = 0.1
+NOWHERE_PX = -9.0  # left of every picture
 
 
 def homography(current_from_previous: Vector, camera: Camera) -> Vector:
@@ -34,13 +35,18 @@ def turned(image: Image, current_from_previous: Vector, camera: Camera) -> Image
     )
 
 
-def in_view(current_from_previous: Vector, camera: Camera, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Which pixels of an [h, w] map the previous picture showed too, before the turn, far things assumed."""
-    height, width = shape
+def in_view(current_from_previous: Vector, camera: Camera, valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which pixels of an [h, w] map the previous picture showed too, before the turn, far things assumed.
+
+    valid  [h, w] those of either picture that show the scene, not padding
+    """
+    height, width = valid.shape
+    small = camera.resized(width, height)
     # v @ R is R^T v for each row vector: from the current orientation into the previous one.
-    rays = camera.resized(width, height).rays() @ current_from_previous
-    ahead = np.where(rays[..., 2] > 0, rays[..., 2], np.nan)
-    x = camera.fx * rays[..., 0] / ahead + camera.cx
-    y = camera.fy * rays[..., 1] / ahead + camera.cy
-    inside = (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
-    return np.asarray(inside)
+    rays = small.rays() @ current_from_previous
+    ahead = rays[..., 2] > 0
+    depth = np.where(ahead, rays[..., 2], 1.0)
+    x = np.where(ahead, small.fx * rays[..., 0] / depth + small.cx, NOWHERE_PX)
+    y = small.fy * rays[..., 1] / depth + small.cy
+    shown = cv2.remap(valid.astype(np.uint8), x.astype(np.float32), y.astype(np.float32), cv2.INTER_NEAREST)
+    return np.asarray(shown, dtype=np.bool_)
