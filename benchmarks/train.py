@@ -25,6 +25,7 @@ from flightdepth.scenes import Textures
 from flightdepth.stillbox import Batch, PairStream
 from flightdepth.stillbox.stream import CHUNK
 from flightdepth.training import Recipe, Stage, load_recipe
+from flightdepth.training.freed_memory import keep_freed_memory
 from flightdepth.training.learner import Learner
 
 POOL_SCENES = 4 * CHUNK  # filled before the clock starts; scenes a pair do not depend on it
@@ -80,9 +81,13 @@ def main() -> None:
     parser.add_argument("--recipes", nargs="+", default=["depthnet-256", "tiny-clamped-256"])
     parser.add_argument("--stages", nargs="+", default=["64", "256"])
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--return-memory", action="store_true", help="as the C library does, not as `train`")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    threads = os.cpu_count() or 1
+    if not options.return_memory:
+        keep_freed_memory()
+    threads = options.threads
     torch.set_num_threads(threads)
     textures = Textures.procedural(32, 1)
     print(f"PyTorch {torch.__version__}, {VERSION}, {threads} cores of {cpu_name()}")

@@ -111,9 +111,12 @@ def run(
     """Train with a progress bar, until the end or Ctrl-C."""
     from accelerate import PartialState
 
+    from flightdepth.training.freed_memory import keep_freed_memory
     from flightdepth.training.loop import train as train_on
 
     state = PartialState()
+    if state.device.type == "cpu":
+        keep_freed_memory()
     with stop_request(once=state.num_processes == 1) as stop, ExitStack() as stack:
         options: dict[str, Any] = {}
         if state.is_main_process:
