@@ -38,6 +38,7 @@ class Recorder:
 class FlightOf:
     camera = Camera.from_fov(WIDTH, HEIGHT, 90)
     gyroscope = None
+    turns = None
 
     def __init__(self, *events):
         self.events = events
@@ -46,6 +47,9 @@ class FlightOf:
     def __iter__(self):
         yield from self.events
         self.counts = {"damaged frames": 1}
+
+    def lens_doubt(self):
+        return "the turns tell another lens"
 
 
 def picture(index, x=0):

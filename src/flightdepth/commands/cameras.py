@@ -17,13 +17,20 @@ def cameras(
     ] = None,
     *,
     telemetry: Annotated[
-        Path | None, typer.Option(metavar="LOG", help="Log that may tell the field of view.")
+        Path | None,
+        typer.Option(
+            metavar="LOG",
+            help="Log that may tell the field of view, or how the camera turned. Without it, the video's own track.",
+        ),
     ] = None,
 ) -> None:
     """List the lenses that `--camera NAME` knows, or what a video tells of its own.
 
     Each entry holds for one mode of a camera and says how far it may be off:
     depth is proportional to the focal length. A calibration is better.
+
+    Of a video: what its file tells, and where its gyroscope or a log says how
+    the camera turned, the focal length at which its pictures turn as far.
 
       flightdepth cameras
 
@@ -46,18 +53,29 @@ def list_lenses() -> None:
 
 def tell(path: Path, log: Path | None) -> None:
     """What `run` would take for a video without --camera, or what it would ask for."""
-    from flightdepth.flight.cameras import choose_camera
+    from flightdepth.flight.cameras import choose_camera, described_turns, doubted_by_turns, turns_of
+    from flightdepth.flight.gpmf_telemetry import read_gpmf
     from flightdepth.flight.telemetry import read_telemetry
     from flightdepth.flight.video import Video
 
     with Video(path) as video:
-        read = None if log is None else read_telemetry(log)
         try:
-            chosen = choose_camera(video, None, None, read)
+            told = read_gpmf(path) if log is None else read_telemetry(log)
+        except BadInput:
+            if log is not None:
+                raise
+            told = None  # a track inside the video that tells no velocity
+        try:
+            chosen = choose_camera(video, None, None, told)
         except BadInput as error:  # no fault of who asks
             say(f"run would not know it. {error}")
             return
-    camera = chosen.camera
-    say(f"{path}: {camera.width}x{camera.height}, focal length {camera.fx:.0f} px; {chosen.source}")
-    for line in chosen.warnings:
-        warn(line)
+        camera = chosen.camera
+        say(f"{path}: {camera.width}x{camera.height}, focal length {camera.fx:.0f} px; {chosen.source}")
+        for line in chosen.warnings:
+            warn(line)
+        if told is not None and chosen.turns_tell:
+            watch = turns_of(video, told, camera)
+            say(f"Its turns: {described_turns(watch.focal())}")
+            if doubt := doubted_by_turns(watch, camera):
+                warn(doubt)

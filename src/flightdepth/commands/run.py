@@ -318,7 +318,8 @@ def stands(target: Path, source: Source) -> bool:
         record = FlightFolder(target).record
     except BadInput:
         return False
-    return record.flightdepth == __version__ and record.source.model_dump() == source.model_dump()
+    known, wanted = (each.model_dump(exclude={"warnings"}) for each in (record.source, source))
+    return record.flightdepth == __version__ and known == wanted  # some warnings come up in flight only
 
 
 def write_depth(
@@ -397,6 +398,8 @@ def conclude(summary: Summary, elapsed_s: float, target: Path) -> None:
         say(f"  {dropped} dropped: {reason}")
     for note in summary.notes:
         say(f"  note: {note}")
+    for line in summary.warnings:
+        warn(line)
     if counts.frames_with_depth:
         say(
             f"median frame: depth at {summary.valid_fraction_median:.0%} of the pixels;"

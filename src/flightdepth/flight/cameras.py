@@ -9,23 +9,30 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.flight.apparent_motion import followed
 from flightdepth.flight.camera_file import read_camera
 from flightdepth.flight.gopro_settings import GoproSettings, read_gopro_settings
 from flightdepth.flight.lenses import Lens, find_lens, fov_of_equivalent_deg, known_lenses
 from flightdepth.flight.photograph import is_photograph, read_photograph
-from flightdepth.flight.records import Telemetry, ViewTrack
+from flightdepth.flight.records import NS_PER_S, Telemetry, ViewTrack
 from flightdepth.flight.stabilisation import Stabilisation, find_stabilisation
+from flightdepth.flight.steadiness import small_camera
+from flightdepth.flight.turned_focal import TurnedFocal, TurnWatch, ideal_lenses
 from flightdepth.flight.video import Video
 
 CERTAIN_ERROR = 0.05  # of the focal length; what may be farther off is never taken unasked
 CONTRADICTION = 0.1  # between what the user gives and what the file tells for certain
 ZOOMED = 0.02
+FIRST_TRIED_DEG = 80.0
+WATCHED_S = 60.0  # of the video, for turns
+SIGMAS = 3.0  # of what turns tell
 WIDEST_IDEAL_DEG = 110.0  # lenses beyond it are fisheyes, nearly always
 NO_CAMERA = "Give --hfov DEGREES (the horizontal field of view) or --camera FILE."
 APPLE_EQUIVALENT = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
@@ -37,12 +44,16 @@ class ChosenCamera:
 
     source    a line for people: what was taken, from where, and how sure it is
     warnings  a line each
+    by_turns  whether the camera's turns told it
+    turns_tell  whether turns may yet deny it: not where the lens zooms or software turns or stretches the pictures
     views     the field of view of each picture, where the log tells that it changes; `camera` has `view_deg`
     """
 
     camera: Camera
     source: str
     warnings: tuple[str, ...] = ()
+    by_turns: bool = False
+    turns_tell: bool = True
     views: ViewTrack | None = None
     view_deg: float = math.nan
 
@@ -63,7 +74,7 @@ class Recording:
     """What is known of a video without the user: its size, tags, GoPro settings and log."""
 
     def __init__(self, video: Video, log: Telemetry | None = None) -> None:
-        self.video = video
+        self.video, self.log = video, log
         self.view = None if log is None else log.view
         self.tags = video.tags
         self.gopro = read_gopro_settings(video.path, self.tags.get("firmware", ""))
@@ -112,6 +123,32 @@ class Recording:
                 return ChosenCamera(self.upright(lens.seen(width, height)), source)
         return None
 
+    def told_by_turns(self) -> ChosenCamera | None:
+        """The camera through which the pictures turn as far as the log says, where that is known well enough."""
+        found = self.turned
+        if found.camera is None or found.share > CERTAIN_ERROR:
+            return None
+        return ChosenCamera(found.camera.resized(*self.video.size), described_turns(found), by_turns=True)
+
+    @cached_property
+    def turned(self) -> TurnedFocal:
+        """What the camera's turns tell of its lens; takes a pass over a part of the video."""
+        if self.log is None or self.turns_hidden_by:
+            return TurnedFocal(None, reason=self.turns_hidden_by or "no log tells how the camera turns")
+        watch = turns_of(self.video, self.log, fov_camera(self.video, FIRST_TRIED_DEG))
+        return watch.focal(ideal_lenses(watch.camera))
+
+    @property
+    def turns_hidden_by(self) -> str:
+        """Why the pictures need not turn as the camera does; empty where nothing says so."""
+        if self.view is not None:
+            return "the lens may zoom"
+        if self.stabilisation is not None and self.stabilisation.certain:
+            return f"the pictures are stabilised ({self.stabilisation.name}), so they turn otherwise than the camera"
+        if self.gopro is not None and self.gopro.warped:
+            return "the pictures are stretched"
+        return ""
+
     def likely(self) -> Iterator[str]:
         """Values that are probable, as options of the command line with the reason."""
         if self.view is not None and self.view.nominal:
@@ -151,11 +188,24 @@ def choose_camera(
         chosen = ChosenCamera(fov_camera(video, hfov_deg), f"--hfov {hfov_deg:g}, an ideal lens")
     elif given is not None:
         chosen = from_user(recording, given)
-    elif told is not None:
-        chosen = told
+    elif (own := told or recording.told_by_turns()) is not None:
+        chosen = own
     else:
         raise unknown_camera(recording)
-    return replace(chosen, warnings=tuple(warnings(recording, chosen, told)))
+    said = tuple(warnings(recording, chosen, told))
+    return replace(chosen, warnings=said, turns_tell=not (chosen.by_turns or recording.turns_hidden_by))
+
+
+def turns_of(video: Video, log: Telemetry, camera: Camera) -> TurnWatch:
+    """The part of the video in which the camera turns most, watched through `camera`."""
+    watch = TurnWatch(log, small_camera(camera))
+    last_s = (video.end_ns or video.duration_ns or math.inf) / NS_PER_S
+    start_s = watch.busiest_s(video.start_ns / NS_PER_S, last_s, WATCHED_S)
+    with Video(video.path, start_s=start_s, end_s=min(start_s + WATCHED_S, last_s)) as watched:
+        frames = (frame for frame in watched.frames() if watch.wants(frame.stamp_ns))
+        for pair in followed(frames, camera):
+            watch.add(*pair)
+    return watch
 
 
 def fov_camera(video: Video, hfov_deg: float) -> Camera:
@@ -221,7 +271,7 @@ def warnings(recording: Recording, chosen: ChosenCamera, told: ChosenCamera | No
             f"{chosen.camera.horizontal_fov_deg:.0f} degrees through an ideal lens: the wide modes of action cameras "
             "are fisheyes, whose depths would come out far too near; take a name of `flightdepth cameras` or calibrate"
         )
-    if recording.stabilisation is not None:
+    if recording.stabilisation is not None and not chosen.by_turns:
         yield recording.stabilisation.warning
     if recording.gopro is not None and recording.gopro.warped:
         yield f"mode {recording.gopro.mode} of the {recording.gopro.model} stretches the picture: depth bends"
@@ -244,12 +294,47 @@ def unknown_camera(recording: Recording) -> BadInput:
     if recording.gopro is not None:
         mode = recording.gopro.mode and f" in mode {recording.gopro.mode}"
         got = f"a {recording.gopro.model}{mode}, which does not settle it"
+    if recording.log is not None:
+        got += f"; of its turns: {described_turns(recording.turned)}"
     return BadInput(what, expected="a focal length", got=got, mend=mend)
 
 
 def described(lens: Lens) -> str:
     """A lens in a few words: how wide, how sure, by whom."""
     return f"{lens.horizontal_fov_deg:.1f} degrees, within {lens.error:.0%}, after {lens.source}"
+
+
+def doubted_by_turns(watch: TurnWatch, camera: Camera) -> str | None:
+    """A line where a video's camera can't be the one through which its pictures turned as its log says.
+
+    Both the lens given and the one that fits best must have another focal length. A second or two.
+    """
+    if turns_deny(watch.focal(), camera) is None:
+        return None
+    return turns_deny(watch.focal((watch.camera, *ideal_lenses(watch.camera))), camera)
+
+
+def turns_deny(found: TurnedFocal, camera: Camera) -> str | None:
+    """A line where turns tell another focal length than that of a video's camera."""
+    if found.camera is None:
+        return None
+    told_px = found.camera.resized(camera.width, camera.height).fx
+    share = camera.fx / told_px
+    if abs(math.log(share)) < max(CONTRADICTION, SIGMAS * found.share):
+        return None
+    return (
+        f"focal length {camera.fx:.0f} px, where the turns tell {told_px:.0f} ({described_turns(found)}): "
+        f"depths flying sideways are {share:.2f} times those of the latter; see `flightdepth cameras VIDEO`"
+    )
+
+
+def described_turns(found: TurnedFocal) -> str:
+    """What turns tell, in a few words."""
+    if found.camera is None:
+        return found.reason
+    lens = "an ideal lens" if found.camera.model == "pinhole" else "a fisheye"
+    view = f"field of view of {found.camera.horizontal_fov_deg:.1f} degrees through {lens}, within {found.share:.0%}"
+    return f"{view}: so its pictures turned by the {found.turned_deg:.0f} degrees that the log tells"
 
 
 def millimetres(text: str) -> float | None:

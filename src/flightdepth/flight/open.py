@@ -15,7 +15,7 @@ import numpy as np
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.apparent_motion import apparent_motion
-from flightdepth.flight.cameras import ChosenCamera, choose_camera
+from flightdepth.flight.cameras import ChosenCamera, choose_camera, doubted_by_turns
 from flightdepth.flight.constant_speed import forward_velocity
 from flightdepth.flight.gimbal import looking, with_fixed_camera
 from flightdepth.flight.gpmf_telemetry import read_gpmf
@@ -31,7 +31,9 @@ from flightdepth.flight.records import (
     VelocitySample,
     seconds,
 )
+from flightdepth.flight.steadiness import small_camera
 from flightdepth.flight.telemetry import is_log, read_telemetry
+from flightdepth.flight.turned_focal import TurnWatch
 from flightdepth.flight.video import Video
 
 BODY_ONLY = (
@@ -69,6 +71,9 @@ class Flight:
         self.camera = chosen.camera
         self._log_warnings = log_warnings
         self.clock = clock  # as estimated from the pictures, where that was asked for
+        self.turns: TurnWatch | None = None  # to be shown the points that are followed
+        if telemetry is not None and chosen.turns_tell:
+            self.turns = TurnWatch(telemetry, small_camera(chosen.camera))
 
     def __enter__(self) -> Flight:
         return self
@@ -104,6 +109,10 @@ class Flight:
         if log is None or not log.body_attitudes or any(isinstance(s, AttitudeSample) for s in log.samples):
             return told
         return (*told, BODY_ONLY)
+
+    def lens_doubt(self) -> str | None:
+        """A line where the turns that `turns` was shown deny the camera; takes a second or two."""
+        return None if self.turns is None else doubted_by_turns(self.turns, self.camera)
 
     @property
     def video_bytes(self) -> int:

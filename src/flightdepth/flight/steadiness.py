@@ -10,6 +10,7 @@ pair's rotation is seen in its pictures and taken out (ranges/derotation.py), fo
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -35,6 +36,7 @@ NOISE_PX = 0.15
 RETURN_PX = 0.5  # a point tracked forth and back comes home within this
 
 Grey = NDArray[np.uint8]
+OnFollowed = Callable[[Vector, Vector, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -52,13 +54,21 @@ class TurnRate:
 
 
 class Steadiness:
-    """Follows points of small grey pictures over 0.1 s; about 4 ms a picture on one core."""
+    """Follows points of small grey pictures over 0.1 s; about 4 ms a picture on one core.
+
+    `on_followed` gets their pixels in `small_camera` [n, 2], then and now, and both times.
+    """
 
     def __init__(
-        self, camera: Camera, gyroscope: GyroscopeTrack | None = None, *, max_turn_rad: float = MAX_TURN_RAD
+        self,
+        camera: Camera,
+        gyroscope: GyroscopeTrack | None = None,
+        *,
+        max_turn_rad: float = MAX_TURN_RAD,
+        on_followed: OnFollowed | None = None,
     ) -> None:
         self._source, self._camera = camera, small_camera(camera)
-        self._gyroscope, self._max_turn_rad = gyroscope, max_turn_rad
+        self._gyroscope, self._max_turn_rad, self._on_followed = gyroscope, max_turn_rad, on_followed
         self._kept: deque[tuple[int, Grey]] = deque()
 
     def add(self, stamp_ns: int, image: NDArray[np.uint8]) -> TurnRate:
@@ -86,6 +96,8 @@ class Steadiness:
         before_ns, before = self._kept[0]
         span_s = (stamp_ns - before_ns) / NS_PER_S
         start, end, found = follow(before, grey)
+        if self._on_followed is not None:
+            self._on_followed(start, end, before_ns, stamp_ns)
         if found < MIN_POINTS:
             return self._from_gyroscope(before_ns, stamp_ns)
         if len(start) < max(FEWEST_FOLLOWED, MIN_FOLLOWED * found):

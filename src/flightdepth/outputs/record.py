@@ -36,7 +36,7 @@ class Source(BaseModel):
     )
     network: NetworkCard
     settings: dict[str, bool | int | float | str | None] = Field(default_factory=dict)
-    warnings: tuple[str, ...] = Field(default=(), description="what the user was warned of beforehand")
+    warnings: tuple[str, ...] = Field(default=(), description="what the user was warned of")
 
 
 class DepthScaleNote(BaseModel):
@@ -112,16 +112,26 @@ class FlightRecord(BaseModel):
 
 @dataclass(frozen=True)
 class Summary:
-    """A flight in a few figures, for people; medians are over the frames with depth, NaN without any."""
+    """A flight in a few figures, for people; medians are over the frames with depth, NaN without any.
+
+    `warnings` are those that came up in flight.
+    """
 
     counts: Counts
     notes: tuple[str, ...]
+    warnings: tuple[str, ...]
     valid_fraction_median: float
     latency_median_ms: float
     latency_p95_ms: float
 
     @classmethod
-    def of(cls, rows: Sequence[FrameRow], counts: Counts, notes: tuple[str, ...]) -> Summary:
+    def of(
+        cls,
+        rows: Sequence[FrameRow],
+        counts: Counts,
+        notes: tuple[str, ...],
+        warnings: tuple[str, ...] = (),
+    ) -> Summary:
         """Figures of a whole flight."""
         known = [row for row in rows if not row.reason]
         latencies = [row.latency_ms for row in known] or [float("nan")]
@@ -129,6 +139,7 @@ class Summary:
         return cls(
             counts=counts,
             notes=notes,
+            warnings=warnings,
             valid_fraction_median=float(np.median(fractions)),
             latency_median_ms=float(np.median(latencies)),
             latency_p95_ms=float(np.percentile(latencies, 95)),

@@ -23,13 +23,15 @@ def run_flight(
 ) -> None:
     """Give every sample and frame of `flight` to `estimator`, and every result to `writer` and `progress`.
 
-    `writer.summary` is complete once the writer is closed.
+    `writer.summary` is complete once the writer is closed. Where the camera's turns deny its lens, that is written too.
     """
     track = PoseTrack()
     for frame, result in depths(flight, estimator, on_sample=track.add):
         writer.add(frame, result, track.at(frame, result))
         progress(frame, result)
     writer.note_dropped(Counter(flight.counts) + Counter(estimator.dropped))
+    if doubt := flight.lens_doubt():
+        writer.warn(doubt)
 
 
 def depths(
@@ -39,7 +41,12 @@ def depths(
     on_sample: Callable[[Sample], None] = ignore,
 ) -> Iterator[tuple[Frame, RangedDepth]]:
     """Give every sample and frame of `flight` to `estimator`; each frame with its result."""
-    steadiness = Steadiness(flight.camera, flight.gyroscope, max_turn_rad=estimator.max_turn_rad)
+    steadiness = Steadiness(
+        flight.camera,
+        flight.gyroscope,
+        max_turn_rad=estimator.max_turn_rad,
+        on_followed=None if flight.turns is None else flight.turns.add,
+    )
     for event in flight:
         match event:
             case VelocitySample():

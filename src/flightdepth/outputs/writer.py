@@ -75,6 +75,7 @@ class FlightWriter:
         self._target, self._source, self._preview, self._format = target, source, preview, depth_format
         self._notes: list[str] = []  # of all frames
         self._dropped: dict[str, int] = {}
+        self._warnings: list[str] = []  # that came up in flight
         self._saturated_pixels = 0
 
     def __enter__(self) -> FlightWriter:
@@ -123,6 +124,10 @@ class FlightWriter:
         """Record how much of the input could not be used, by reason."""
         self._dropped = dict(dropped)
 
+    def warn(self, line: str) -> None:
+        """Record what the user should know and only the flight itself showed."""
+        self._warnings.append(line)
+
     def _write_maps(self, item: Item) -> None:
         name = f"{item.frame.index:06d}"
         confidence = png(bytes_from_confidence(item.result.confidence))
@@ -162,10 +167,11 @@ class FlightWriter:
         rows = rows_from_csv((self._folder / TABLE).read_text(encoding="utf-8"))
         counts = Counts.of(rows, self._dropped, self._saturated_pixels)
         notes = with_frames(self._notes)
-        self._summary = Summary.of(rows, counts, notes)
+        self._summary = Summary.of(rows, counts, notes, tuple(self._warnings))
+        warnings = (*self._source.warnings, *self._warnings)
         record = FlightRecord(
             flightdepth=version("flightdepth"),
-            source=self._source,
+            source=self._source.model_copy(update={"warnings": warnings}),
             depth=DepthScaleNote(format=self._format),
             counts=counts,
             notes=notes,

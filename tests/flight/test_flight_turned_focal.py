@@ -1,0 +1,240 @@
+"""The focal length that a camera's turns tell: from points of benchmarks/turned_focal.py, and through files."""
+
+import importlib
+import json
+import re
+import sys
+from dataclasses import asdict, replace
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from flightdepth.camera import Camera
+from flightdepth.cli import main
+from flightdepth.errors import BadInput
+from flightdepth.flight import AttitudeSample, Telemetry, VelocitySample, open_flight, write_csv
+from flightdepth.flight.cameras import doubted_by_turns, turns_deny
+from flightdepth.flight.records import BodyAttitudeSample
+from flightdepth.flight.turned_focal import TurnWatch, ideal_lenses
+from flightdepth.motion import quaternion_from_rotation
+from flightdepth.outputs import FlightFolder
+from flightdepth.runtimes.lens import undistort
+
+sys.path.append(str(Path(__file__).parent))
+from gopro_files import gopro_video, settings
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+simulated = importlib.import_module("turned_focal")
+Case, watched = simulated.Case, simulated.watched
+PINHOLE, FISHEYE = simulated.PINHOLE, simulated.FISHEYE
+LENSES = pytest.mark.parametrize("camera", [PINHOLE, FISHEYE], ids=["pinhole", "fisheye"])
+HOVERING = Case(lasts_s=24.0)
+FLYING = Case(lasts_s=30.0, speed_m_s=5.0)
+
+
+@LENSES
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_a_turning_camera_that_hovers_tells_its_lens_whichever_is_tried_first(camera, factor):
+    tried = replace(camera, fx=factor * camera.fx, fy=factor * camera.fy)
+    found = watched(replace(HOVERING, camera=camera), tried=tried).focal(ideal_lenses(tried))
+    assert found.camera.model == camera.model
+    assert found.camera.fx == pytest.approx(camera.fx, rel=0.005)
+    assert found.share == pytest.approx(0.02, abs=0.005)
+
+
+def test_it_says_by_how_much_the_camera_turned():
+    watch = watched(HOVERING, seed=1)
+    turned = simulated.angles(HOVERING, np.random.default_rng(1))[200:-200]
+    fast = np.abs(np.gradient(turned[:, 2])) * simulated.GRID_HZ > np.radians(3)
+    yawed_deg = np.degrees(np.abs(np.diff(turned[:, 2]))[fast[1:]].sum())
+    assert watch.focal().turned_deg == pytest.approx(yawed_deg, rel=0.15)
+
+
+@LENSES
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_what_flying_adds_is_within_the_error_bar(camera, seed):
+    found = watched(replace(FLYING, camera=camera), seed).focal(ideal_lenses(camera))
+    assert found.camera.model == camera.model
+    assert abs(found.camera.fx / camera.fx - 1) < 2 * found.share < 0.1
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        replace(FLYING, lag_s=0.1),
+        replace(FLYING, readout_s=0.03),
+        replace(FLYING, shake_deg=0.5),
+        replace(FLYING, attitude_hz=10.0),
+        Case(Camera.from_fov(160, 90, 20.0), lasts_s=24.0, turn_deg=10.0),
+    ],
+    ids=["a late clock", "rolling shutter", "a drone that shakes", "attitudes of the camera", "a long lens"],
+)
+def test_it_stays_exact_with(case):
+    found = watched(case).focal()
+    assert found.camera.fx == pytest.approx(case.camera.fx, rel=0.025)
+
+
+@pytest.mark.parametrize(
+    ("case", "reason"),
+    [
+        (replace(HOVERING, turn_deg=0.0), "hardly turns"),
+        (replace(HOVERING, lag_s=0.3), "is the log's clock the video's"),
+        (replace(HOVERING, lag_s=10.0), "do not fit|is the log's clock"),
+        (replace(HOVERING, attitude_hz=2.0), "0 degrees only where the log tells it often enough"),
+        (replace(HOVERING, attitude_hz=0.4), "does not tell how the camera turns"),
+        (replace(HOVERING, smoothed_s=0.15), "more smoothly"),
+        (replace(HOVERING, smoothed_s=0.3), "more smoothly|do not fit"),
+        (replace(HOVERING, smoothed_s=1.0), "do not fit|more smoothly"),
+        (replace(FLYING, smoothed_s=0.3, shake_deg=0.5), "do not fit|more smoothly"),
+        (replace(HOVERING, follows_s=0.2), "more smoothly|is the log's clock"),
+        (replace(HOVERING, follows_s=1.0), "do not fit|more smoothly|is the log's clock"),
+        (replace(HOVERING, zoom=2.0), "a zoom"),
+    ],
+)
+def test_it_says_why_turns_tell_nothing(case, reason):
+    watch = watched(case)
+    found = watch.focal(ideal_lenses(watch.camera))
+    assert found.camera is None
+    assert re.search(reason, found.reason), found.reason
+
+
+def test_the_lens_given_keeps_its_distortion():
+    bent = replace(PINHOLE, distortion=(-0.2, 0.03, 0.0, 0.0))
+    tried = replace(bent, fx=1.3 * bent.fx, fy=1.3 * bent.fy)
+    found = watched(replace(HOVERING, camera=bent), tried=tried).focal()
+    assert found.camera.distortion == bent.distortion
+    assert found.camera.fx == pytest.approx(bent.fx, rel=0.01)
+
+
+def test_attitudes_of_the_drone_tell_nothing():
+    bodies = tuple(BodyAttitudeSample(k * 10**8, np.array([1.0, 0, 0, 0])) for k in range(99))
+    watch = TurnWatch(Telemetry("a log", (VelocitySample(0, [1.0, 0, 0]),), body_attitudes=bodies), PINHOLE)
+    assert "does not tell how the camera turns" in watch.focal().reason
+
+
+def test_trash_is_no_turn():
+    rng = np.random.default_rng(4)
+    watch = watched(Case(lasts_s=2.0))
+    for k in range(60):
+        points = rng.uniform(-1e4, 1e4, (2, 30, 2))
+        watch.add(*points, 10**9 + k * 10**8, 11 * 10**8 + k * 10**8)
+    assert watch.focal(ideal_lenses(PINHOLE)).camera is None
+
+
+def test_pictures_are_kept_near_turns_only():
+    watch = watched(HOVERING)
+    assert not watch.wants(-2 * 10**9)
+    assert watch.wants(2 * 10**9)
+    assert 0.0 <= watch.busiest_s(0.0, 24.0, 4.0) < 22
+
+
+@pytest.mark.parametrize(("factor", "denied"), [(1.05, False), (1.25, True), (0.8, True)])
+def test_a_camera_is_denied_beyond_a_tenth(factor, denied):
+    large = PINHOLE.resized(640, 360)
+    said = turns_deny(watched(HOVERING).focal(), replace(large, fx=factor * large.fx, fy=factor * large.fy))
+    assert (said is not None) == denied
+    if said is not None:
+        assert f"{factor:.2f} times" in said and "70" in said
+
+
+@pytest.mark.parametrize("distortion", [(-0.3, 0.1, 0.0, 0.0), (0.2, 0.0, 0.0, 0.0)])
+@LENSES
+def test_a_right_camera_is_not_doubted_because_no_ideal_lens_is_like_it(camera, distortion):
+    bent = replace(camera, distortion=distortion)
+    assert doubted_by_turns(watched(replace(FLYING, camera=bent)), bent) is None
+
+
+@pytest.fixture(scope="module", params=[PINHOLE, FISHEYE], ids=["pinhole", "fisheye"])
+def turning_video(request, tmp_path_factory):
+    """A video of a far landscape through a turning camera, and its log."""
+    case = Case(request.param.resized(320, 180), lasts_s=10.0)
+    turned = simulated.angles(case, np.random.default_rng(8))
+    folder = tmp_path_factory.mktemp("turned")
+    write_video(folder / "flight.mp4", case.camera, lambda at_s: looking(case, turned, at_s))
+    samples = []
+    for at_s in np.arange(0, 10, 0.05):
+        stamp_ns = round(at_s * 1e9)
+        attitude = quaternion_from_rotation(looking(case, turned, at_s))
+        samples += [VelocitySample(stamp_ns, [0.5, 0, 0]), AttitudeSample(stamp_ns, attitude)]
+    write_csv(folder / "log.csv", samples)
+    return folder / "flight.mp4", folder / "log.csv", case.camera
+
+
+def looking(case, turned, at_s):
+    """World from camera at a time."""
+    return simulated.attitudes(case, turned, at_s, np.zeros((1, 2)))[0]
+
+
+def write_video(path, camera, looks, rate_hz=15, lasts_s=10):
+    noise = np.random.default_rng(3).uniform(0, 255, (700, 1400, 3)).astype(np.float32)
+    smooth = sum(cv2.GaussianBlur(noise, (0, 0), sigma) * sigma for sigma in (2, 5, 12))
+    scene = cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+    height, width = camera.height, camera.width
+    columns, rows = np.meshgrid(np.arange(float(width)), np.arange(float(height)))
+    rays = np.dstack([undistort(np.dstack([columns, rows]), camera), np.ones((height, width))])
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=rate_hz, options={"crf": "16"})
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        stream.codec_context.time_base = Fraction(1, rate_hz)
+        for number in range(rate_hz * lasts_s):
+            north, east, down = np.moveaxis(rays @ looks(number / rate_hz).T, -1, 0)
+            x = 700 + np.arctan2(east, north) * 300  # a cylinder of landscape
+            y = 350 + down / np.hypot(north, east) * 300
+            image = cv2.remap(
+                scene,
+                x.astype(np.float32),
+                y.astype(np.float32),
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_WRAP,
+            )
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode(None))
+
+
+def test_a_flight_without_a_camera_takes_the_one_that_its_turns_tell(turning_video):
+    video, told, camera = turning_video
+    with open_flight(video, told) as flight:
+        assert flight.camera.model == camera.model
+        assert flight.camera.fx == pytest.approx(camera.fx, rel=0.03)
+        assert "turned by" in flight.camera_source
+        assert flight.turns is None
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.4])
+def test_run_warns_of_a_camera_that_the_turns_deny(
+    turning_video, tmp_path, capsys, factor, save_difference_network
+):
+    video, told, camera = turning_video
+    network = save_difference_network()
+    given = replace(camera, fx=factor * camera.fx, fy=factor * camera.fy)
+    (tmp_path / "camera.json").write_text(json.dumps(asdict(given)))
+    options = ["--telemetry", told, "--camera", tmp_path / "camera.json", "--network", network]
+    assert main(["run", str(video), *map(str, options), "--out", str(tmp_path / "out")]) in (0, 3)
+    doubts = [line for line in FlightFolder(tmp_path / "out").record.source.warnings if "turns tell" in line]
+    assert len(doubts) == (factor != 1.0)
+    assert ("turns tell" in " ".join(capsys.readouterr().err.split())) == (factor != 1.0)
+
+
+def test_cameras_says_what_turns_tell(turning_video, capsys):
+    video, told, camera = turning_video
+    assert main(["cameras", str(video), "--telemetry", str(told)]) == 0
+    said = capsys.readouterr().out
+    assert "turned by" in said and ("fisheye" in said) == (camera.model == "fisheye")
+
+
+def test_the_refusal_says_why_turns_do_not_help(turning_video, tmp_path):
+    video, _, _ = turning_video
+    write_csv(tmp_path / "log.csv", [VelocitySample(k * 10**8, [1.0, 0, 0]) for k in range(100)])
+    with pytest.raises(BadInput, match="of its turns: the log does not tell how the camera turns"):
+        open_flight(video, tmp_path / "log.csv")
+
+
+def test_a_stabilised_video_is_not_asked(turning_video, tmp_path):
+    _, told, _ = turning_video
+    video = gopro_video(tmp_path / "v.mp4", settings("HERO10 Black", "L", "Y", "HS EIS"))
+    with open_flight(video, told, hfov_deg=80) as flight:
+        assert flight.turns is None and flight.lens_doubt() is None
