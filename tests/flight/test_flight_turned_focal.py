@@ -16,7 +16,14 @@ import pytest
 from flightdepth.camera import Camera
 from flightdepth.cli import main
 from flightdepth.errors import BadInput
-from flightdepth.flight import AttitudeSample, Telemetry, VelocitySample, open_flight, write_csv
+from flightdepth.flight import (
+    AttitudeSample,
+    Telemetry,
+    VelocitySample,
+    open_flight,
+    read_telemetry,
+    write_csv,
+)
 from flightdepth.flight.cameras import doubted_by_turns, turns_deny
 from flightdepth.flight.records import BodyAttitudeSample
 from flightdepth.flight.turned_focal import TurnWatch, ideal_lenses
@@ -202,6 +209,20 @@ def test_a_flight_without_a_camera_takes_the_one_that_its_turns_tell(turning_vid
         assert flight.camera.fx == pytest.approx(camera.fx, rel=0.03)
         assert "turned by" in flight.camera_source
         assert flight.turns is None
+
+
+def test_of_a_log_whose_time_is_sought_too_the_lens_is_told_after_it(turning_video):
+    """By itself a log that is 0.6 s late tells no lens."""
+    video, told, camera = turning_video
+    late = told.with_name("late.csv")
+    log = read_telemetry(told).later_by(600_000_000)
+    write_csv(late, [sample for sample in log.samples if sample.stamp_ns >= 0])
+    with open_flight(video, late, telemetry_offset_s="auto") as flight:
+        assert flight.clock.offset_s == pytest.approx(-0.6, abs=0.05)
+        assert flight.camera.model == camera.model
+        assert flight.camera.fx == pytest.approx(camera.fx, rel=0.04)
+    with pytest.raises(BadInput, match="of its turns"):
+        open_flight(video, late)
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.4])

@@ -135,7 +135,7 @@ class Recording:
         """What the camera's turns tell of its lens; takes a pass over a part of the video."""
         if self.log is None or self.turns_hidden_by:
             return TurnedFocal(None, reason=self.turns_hidden_by or "no log tells how the camera turns")
-        watch = turns_of(self.video, self.log, fov_camera(self.video, FIRST_TRIED_DEG))
+        watch = turns_of(self.video, self.log, assumed_camera(self.video))
         return watch.focal(ideal_lenses(watch.camera))
 
     @property
@@ -206,6 +206,11 @@ def turns_of(video: Video, log: Telemetry, camera: Camera) -> TurnWatch:
         for pair in followed(frames, camera):
             watch.add(*pair)
     return watch
+
+
+def assumed_camera(video: Video) -> Camera:
+    """For what depends little on the lens, where that is not known yet."""
+    return fov_camera(video, FIRST_TRIED_DEG)
 
 
 def fov_camera(video: Video, hfov_deg: float) -> Camera:

@@ -15,7 +15,7 @@ import numpy as np
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.apparent_motion import apparent_motion
-from flightdepth.flight.cameras import ChosenCamera, choose_camera, doubted_by_turns
+from flightdepth.flight.cameras import ChosenCamera, assumed_camera, choose_camera, doubted_by_turns
 from flightdepth.flight.constant_speed import forward_velocity
 from flightdepth.flight.gimbal import looking, with_fixed_camera
 from flightdepth.flight.gpmf_telemetry import read_gpmf
@@ -179,10 +179,15 @@ def open_flight(
     try:
         log, inside = choose_telemetry(video, telemetry, speed_m_s, telemetry_offset_s)
         log = mounted(log, mount_pitch_deg)
-        chosen = choose_camera(video, camera, hfov_deg, log)
-        clock = None
-        if log is not None and telemetry_offset_s == AUTO:
-            log, clock = synchronised(video, chosen.camera, log)
+        clock, auto = None, log is not None and telemetry_offset_s == AUTO
+        # How turns go up and down shows through any lens; by how much they turn tells the lens only at the right time.
+        by_turns = auto and camera is None and hfov_deg is None
+        chosen = None if by_turns else choose_camera(video, camera, hfov_deg, log)
+        if log is not None and auto:
+            log, clock = synchronised(video, chosen.camera if chosen else assumed_camera(video), log)
+        if chosen is None:
+            chosen = choose_camera(video, camera, hfov_deg, log)
+        elif log is not None and clock is not None:
             chosen = replace(chosen, views=log.view if chosen.views else None)
         told = clock_warnings(clock, inside=inside)
         if log is not None and telemetry is not None:
