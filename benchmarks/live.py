@@ -38,6 +38,7 @@ from flightdepth.flight.steadiness import Steadiness
 from flightdepth.flight.video import Video
 from flightdepth.live.depth_stage import DepthStage, Lens
 from flightdepth.live.engine import LiveEngine, Parts
+from flightdepth.live.lens_watch import LensWatch
 from flightdepth.live.log_player import LogPlayer
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.live.page import Page, PageServer
@@ -286,6 +287,7 @@ def flying(
         Parts(
             stage=stage,
             store=store,
+            lens=LensWatch(store),
             video=lambda listener: VideoInput(address, listener, sender_clock=rtp),
             motion=lambda engine: LogPlayer(
                 telemetry, store, epoch_ns=time.monotonic_ns(), on_velocity=engine.on_velocity

@@ -5,11 +5,8 @@ import json
 import re
 import sys
 from dataclasses import asdict, replace
-from fractions import Fraction
 from pathlib import Path
 
-import av
-import cv2
 import numpy as np
 import pytest
 
@@ -29,10 +26,10 @@ from flightdepth.flight.records import BodyAttitudeSample
 from flightdepth.flight.turned_focal import TurnWatch, ideal_lenses
 from flightdepth.motion import quaternion_from_rotation
 from flightdepth.outputs import FlightFolder
-from flightdepth.runtimes.lens import undistort
 
 sys.path.append(str(Path(__file__).parent))
 from gopro_files import gopro_video, settings
+from turning_videos import looking, write_video
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 simulated = importlib.import_module("turned_focal")
@@ -169,37 +166,6 @@ def turning_video(request, tmp_path_factory):
         samples += [VelocitySample(stamp_ns, [0.5, 0, 0]), AttitudeSample(stamp_ns, attitude)]
     write_csv(folder / "log.csv", samples)
     return folder / "flight.mp4", folder / "log.csv", case.camera
-
-
-def looking(case, turned, at_s):
-    """World from camera at a time."""
-    return simulated.attitudes(case, turned, at_s, np.zeros((1, 2)))[0]
-
-
-def write_video(path, camera, looks, rate_hz=15, lasts_s=10):
-    noise = np.random.default_rng(3).uniform(0, 255, (700, 1400, 3)).astype(np.float32)
-    smooth = sum(cv2.GaussianBlur(noise, (0, 0), sigma) * sigma for sigma in (2, 5, 12))
-    scene = cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
-    height, width = camera.height, camera.width
-    columns, rows = np.meshgrid(np.arange(float(width)), np.arange(float(height)))
-    rays = np.dstack([undistort(np.dstack([columns, rows]), camera), np.ones((height, width))])
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=rate_hz, options={"crf": "16"})
-        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        stream.codec_context.time_base = Fraction(1, rate_hz)
-        for number in range(rate_hz * lasts_s):
-            north, east, down = np.moveaxis(rays @ looks(number / rate_hz).T, -1, 0)
-            x = 700 + np.arctan2(east, north) * 300  # a cylinder of landscape
-            y = 350 + down / np.hypot(north, east) * 300
-            image = cv2.remap(
-                scene,
-                x.astype(np.float32),
-                y.astype(np.float32),
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_WRAP,
-            )
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
-        container.mux(stream.encode(None))
 
 
 def test_a_flight_without_a_camera_takes_the_one_that_its_turns_tell(turning_video):

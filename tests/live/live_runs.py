@@ -12,6 +12,7 @@ from flightdepth.live.autopilot_feed import AutopilotFeed, AutopilotListener
 from flightdepth.live.depth_stage import DepthStage, Lens
 from flightdepth.live.engine import LiveEngine, Parts
 from flightdepth.live.health import Limits
+from flightdepth.live.lens_watch import LensWatch
 from flightdepth.live.log_player import LogPlayer
 from flightdepth.live.mavlink_link import MavlinkLink
 from flightdepth.live.motion_store import MotionStore
@@ -51,6 +52,7 @@ class Run:
                 ),
                 motion=motion,
                 boot_ns=lambda live_ns: self.feed and self.feed.boot_ns(live_ns),
+                lens=LensWatch(self.store),
             ),
             say=self.said.append,
             limits=PATIENT,

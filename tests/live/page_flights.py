@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from obstacle_worlds import CAMERA, SIGHT, camera_attitude, result, wall
 
+from flightdepth.flight.cameras import TurnVerdict
 from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import ObstaclePacker
 from flightdepth.live.obstacle_sender import ObstacleFeed
@@ -23,6 +24,7 @@ class Flying:
         self.step = 0
         self.health = Health(State.OK, None, 0)
         self.distrusted: str | None = None
+        self.lens: TurnVerdict | None = None
         self.feed = ObstacleFeed(ObstacleMap(lambda _: SIGHT), ObstaclePacker(ObstacleSettings()))
         self.page = Page(self.status, self.feed)
         self.server = PageServer(self.page, "127.0.0.1:0")
@@ -47,6 +49,7 @@ class Flying:
             age_ms=40.0,
             age_p95_ms=52.0,
             distrusted=self.distrusted,
+            lens=self.lens,
             frames=FrameCounts(100 + self.step, 98 + self.step, {"a newer one came first": 2}),
             ranges=2,
             shifts=(3, 12),

@@ -11,6 +11,8 @@ import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.flight.cameras import TurnVerdict
+from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live.depth_stage import DepthStage, Lens, NoCalibration, Staged
 from flightdepth.live.engine import LiveEngine, Parts
 from flightdepth.live.meters import Rate
@@ -48,6 +50,22 @@ class Video:
         self.slot, self.ended, self.error = Pictures(pictures), threading.Event(), None
         self.received, self.reconnects, self.dropped, self.distrusted = pictures, 0, {}, None
         self.ended.set()
+
+    def start(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+class Motion:
+    """No telemetry."""
+
+    def start(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
 
 
 class Pictures(Newest):
@@ -111,6 +129,45 @@ def test_the_state_can_be_asked_while_a_picture_is_dropped_for_a_new_reason():
 
     dropped = engine(Growing({"not later than the one before": 2})).status().frames.dropped
     assert dropped["not later than the one before"] == 2
+
+
+def test_no_picture_waits_for_the_judgement_of_the_lens():
+    """The lens's thread is still at the first picture when the last one's result stands."""
+    begun, over, stage = threading.Event(), threading.Event(), Stage(Counter())
+
+    class Judging:
+        verdict = None
+
+        def take(self, result):
+            begun.set()
+            over.wait(20)
+
+    parts = Parts(
+        stage, MotionStore(), video=lambda listener: Video(), motion=lambda engine: Motion(), lens=Judging()
+    )
+    with LiveEngine(parts) as run:
+        run._work(PICTURE)
+        assert begun.wait(20)
+        for _ in range(50):
+            run._work(PICTURE)
+        assert run.status().frames.used == 51 and not over.is_set()
+        assert run.status().sinks["lens"].missed == 49
+        over.set()
+
+
+def test_what_turns_say_of_the_lens_is_the_state():
+    told = TurnVerdict(TurnedFocal(None), doubt="focal length 390 px, where the turns tell 300")
+    parts = Parts(
+        Stage(Counter()),
+        MotionStore(),
+        video=lambda listener: Video(),
+        motion=lambda engine: Motion(),
+        lens=SimpleNamespace(verdict=told, take=lambda result: None),
+    )
+    run, asked = LiveEngine(parts), []
+    run._monitor.lens = asked.append
+    assert run.status().lens is told
+    assert asked == [told.doubt]
 
 
 UNCALIBRATED = NoCalibration("camera: expected a calibration for 100x100, got one for 6x4")

@@ -5,6 +5,7 @@ import pytest
 from flightdepth.live.health import (
     FROZEN,
     LATE,
+    LENS,
     NO_TELEMETRY,
     OLD,
     PREPARING,
@@ -74,6 +75,17 @@ def flight():
     well = Flight()
     well.fly(3)
     return well
+
+
+def test_a_lens_that_its_turns_deny_is_told_until_they_no_longer_do_and_after_what_passes(flight):
+    flight.monitor.lens("focal length 390 px, where the turns tell 300")
+    health = flight.fly(0.1)[-1]
+    assert health.state is State.DEGRADED
+    assert health.reason == f"{LENS}: focal length 390 px, where the turns tell 300"
+    assert flight.fly(1, velocity=False)[-1].reason.startswith(LATE)
+    assert flight.fly(1)[-1].reason.startswith(LENS)
+    flight.monitor.lens(None)
+    assert flight.fly(1)[-1].state is State.OK
 
 
 def test_before_anything_it_is_lost():

@@ -6,7 +6,10 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from flightdepth.flight.cameras import TurnVerdict
+from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live.metrics import prometheus
 from flightdepth.live.obstacles import SECTORS, Sectors
 from flightdepth.live.status import FrameCounts, Health, LiveStatus, SinkCounts, State
@@ -75,6 +78,19 @@ def test_one_state_at_a_time():
     found = values(prometheus(STATUS))
     states = {state: found[f'flightdepth_health{{state="{state.value}"}}'] for state in State}
     assert states == {State.OK: 0, State.DEGRADED: 1, State.LOST: 0}
+
+
+@pytest.mark.parametrize(
+    ("verdict", "denied"),
+    [
+        (TurnVerdict(TurnedFocal(None), doubt="focal length 390 px"), 1.0),
+        (TurnVerdict(TurnedFocal(None, share=0.02), off=0.01), 0.0),
+        (TurnVerdict(TurnedFocal(None)), None),
+        (None, None),
+    ],
+)
+def test_whether_turns_deny_the_lens(verdict, denied):
+    assert values(prometheus(replace(STATUS, lens=verdict))).get("flightdepth_lens_denied") == denied
 
 
 def test_what_is_not_known_is_left_out():

@@ -16,6 +16,8 @@ import pytest
 from page_flights import HEIGHT, WIDTH, Flying, page_of
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.cameras import TurnVerdict
+from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live.obstacles import SECTORS
 from flightdepth.live.page import PageServer
 from flightdepth.live.page.server import MOST_REQUESTS, parsed
@@ -65,6 +67,13 @@ def test_state_says_why_the_senders_clock_is_not_followed(flying):
     assert json.loads(get(flying.server, "state.json")[2])["age"]["distrusted"] is None
     flying.distrusted = "a wall clock was set by 3.0 s"
     assert json.loads(get(flying.server, "state.json")[2])["age"]["distrusted"] == flying.distrusted
+
+
+def test_state_says_what_turns_say_of_the_lens(flying):
+    assert json.loads(get(flying.server, "state.json")[2])["lens"] is None
+    flying.lens = TurnVerdict(TurnedFocal(None, share=0.02), off=0.031)
+    told = json.loads(get(flying.server, "state.json")[2])["lens"]
+    assert told == {"denied": False, "agrees": True, "says": "agrees with its turns within 3%"}
 
 
 def test_old_sectors_are_unknown_on_the_page_too(flying):

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from page_flights import Flying
 
+from flightdepth.flight.cameras import TurnVerdict
+from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live.obstacles import SECTORS
 from flightdepth.live.status import Health, State
 
@@ -105,6 +107,15 @@ def test_figures_are_those_of_the_engine(watched):
     assert watched.tab.inner_text("#ranges-more") == "0.31 m in 3, 1.42 m in 12 frames"
     assert watched.tab.inner_text("#dropped").startswith("2 ")
     assert watched.tab.inner_text("#telemetry") == "30 Hz"
+
+
+def test_whether_turns_deny_the_lens_is_shown(watched):
+    watched.until("document.getElementById('lens').textContent === '–'")
+    watched.flying.lens = TurnVerdict(
+        TurnedFocal(None), doubt="focal length 390 px, where the turns tell 300"
+    )
+    watched.until("document.getElementById('lens').textContent === 'denied by its turns'")
+    assert watched.tab.get_attribute("#lens", "title").startswith("focal length 390 px")
 
 
 def test_why_the_senders_clock_is_not_followed_is_shown(watched):

@@ -13,6 +13,7 @@ from flightdepth.commands.live_session import Session, played_log
 from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.precision_option import NetworkPrecision
 from flightdepth.errors import BadInput
+from flightdepth.flight.cameras import Recording
 from flightdepth.live.video_address import video_address
 
 
@@ -75,6 +76,18 @@ def test_a_recorded_flight_is_played_with_its_own_log(session, tmp_path):
     told = played_log(replace(given, telemetry=LOG), video_address(given.video))
     assert [each.stamp_ns for each in own.samples] == [each.stamp_ns for each in told.samples]
     assert own.samples[0].stamp_ns == 500_000_000
+
+
+@pytest.mark.parametrize("hidden_by", ["", "the lens may zoom"])
+def test_turns_are_asked_of_the_lens_unless_the_pictures_turn_otherwise(
+    session, tmp_path, monkeypatch, hidden_by
+):
+    assert session.engine._parts.lens is not None  # of a stream nobody can tell
+    monkeypatch.setattr(Recording, "turns_hidden_by", hidden_by)
+    shutil.copy(VIDEO, tmp_path / "v.mp4")
+    shutil.copy(LOG, tmp_path / "v.csv")
+    played = Session(replace(session.settings, mavlink=None, video=str(tmp_path / "v.mp4")))
+    assert (played.engine._parts.lens is None) == bool(hidden_by)
 
 
 def test_a_stream_has_no_log_of_its_own(session):

@@ -16,6 +16,7 @@ from flightdepth.camera import Camera
 from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.terminal import say, warn
 from flightdepth.errors import BadInput
+from flightdepth.flight.cameras import Recording
 from flightdepth.flight.gimbal import looking
 from flightdepth.flight.open import own_telemetry
 from flightdepth.flight.records import NS_PER_S, Telemetry
@@ -24,6 +25,7 @@ from flightdepth.flight.video import Video
 from flightdepth.live.autopilot_feed import AutopilotFeed, AutopilotListener
 from flightdepth.live.depth_stage import DepthStage, Lens
 from flightdepth.live.engine import LiveEngine, MotionSource, Parts
+from flightdepth.live.lens_watch import LensWatch
 from flightdepth.live.log_player import LogPlayer
 from flightdepth.live.mavlink_link import MavlinkLink
 from flightdepth.live.motion_store import MotionStore
@@ -66,9 +68,11 @@ class Session:
         stage = DepthStage(
             self.network, self.lens, self.store, ranges=settings.ranges, fixed=fixed, turns=turns
         )
+        turns_tell = self.log is None or self.log.view is None
         if self.address.paced:  # a file must not run on while the network is prepared
             with Video(Path(self.address.target)) as first:
                 stage.prepare(*first.size)
+                turns_tell = not Recording(first, self.log).turns_hidden_by
         self.epoch_ns = time.monotonic_ns() + LEAD_NS
         self.feed: AutopilotFeed | None = None
         self.link: MavlinkLink | None = None
@@ -83,6 +87,7 @@ class Session:
                 boot_ns=lambda live_ns: None if self.feed is None else self.feed.boot_ns(live_ns),
                 telemetry_dropped=self._telemetry_dropped,
                 lacking=lambda: None if self.obstacles is None else self.obstacles.lacking,
+                lens=LensWatch(self.store) if turns_tell else None,
             ),
             say=warn,
         )
@@ -238,6 +243,7 @@ def summary(status: LiveStatus) -> str:
     lines = [f"{status.frames.used} of {status.frames.received} pictures used in {status.uptime_s:.1f} s"]
     lines += [f"  {count} dropped: {reason}" for reason, count in status.frames.dropped.items()]
     lines += [f"  MAVLink: {count} {why}" for why, count in status.telemetry_dropped.items()]
+    lines += [f"  lens: {status.lens}"] if status.lens is not None and status.lens.decided else []
     for name, counts in status.sinks.items():
         lines.append(f"  {name}: {counts.taken} results, {counts.missed} missed, {counts.failed} failed")
     return "\n".join(lines)

@@ -20,11 +20,12 @@ from flightdepth.flight.apparent_motion import followed
 from flightdepth.flight.camera_file import read_camera
 from flightdepth.flight.gopro_settings import GoproSettings, read_gopro_settings
 from flightdepth.flight.lenses import Lens, find_lens, fov_of_equivalent_deg, known_lenses
+from flightdepth.flight.offset import Signal
 from flightdepth.flight.photograph import is_photograph, read_photograph
 from flightdepth.flight.records import NS_PER_S, Telemetry, ViewTrack
 from flightdepth.flight.stabilisation import Stabilisation, find_stabilisation
 from flightdepth.flight.steadiness import small_camera
-from flightdepth.flight.turned_focal import TurnedFocal, TurnWatch, ideal_lenses
+from flightdepth.flight.turned_focal import TurnedFocal, TurnPoints, TurnWatch, ideal_lenses
 from flightdepth.flight.video import Video
 
 CERTAIN_ERROR = 0.05  # of the focal length; what may be farther off is never taken unasked
@@ -309,27 +310,69 @@ def described(lens: Lens) -> str:
     return f"{lens.horizontal_fov_deg:.1f} degrees, within {lens.error:.0%}, after {lens.source}"
 
 
-def doubted_by_turns(watch: TurnWatch, camera: Camera) -> str | None:
-    """A line where a video's camera can't be the one through which its pictures turned as its log says.
+@dataclass(frozen=True)
+class TurnVerdict:
+    """What turns say of a camera: `found` of its lens, and `doubt`, a line where they deny its focal length.
 
-    Both the lens given and the one that fits best must have another focal length. A second or two.
+    off  by which share it differs from what they tell, where they tell one and do not deny it; NaN otherwise
     """
-    if turns_deny(watch.focal(), camera) is None:
-        return None
-    return turns_deny(watch.focal((watch.camera, *ideal_lenses(watch.camera))), camera)
+
+    found: TurnedFocal
+    doubt: str | None = None
+    off: float = math.nan
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the turns tell the focal length well enough, and the same."""
+        return self.doubt is None and self.found.share <= CERTAIN_ERROR and self.off < CONTRADICTION
+
+    @property
+    def decided(self) -> bool:
+        """Whether they say one or the other."""
+        return self.agrees or self.doubt is not None
+
+    def __str__(self) -> str:
+        if self.doubt is not None:
+            return self.doubt
+        if self.agrees:
+            return f"agrees with its turns within {max(self.off, self.found.share):.0%}"
+        return f"its turns do not settle it: {described_turns(self.found)}"
+
+
+def judged_by_turns(points: TurnPoints, told: Signal | None, camera: Camera) -> TurnVerdict:
+    """Whether a camera can be the one through which pictures turned as told, rad/s. A second or two.
+
+    It is denied where both the lens given and the one that fits best have another focal length.
+    """
+    own = points.focal(told)
+    if turns_deny(own, camera) is None:
+        off = math.nan if own.camera is None else abs(math.log(focal_share(own.camera, camera)))
+        return TurnVerdict(own, off=off)
+    best = points.focal(told, (points.camera, *ideal_lenses(points.camera)))
+    return TurnVerdict(best, turns_deny(best, camera))
+
+
+def doubted_by_turns(watch: TurnWatch, camera: Camera) -> str | None:
+    """A line where a video's camera can't be the one through which its pictures turned as its log says."""
+    return judged_by_turns(watch.points, watch.told, camera).doubt
+
+
+def focal_share(told: Camera, camera: Camera) -> float:
+    """Focal length of a camera over that of another, at the same size."""
+    return camera.fx / told.resized(camera.width, camera.height).fx
 
 
 def turns_deny(found: TurnedFocal, camera: Camera) -> str | None:
     """A line where turns tell another focal length than that of a video's camera."""
     if found.camera is None:
         return None
-    told_px = found.camera.resized(camera.width, camera.height).fx
-    share = camera.fx / told_px
+    share = focal_share(found.camera, camera)
     if abs(math.log(share)) < max(CONTRADICTION, SIGMAS * found.share):
         return None
     return (
-        f"focal length {camera.fx:.0f} px, where the turns tell {told_px:.0f} ({described_turns(found)}): "
-        f"depths flying sideways are {share:.2f} times those of the latter; see `flightdepth cameras VIDEO`"
+        f"focal length {camera.fx:.0f} px, where the turns tell {camera.fx / share:.0f} ({described_turns(found)}): "
+        f"depths flying sideways are {share:.2f} times those of the latter; calibrate, or see "
+        "`flightdepth cameras VIDEO`"
     )
 
 

@@ -109,17 +109,15 @@ def turn_signal(log: Telemetry) -> Signal | None:
     """Turn rates, rad/s: of the camera's attitude, else of its gyroscope, else of the drone; None without any."""
     cameras = [sample for sample in log.samples if isinstance(sample, AttitudeSample)]
     if len(cameras) > 2:
-        return _rates(
-            [each.stamp_ns for each in cameras], [each.world_from_camera for each in cameras], axes=True
-        )
+        stamps_ns = np.array([each.stamp_ns for each in cameras])
+        return attitude_rates(stamps_ns, np.array([each.world_from_camera for each in cameras]))
     if log.gyroscope is not None and len(log.gyroscope.stamps_ns) > 2:
         track = log.gyroscope
         return Signal(_seconds(track.stamps_ns), _smooth(track.rates_rad_s, track.stamps_ns), axes=False)
     bodies = log.body_attitudes
     if len(bodies) > 2:
-        return _rates(
-            [each.stamp_ns for each in bodies], [each.world_from_body for each in bodies], axes=False
-        )
+        stamps_ns = np.array([each.stamp_ns for each in bodies])
+        return attitude_rates(stamps_ns, np.array([each.world_from_body for each in bodies]), axes=False)
     return None
 
 
@@ -130,10 +128,13 @@ def speed_signal(log: Telemetry) -> Signal:
     return Signal(_seconds(np.array([each.stamp_ns for each in velocities])), speeds[:, None])
 
 
-def _rates(stamps: list[int], quaternions: list[Vector], *, axes: bool) -> Signal:
-    """Turn rates midway between successive attitudes, in the axes of what turns."""
-    at_s = _seconds(np.array(stamps))
-    turns = rotations_from_quaternions(np.array(quaternions))
+def attitude_rates(stamps_ns: Stamps, quaternions_n4: Vector, *, axes: bool = True) -> Signal:
+    """Turn rates midway between successive attitudes [n, 4] (w, x, y, z), in the axes of what turns, rad/s [m, 3].
+
+    `axes`: whether these are the camera's.
+    """
+    at_s = _seconds(stamps_ns)
+    turns = rotations_from_quaternions(quaternions_n4)
     steps = np.einsum("kji,kjl->kil", turns[:-1], turns[1:])
     odd = steps - steps.transpose(0, 2, 1)
     vectors = np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=1) / 2  # sines: the steps are small

@@ -9,6 +9,7 @@ A drone's own attitude says nothing here, since a gimbal may stand between it an
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -55,16 +56,53 @@ class TurnedFocal:
     reason: str = ""
 
 
-class TurnWatch:
-    """Keeps the points that were followed while the camera turned, as its log says.
+class TurnPoints:
+    """Keeps the points that were followed in the newest `most` pairs of pictures of a camera that turns.
 
-    `camera` is that of the pictures in which points are followed.
+    `camera` is that of the pictures in which points are followed; times must rise.
     """
 
+    def __init__(self, camera: Camera, *, most: int = MOST_PAIRS) -> None:
+        self.camera = camera
+        self._spans_s: deque[tuple[float, float]] = deque(maxlen=most)
+        self._points: deque[NDArray[np.float32]] = deque(maxlen=most)
+
+    def __len__(self) -> int:
+        return len(self._spans_s)
+
+    def add(self, before: Vector, after: Vector, before_ns: int, after_ns: int) -> bool:
+        """Pixels [n, 2] of the same points in two pictures; whether they are of use."""
+        start_s, end_s = before_ns / NS_PER_S, after_ns / NS_PER_S
+        if len(before) < FEWEST_POINTS or end_s - start_s > LONGEST_PAIR_S:
+            return False
+        points = np.full((2, MOST_POINTS, 2), np.nan, np.float32)
+        count = min(len(before), MOST_POINTS)
+        points[:, :count] = before[:count], after[:count]
+        self._spans_s.append((start_s, end_s))
+        self._points.append(points)
+        return True
+
+    def focal(self, told: Signal | None, cameras: Sequence[Camera] = ()) -> TurnedFocal:
+        """By that lens of some which fits best, where `told` says how the camera turned, rad/s. A second or two.
+
+        The lens is the pictures' own where none are given.
+        """
+        if told is None:
+            return TurnedFocal(None, reason="the log does not tell how the camera turns")
+        if len(self) < FEWEST_PAIRS:
+            return TurnedFocal(None, reason="the camera hardly turns")
+        turns = ToldTurns(np.array(self._spans_s), told)
+        points = np.array(self._points, dtype=np.float64)
+        tries = [_fitted(camera, points, turns) for camera in cameras or (self.camera,)]
+        known = sorted((each for each in tries if each.camera), key=lambda each: each.misfit_px)
+        return _undecided(known) if known else min(tries, key=lambda each: each.misfit_px)
+
+
+class TurnWatch:
+    """Keeps points where a whole log says that the camera turned. `told`: turn rates; `camera`: see TurnPoints."""
+
     def __init__(self, log: Telemetry, camera: Camera) -> None:
-        self._told, self.camera = told_rates(log), camera
-        self._spans_s: list[tuple[float, float]] = []
-        self._points: list[NDArray[np.float32]] = []
+        self.told, self.camera, self.points = told_rates(log), camera, TurnPoints(camera)
         self._turning_s = np.empty(0)
         if (calm := turn_signal(replace(log, body_attitudes=()))) is not None:
             rates = np.linalg.norm(calm.values, axis=1)
@@ -72,20 +110,14 @@ class TurnWatch:
 
     def add(self, before: Vector, after: Vector, before_ns: int, after_ns: int) -> None:
         """Pixels [n, 2] of the same points in two pictures."""
-        start_s, end_s = before_ns / NS_PER_S, after_ns / NS_PER_S
-        if len(before) < FEWEST_POINTS or end_s - start_s > LONGEST_PAIR_S or not self.wants(after_ns):
-            return
-        points = np.full((2, MOST_POINTS, 2), np.nan, np.float32)
-        count = min(len(before), MOST_POINTS)
-        points[:, :count] = before[:count], after[:count]
-        self._spans_s.append((start_s, end_s))
-        self._points.append(points)
+        if self.wants(after_ns):
+            self.points.add(before, after, before_ns, after_ns)
 
     def wants(self, stamp_ns: int) -> bool:
         """Whether the camera turns at about this time, and more pairs are of use."""
         at_s = stamp_ns / NS_PER_S
         first, last = np.searchsorted(self._turning_s, [at_s - AROUND_S, at_s + AROUND_S])
-        return bool(first < last) and len(self._spans_s) < MOST_PAIRS
+        return bool(first < last) and len(self.points) < MOST_PAIRS
 
     def busiest_s(self, first_s: float, last_s: float, length_s: float) -> float:
         """Start of the `length_s` between two times in which the camera turns most."""
@@ -97,15 +129,7 @@ class TurnWatch:
 
     def focal(self, cameras: Sequence[Camera] = ()) -> TurnedFocal:
         """By that lens of some which fits best; by the pictures' own where none are given. A second or two."""
-        if self._told is None:
-            return TurnedFocal(None, reason="the log does not tell how the camera turns")
-        if len(self._spans_s) < FEWEST_PAIRS:
-            return TurnedFocal(None, reason="the camera hardly turns")
-        turns = ToldTurns(np.array(self._spans_s), self._told)
-        points = np.array(self._points, dtype=np.float64)
-        tries = [_fitted(camera, points, turns) for camera in cameras or (self.camera,)]
-        known = sorted((each for each in tries if each.camera), key=lambda each: each.misfit_px)
-        return _undecided(known) if known else min(tries, key=lambda each: each.misfit_px)
+        return self.points.focal(self.told, cameras)
 
 
 def told_rates(log: Telemetry) -> Signal | None:

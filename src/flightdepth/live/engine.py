@@ -17,6 +17,7 @@ from typing import Protocol
 from flightdepth.errors import BadInput
 from flightdepth.live.depth_stage import DepthStage, NoCalibration, Staged
 from flightdepth.live.health import HealthMonitor, Limits
+from flightdepth.live.lens_watch import LensWatch
 from flightdepth.live.meters import Ages, Rate
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.live.range_control import RangeControl
@@ -48,6 +49,7 @@ class Parts:
     boot_ns            a time of the live clock on the autopilot's
     telemetry_dropped  what telemetry left out, by reason
     lacking            what a sink can't do, and for want of what
+    lens               watches whether the camera's turns deny its lens; None where they need not tell it
     """
 
     stage: DepthStage
@@ -57,6 +59,7 @@ class Parts:
     boot_ns: Callable[[int], int | None] = lambda live_ns: None
     telemetry_dropped: Callable[[], dict[str, int]] = dict
     lacking: Callable[[], str | None] = lambda: None
+    lens: LensWatch | None = None
 
 
 class LiveEngine:
@@ -79,6 +82,8 @@ class LiveEngine:
         self._motion = parts.motion(self)
 
     def __enter__(self) -> LiveEngine:
+        if self._parts.lens is not None:
+            self.add_sink("lens", self._parts.lens.take)
         self._motion.start()
         self._video.start()
         return self
@@ -110,11 +115,13 @@ class LiveEngine:
     def status(self) -> LiveStatus:
         """How things stand now."""
         now_ns = time.monotonic_ns()
+        lens = None if self._parts.lens is None else self._parts.lens.verdict
         with self._lock:
             last = self._last
             pictures_hz, results_hz = self._pictures.hz(now_ns), self._results.hz(now_ns)
             self._monitor.rates(pictures_hz, results_hz)
             self._monitor.lacks(self._parts.lacking())
+            self._monitor.lens(None if lens is None else lens.doubt)
             return LiveStatus(
                 stamp_ns=now_ns,
                 health=self._monitor.judge(now_ns),
@@ -134,6 +141,7 @@ class LiveEngine:
                 reconnects=self._video.reconnects,
                 sinks={sink.name: sink.counts for sink in self._sinks},
                 telemetry_dropped=self._parts.telemetry_dropped(),
+                lens=lens,
             )
 
     def on_velocity(self, now_ns: int) -> None:

@@ -17,6 +17,7 @@ NO_TELEMETRY = "no telemetry yet"
 LATE = "telemetry is late"
 SLOW = "the machine is too slow"
 OLD = "results are old"
+LENS = "the camera's turns deny its lens"
 RECOVERING = "recovering from "
 
 
@@ -53,6 +54,7 @@ class HealthMonitor:
         self._depth_ns = start_ns
         self._no_depth: str | None = None
         self._doubt: str | None = None
+        self._lens_doubt: str | None = None
         self._lacking: str | None = None
         self._age_ms = self._pictures_hz = self._results_hz = 0.0
 
@@ -92,6 +94,10 @@ class HealthMonitor:
         self._doubt = doubt
         if no_depth is None:
             self._depth_ns = now_ns
+
+    def lens(self, doubt: str | None) -> None:
+        """What the camera's turns say against its focal length; None: nothing."""
+        self._lens_doubt = doubt
 
     def lacks(self, what: str | None) -> None:
         """What somebody who needs the results can't do, and for want of what; None: nothing is wanting."""
@@ -155,6 +161,8 @@ class HealthMonitor:
                 " fewer --ranges, --no-align or --network motion-tiny take less",
             ),
             (self._age_ms > limits.old_ms, f"{OLD}: {self._age_ms:.0f} ms"),
+            # Once told it lasts, so what may pass comes before it.
+            (self._lens_doubt is not None, f"{LENS}: {self._lens_doubt}"),
             (True, self._lacking),
         )
         return next((reason for counts, reason in troubles if counts and reason is not None), None)

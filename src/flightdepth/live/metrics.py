@@ -58,6 +58,8 @@ def engine(status: LiveStatus) -> Iterator[Metric]:
     yield Metric(
         "age_from_sender", "gauge", "1: since the sender's time, 0: since reception", only(from_sender)
     )
+    denied = None if status.lens is None or not status.lens.decided else status.lens.doubt is not None
+    yield Metric("lens_denied", "gauge", "1: the camera's turns deny its focal length", only(denied))
     yield Metric("ranges", "gauge", "Frame pairs a frame", only(status.ranges))
     lengths = enumerate(status.displacements_m, 1)
     yield Metric(

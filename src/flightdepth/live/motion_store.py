@@ -17,7 +17,7 @@ from flightdepth.motion import (
     rotation_from_quaternion,
 )
 from flightdepth.ranges.attitude import neighbours, orientations
-from flightdepth.ranges.timeline import Timeline
+from flightdepth.ranges.timeline import Rows, Stamps, Timeline
 
 KEPT_NS = 4 * NS_PER_S
 HEIGHT_AGE_NS = NS_PER_S
@@ -83,6 +83,13 @@ class MotionStore:
             taken = list(self._new)
             self._new.clear()
             return taken
+
+    def cameras_after(self, stamp_ns: int) -> tuple[Stamps, Rows]:
+        """Attitudes of the camera after a time, as far as they are held: stamps [n], quaternions [n, 4]."""
+        with self._lock:
+            stamps, rows = self._cameras.between(stamp_ns, self._cameras.newest_ns or stamp_ns)
+            later = stamps > stamp_ns
+            return stamps[later], rows[later]  # copies, by the mask
 
     def at(self, stamp_ns: int) -> MotionAt:
         """The drone at `stamp_ns`, between samples or just after the last."""

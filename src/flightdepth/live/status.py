@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.flight.cameras import TurnVerdict
 from flightdepth.motion import Vector
 from flightdepth.ranges.result import RangedDepth
 
@@ -84,6 +85,7 @@ class LiveStatus:
     reconnects        times that the video stream was opened again
     sinks             by name: results taken, missed, failed on
     telemetry_dropped MAVLink messages left out or not sent, and jumps of the autopilot's clock, by reason
+    lens              what the camera's turns say of its focal length; None before they were judged
     """
 
     stamp_ns: int
@@ -104,6 +106,7 @@ class LiveStatus:
     reconnects: int = 0
     sinks: Mapping[str, SinkCounts] = field(default_factory=dict)
     telemetry_dropped: Mapping[str, int] = field(default_factory=dict)
+    lens: TurnVerdict | None = None
 
 
 @dataclass(frozen=True, eq=False)

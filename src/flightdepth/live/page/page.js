@@ -37,6 +37,8 @@ function show(state, fan) {
   health(state.health.state, state.health.reason);
   put("speed", dash(state.speed_m_s, (v) => `${v.toFixed(1)} m/s`));
   put("uptime", lasting(state.uptime_s));
+  put("lens", dash(state.lens, (lens) => (lens.denied ? "denied by its turns" : lens.agrees ? lens.says : "not settled")));
+  byId("lens").title = state.lens?.says ?? "its turns were not judged yet";
   const distrusted = state.age.distrusted ? `: ${state.age.distrusted}` : "";
   const source = state.age.from === "sender" ? "since capture, sender's clock" : `since reception${distrusted}`;
   const p95 = dash(state.age.p95_ms, (ms) => `95 % under ${ms.toFixed(0)} ms`);

@@ -52,6 +52,13 @@ def state(
             for shift, length in zip(status.shifts, status.displacements_m, strict=False)
         ],
         "ranges_in_use": status.ranges,
+        "lens": None
+        if status.lens is None
+        else {
+            "denied": status.lens.doubt is not None,
+            "agrees": status.lens.agrees,
+            "says": str(status.lens),
+        },
         "telemetry": {"hz": status.telemetry_hz, "age_ms": status.telemetry_age_ms},
         "reconnects": status.reconnects,
         "uptime_s": status.uptime_s,
