@@ -16,7 +16,8 @@ import numpy as np
 
 from flightdepth.camera import Camera
 from flightdepth.flight import AttitudeSample, GyroscopeTrack, Telemetry, VelocitySample
-from flightdepth.flight.cameras import CERTAIN_ERROR, turns_deny
+from flightdepth.flight.lenses import CERTAIN_ERROR
+from flightdepth.flight.turn_verdict import turns_deny
 from flightdepth.flight.turned_focal import TurnedFocal, TurnWatch, ideal_lenses
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation
 from flightdepth.runtimes.lens import distort, undistort

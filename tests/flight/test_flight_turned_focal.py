@@ -21,8 +21,8 @@ from flightdepth.flight import (
     read_telemetry,
     write_csv,
 )
-from flightdepth.flight.cameras import doubted_by_turns, turns_deny
 from flightdepth.flight.records import BodyAttitudeSample
+from flightdepth.flight.turn_verdict import doubted_by_turns, turns_deny
 from flightdepth.flight.turned_focal import TurnWatch, ideal_lenses
 from flightdepth.motion import quaternion_from_rotation
 from flightdepth.outputs import FlightFolder

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from obstacle_worlds import CAMERA, SIGHT, camera_attitude, result, wall
 
-from flightdepth.flight.cameras import TurnVerdict
+from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import ObstaclePacker
 from flightdepth.live.obstacle_sender import ObstacleFeed

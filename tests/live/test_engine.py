@@ -11,7 +11,7 @@ import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.flight.cameras import TurnVerdict
+from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live.depth_stage import DepthStage, Lens, NoCalibration, Staged
 from flightdepth.live.engine import LiveEngine, Parts

@@ -12,8 +12,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flightdepth.flight.cameras import TurnVerdict
 from flightdepth.flight.records import AttitudeSample, BodyAttitudeSample
+from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live import lens_watch
 from flightdepth.live.health import FROZEN, LENS, HealthMonitor

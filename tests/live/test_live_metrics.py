@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightdepth.flight.cameras import TurnVerdict
+from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live.metrics import prometheus
 from flightdepth.live.obstacles import SECTORS, Sectors

@@ -16,7 +16,7 @@ import pytest
 from page_flights import HEIGHT, WIDTH, Flying, page_of
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.cameras import TurnVerdict
+from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live.obstacles import SECTORS
 from flightdepth.live.page import PageServer

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from page_flights import Flying
 
-from flightdepth.flight.cameras import TurnVerdict
+from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live.obstacles import SECTORS
 from flightdepth.live.status import Health, State

@@ -53,9 +53,10 @@ def list_lenses() -> None:
 
 def tell(path: Path, log: Path | None) -> None:
     """What `run` would take for a video without --camera, or what it would ask for."""
-    from flightdepth.flight.cameras import choose_camera, described_turns, doubted_by_turns, turns_of
+    from flightdepth.flight.cameras import choose_camera
     from flightdepth.flight.gpmf_telemetry import read_gpmf
     from flightdepth.flight.telemetry import read_telemetry
+    from flightdepth.flight.turn_verdict import described_turns, doubted_by_turns, turns_of
     from flightdepth.flight.video import Video
 
     with Video(path) as video:

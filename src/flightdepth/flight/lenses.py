@@ -14,6 +14,8 @@ from flightdepth.camera import Camera, Model
 from flightdepth.errors import BadInput
 
 HALF_DIAGONAL_35MM = math.hypot(36, 24) / 2  # a "35 mm equivalent" focal length compares diagonals
+CERTAIN_ERROR = 0.05  # of the focal length; what may be farther off is never taken unasked
+CONTRADICTION = 0.1  # between what the user gives and what the file, or the camera's turns, tell for certain
 SAME_SHAPE = 0.02  # 854x480 and 848x480 pass for 16:9
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.apparent_motion import apparent_motion
-from flightdepth.flight.cameras import ChosenCamera, assumed_camera, choose_camera, doubted_by_turns
+from flightdepth.flight.cameras import ChosenCamera, assumed_camera, choose_camera
 from flightdepth.flight.constant_speed import forward_velocity
 from flightdepth.flight.gimbal import looking, with_fixed_camera
 from flightdepth.flight.gpmf_telemetry import read_gpmf
@@ -33,6 +33,7 @@ from flightdepth.flight.records import (
 )
 from flightdepth.flight.steadiness import small_camera
 from flightdepth.flight.telemetry import is_log, read_telemetry
+from flightdepth.flight.turn_verdict import doubted_by_turns
 from flightdepth.flight.turned_focal import TurnWatch
 from flightdepth.flight.video import Video
 

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.flight.cameras import TurnVerdict, judged_by_turns
 from flightdepth.flight.offset import attitude_rates
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.flight.steadiness import Grey, follow, small_camera, small_grey
 from flightdepth.flight.turn_comparison import LEAST_RATE_RAD_S
+from flightdepth.flight.turn_verdict import TurnVerdict, judged_by_turns
 from flightdepth.flight.turned_focal import AROUND_S, LONGEST_PAIR_S, TurnPoints
 from flightdepth.live.health import FROZEN
 from flightdepth.live.motion_store import MotionStore

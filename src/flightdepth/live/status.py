@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.flight.cameras import TurnVerdict
+from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.motion import Vector
 from flightdepth.ranges.result import RangedDepth
 
