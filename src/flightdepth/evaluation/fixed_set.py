@@ -9,6 +9,8 @@ from flightdepth.stillbox import OutdoorTestSet, PairRule, Picture, TestSet
 from flightdepth.stillbox.testset import SCENES
 from flightdepth.weights.card import FLIGHT_DETAIL, NetworkCard
 
+MOST_PX = 256  # of the pictures that a network for one lens is measured on: crops of larger ones
+
 
 def outdoor_set(card: NetworkCard, *, scenes: int = SCENES) -> OutdoorTestSet:
     """Flights outdoors, like no training room, `full_width` wide."""
@@ -34,7 +36,7 @@ def fixed_set(
     if scenes < 1:
         raise BadInput("scenes of a test set", expected="at least 1", got=str(scenes))
     full = full_width(card)
-    width = full if card.any_lens else square_width(card)
+    width = full if card.any_lens else min(full, MOST_PX)
     rule = PairRule(card.nominal_shift, card.depth_min_m, card.depth_max_m)
     config = StillBoxConfig(horizontal_fov_deg=horizontal_fov_deg)
     return TestSet(Picture(width, width, full), rule, scenes, textures=textures, config=config)
@@ -60,13 +62,3 @@ def set_name(pairs: TestSet | OutdoorTestSet) -> str:
     fov = pairs.config.horizontal_fov_deg
     lens = "" if fov == 90 else f", {fov:g} degrees"
     return f"Still Box {picture.width} px{crop}, shift {pairs.rule.nominal_shift}{lens}{textures}"
-
-
-def square_width(card: NetworkCard) -> int:
-    """Width of the last square stage at the network's focal length, or else the last stage's shorter side."""
-    squares = [
-        stage.width
-        for stage in card.stages
-        if stage.width == stage.height and stage.focal_px == card.focal_px
-    ]
-    return squares[-1] if squares else min(card.width, card.height)
