@@ -214,7 +214,7 @@ def test_evaluate_agrees_with_the_card(exported, capsys):
     card = read_network(exported / "small.onnx").card
     assert figures["network"]["l1_m"] == pytest.approx(card.metrics["l1_m"], rel=1e-6)
     assert {"commit", "weights_sha256", "samples", "seed"} <= figures.keys()
-    assert "small on Still Box 64 px, crops of 128 px, shift 5, 3 pairs" in capsys.readouterr().out
+    assert "small on Still Box 128 px, shift 5, 3 pairs" in capsys.readouterr().out
 
 
 def test_evaluate_writes_pictures(exported, tmp_path):
