@@ -180,16 +180,13 @@ def open_flight(
     try:
         log, inside = choose_telemetry(video, telemetry, speed_m_s, telemetry_offset_s)
         log = mounted(log, mount_pitch_deg)
-        clock, auto = None, log is not None and telemetry_offset_s == AUTO
-        # How turns go up and down shows through any lens; by how much they turn tells the lens only at the right time.
-        by_turns = auto and camera is None and hfov_deg is None
-        chosen = None if by_turns else choose_camera(video, camera, hfov_deg, log)
-        if log is not None and auto:
-            log, clock = synchronised(video, chosen.camera if chosen else assumed_camera(video), log)
-        if chosen is None:
-            chosen = choose_camera(video, camera, hfov_deg, log)
-        elif log is not None and clock is not None:
-            chosen = replace(chosen, views=log.view if chosen.views else None)
+        clock = None
+        if log is not None and telemetry_offset_s == AUTO:
+            # When turns go up and down shows through any lens; how far they go tells the lens at the right time only.
+            given = camera is not None or hfov_deg is not None
+            lens = choose_camera(video, camera, hfov_deg, log).camera if given else assumed_camera(video)
+            log, clock = synchronised(video, lens, log)
+        chosen = choose_camera(video, camera, hfov_deg, log)
         told = clock_warnings(clock, inside=inside)
         if log is not None and telemetry is not None:
             told += disagreements(log, video)
