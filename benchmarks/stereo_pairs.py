@@ -84,9 +84,10 @@ def answers(
             network = load_network(name, "openvino", precision="f32", aligned=aligned).finer(times)
             found = network.predict([pair.previous], pair.current, pair.displacement[None], pair.camera)
             assert found.sigma_m is not None
-            to_source = network.grid(pair.camera).to_source
-            depth_m, sigma_m = to_source(found.depth_m[0]), to_source(found.sigma_m[0])
-            width = network.grid(pair.camera).camera.width
+            grid = network.grid(pair.camera)
+            at_source = grid.along_edges(found.depth_m[0], grid.image(pair.current))
+            depth_m, sigma_m = at_source.depth_m, at_source(found.sigma_m[0])
+            width = grid.camera.width
             label = f"{name}, {width} px, {'aligned' if aligned else 'not'}"
             yield label, depth_m, sigma_m < WORST_SIGMA * depth_m
     peer: Callable[..., np.ndarray] = ClassicalPeer(0.1, 100).depth

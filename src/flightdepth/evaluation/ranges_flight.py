@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import time
 from collections.abc import Sequence as Several
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any, Literal, Protocol
 
 import cv2
@@ -25,6 +25,7 @@ from flightdepth.outputs.encoding import centimetres_from_depth, png
 from flightdepth.ranges import DepthNetwork, FrameGrid, MultiRangeEstimator, RangedDepth
 from flightdepth.ranges.estimator import MAX_RANGES
 from flightdepth.ranges.memory_limit import MemoryLimit
+from flightdepth.ranges.network import AtSource
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
@@ -50,6 +51,29 @@ class OutputGrid:
     def to_source(self, map_hw: Maps, /, interpolation: Literal["bilinear", "nearest"] = "bilinear") -> Maps:
         """A copy of the map [h, w]."""
         self._grid.to_source(map_hw, interpolation)
+        return map_hw.copy()
+
+    def along_edges(self, depth_m: Maps, image: Image, /) -> AsTheyAre:
+        """A copy of the depth."""
+        at_source = self._grid.along_edges(depth_m, image)
+        return AsTheyAre(depth_m.copy(), at_source)
+
+
+@dataclass(frozen=True)
+class AsTheyAre:
+    """Maps that stay at the output's size; scaling them up is done for the time it takes."""
+
+    depth_m: Maps
+    at_source: AtSource
+
+    def __call__(self, map_hw: Maps, /) -> Maps:
+        """A copy of the map [h, w], NaN where depth is."""
+        self.at_source(map_hw)
+        return np.where(np.isnan(self.depth_m), np.float32(np.nan), map_hw)
+
+    def marks(self, map_hw: Maps, /) -> Maps:
+        """A copy of the map [h, w]."""
+        self.at_source.marks(map_hw)
         return map_hw.copy()
 
 

@@ -24,7 +24,7 @@ from flightdepth.ranges.fusion import Fused, Fusion, fuse, within_reach
 from flightdepth.ranges.log_check import LogCheck
 from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.motion_error import widened
-from flightdepth.ranges.network import DepthNetwork, Image, Map
+from flightdepth.ranges.network import AtSource, DepthNetwork, Image, Map
 from flightdepth.ranges.pairs import Baselines, Frame, FrameBuffer, Pair, Served, baselines, pick, seen_from
 from flightdepth.ranges.plan import Planner
 from flightdepth.ranges.repeats import Repeats
@@ -240,7 +240,8 @@ class MultiRangeEstimator:
             fused = self._held_still(stamp_ns, pairs, fused)
         if self._fusion is Fusion.SATURATION:
             fused = within_reach(fused)
-        return self._result(pairs, prediction, fused, seer, started)
+        at_source = self._grid.along_edges(fused.depth_m, current.image)
+        return self._result(pairs, prediction, fused, at_source, seer=seer, started=started)
 
     def _pairs(self, current: Frame) -> tuple[tuple[Pair, ...], Seer] | str:
         """Numeric integration and the frame pairs picker, and who sees the pairs; a string says why there is none."""
@@ -334,21 +335,25 @@ class MultiRangeEstimator:
         return self._average.add(fused, step)
 
     def _result(
-        self, pairs: tuple[Pair, ...], prediction: Prediction, fused: Fused, seer: Seer, started: float
+        self,
+        pairs: tuple[Pair, ...],
+        prediction: Prediction,
+        fused: Fused,
+        at_source: AtSource,
+        *,
+        seer: Seer,
+        started: float,
     ) -> RangedDepth:
-        depth_m = self._grid.to_source(fused.depth_m)
-        confidence = self._grid.to_source(fused.confidence)
-        np.copyto(confidence, np.float32(0), where=np.isnan(depth_m))
         return RangedDepth(
-            depth_m=depth_m,
-            confidence=confidence,
-            sigma_m=None if fused.sigma_m is None else self._grid.to_source(fused.sigma_m),
+            depth_m=at_source.depth_m,
+            confidence=np.nan_to_num(at_source(fused.confidence), copy=False, nan=0.0),
+            sigma_m=None if fused.sigma_m is None else at_source(fused.sigma_m),
             range_depths_m=prediction.depth_m,
             shifts=np.array([pair.shift for pair in pairs]),
             displacements_m=np.array([pair.length_m for pair in pairs]),
             centroids_m=np.array([pair.depth_m for pair in pairs]),
-            farther_than_m=self._bound(fused.farther_than_m, depth_m),
-            nearer_than_m=self._bound(fused.nearer_than_m, depth_m),
+            farther_than_m=_bound(fused.farther_than_m, at_source),
+            nearer_than_m=_bound(fused.nearer_than_m, at_source),
             latency_ms=_since_ms(started),
             notes=self._notes(seer),
             doubt=DENIED.format(math.degrees(self._log_check.off_rad)) if self._denied else None,
@@ -365,12 +370,6 @@ class MultiRangeEstimator:
         told = card.knows_direction or all(pair.directed for pair in pairs)
         return np.stack([pair.displacement_m for pair in pairs]) if told else None
 
-    def _bound(self, bound_m: Map, depth_m: Map) -> Map:
-        """A bound at the size of `depth_m`; it is one value over wide areas, and known only where depth is not."""
-        if not np.isfinite(bound_m).any():
-            return np.full_like(depth_m, np.nan)
-        return self._grid.to_source(bound_m, "nearest")
-
     def _skip(self, reason: str, started: float) -> RangedDepth:
         if not self._trajectory.knows_attitude:
             self.forget_frames()
@@ -382,6 +381,13 @@ class MultiRangeEstimator:
     def _forget_before(self, stamp_ns: int) -> None:
         self._buffer.expire(stamp_ns)
         self._trajectory.forget(stamp_ns)
+
+
+def _bound(bound_m: Map, at_source: AtSource) -> Map:
+    """A bound at the source's size; it is one value over wide areas, and known only where depth is not."""
+    if not np.isfinite(bound_m).any():
+        return np.full_like(at_source.depth_m, np.nan)
+    return at_source.marks(bound_m)
 
 
 def undirected(pairs: Sequence[Pair]) -> tuple[Pair, ...]:

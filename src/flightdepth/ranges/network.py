@@ -17,6 +17,20 @@ Image = NDArray[np.uint8]
 Map = NDArray[np.float32]
 
 
+class AtSource(Protocol):
+    """Maps [h, w] of the output size at the source's pixels [H, W]. The caller owns the results."""
+
+    @property
+    def depth_m(self) -> Map:
+        """Depth in metres, NaN = unknown."""
+
+    def __call__(self, map_hw: Map, /) -> Map:
+        """Another map of the same pixels, NaN where depth is."""
+
+    def marks(self, map_hw: Map, /) -> Map:
+        """One that is not to be interpolated, NaN where NaN."""
+
+
 class FrameGrid(Protocol):
     """How one source camera is brought to the network's focal length and size, and back."""
 
@@ -36,6 +50,9 @@ class FrameGrid(Protocol):
 
         The caller owns the result.
         """
+
+    def along_edges(self, depth_m: Map, image: Image, /) -> AtSource:
+        """Depth [h, w] and what belongs to it at the source's pixels, with edges where the prepared image has them."""
 
 
 class DepthNetwork(Protocol):

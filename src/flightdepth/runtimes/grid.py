@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.runtimes.edges import EdgeSampling
 from flightdepth.runtimes.lens import LensSampling, padded, view_bounds
 from flightdepth.runtimes.sampling import PinholeSampling, pinhole_axes
 
@@ -34,7 +35,7 @@ class Sampling(Protocol):
         ...
 
     def to_source(self, map_hw: NDArray[np.float32], *, nearest: bool) -> NDArray[np.float32]:
-        """A map of the output grid at the source's pixels."""
+        """A map of the output grid, or of the picture's pixels, at the source's pixels."""
         ...
 
 
@@ -64,16 +65,22 @@ class NetworkGrid:
     def to_source(
         self, map_hw: NDArray[np.float32], interpolation: Interpolation = "bilinear"
     ) -> NDArray[np.float32]:
-        """A map float32 [h, w] of the output grid at the source's pixels and lens, float32 [H, W].
+        """A map float32 of the output grid [h, w], or of its picture [4 h, 4 w], at the source's pixels, [H, W].
 
         NaN stays where it is nearest: a NaN neighbour has no part in a bilinear value and does not spread.
         NaN also where the source sees what the grid does not (beyond 60 degrees off the axis of a wide lens).
         """
-        if map_hw.shape != self.valid.shape:
-            raise ValueError(f"expected a map {self.valid.shape}, got {map_hw.shape}")
+        if map_hw.shape not in (self.valid.shape, (self.camera.height, self.camera.width)):
+            raise ValueError(f"expected a map {self.valid.shape}, or four times as large, got {map_hw.shape}")
         return self._sampling.to_source(
             np.asarray(map_hw, dtype=np.float32), nearest=interpolation == "nearest"
         )
+
+    def along_edges(self, depth_m: NDArray[np.float32], picture: NDArray[np.uint8]) -> EdgeSampling:
+        """A depth [h, w] in metres, NaN = unknown, and what belongs to it at the source's pixels, with edges where
+        `picture` has them, the source's on the grid (`image`).
+        """
+        return EdgeSampling(self, depth_m, picture)
 
     @property
     def warning(self) -> str | None:

@@ -40,7 +40,7 @@ class LensSampling:
         self.valid = in_view(cells.rays()[..., :2], camera)
         self._halvings = max(0, int(math.log2(camera.fx / focal_px / 0.75)))
         self._to_grid = self._grid_table(camera)
-        self._to_source, self._unseen = self._source_table(camera)
+        self._to_source, self._unseen = self._source_tables(camera)
 
     def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Halve until no more than 1.5 source pixels fall on one of the grid, then undistort by remap."""
@@ -63,21 +63,27 @@ class LensSampling:
         return sampled
 
     def _sample(self, map_hw: NDArray[np.float32], how: int) -> NDArray[np.float32]:
-        sampled = cv2.remap(map_hw, *self._to_source, how, borderMode=cv2.BORDER_REPLICATE)
+        table = self._to_source[map_hw.shape[0]]
+        sampled = cv2.remap(map_hw, *table, how, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(sampled, dtype=np.float32)
 
     def _grid_table(self, camera: Camera) -> Table:
         pixels = distort(self.camera.rays()[..., :2], camera)
         return fixed_point(((pixels + 0.5) / 2**self._halvings - 0.5).astype(np.float32))
 
-    def _source_table(self, camera: Camera) -> tuple[Table, NDArray[np.float32]]:
+    def _source_tables(self, camera: Camera) -> tuple[dict[int, Table], NDArray[np.float32]]:
+        """By their height, for maps of the output's size and for ones of the picture's."""
         columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
         rays = undistort(np.stack([columns, rows], axis=-1).astype(np.float64), camera)
         pixels = rays * self.camera.fx + (self.camera.cx, self.camera.cy)
         seen = inside(pixels, self.camera)
-        cells = np.where(seen[..., None], (pixels + 0.5) / OUTPUT_STRIDE - 0.5, 0).astype(np.float32)
-        unseen = np.where(seen, np.float32(0), np.float32(np.nan))
-        return fixed_point(cells), unseen
+        tables = {
+            self.camera.height // step: fixed_point(
+                np.where(seen[..., None], (pixels + 0.5) / step - 0.5, 0).astype(np.float32)
+            )
+            for step in (1, OUTPUT_STRIDE)
+        }
+        return tables, np.where(seen, np.float32(0), np.float32(np.nan))
 
 
 def fixed_point(points: NDArray[np.float32]) -> Table:

@@ -85,7 +85,8 @@ class Network:
         displacement       metres, (3,) in `current`'s frame or a bare length
         """
         prediction = self.predict([previous], current, np.asarray(displacement)[None], camera)
-        return self.grid(camera).to_source(prediction.depth_m[0])
+        grid = self.grid(camera)
+        return grid.along_edges(prediction.depth_m[0], grid.image(current)).depth_m
 
     def predict(
         self, previous_n: Sequence[Image] | Image, current: Image, displacements: ArrayLike, camera: Camera

@@ -62,10 +62,10 @@ class Axis:
         """Whether the axis passes through unchanged."""
         return (self.start, self.pad) == (0, 0) and self.used == self.inner == self.size
 
-    @property
-    def cells(self) -> slice:
-        """The output cells that show the source."""
-        return slice(self.pad // OUTPUT_STRIDE, (self.pad + self.inner) // OUTPUT_STRIDE)
+    def shown(self, length: int) -> slice:
+        """What shows the source of a map with `length` pixels for this axis, one or a quarter of one for each."""
+        step = self.size // length
+        return slice(self.pad // step, (self.pad + self.inner) // step)
 
     @property
     def pixels(self) -> slice:
@@ -91,7 +91,7 @@ class PinholeSampling:
         padded = used.resized(x.inner, y.inner).cropped(-x.pad, -y.pad, x.size, y.size)
         self.camera = camera.without_distortion() if self._same else padded
         self.valid = np.zeros((y.size // OUTPUT_STRIDE, x.size // OUTPUT_STRIDE), dtype=np.bool_)
-        self.valid[y.cells, x.cells] = True
+        self.valid[y.shown(y.size // OUTPUT_STRIDE), x.shown(x.size // OUTPUT_STRIDE)] = True
 
     def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Crop to the pixels in use, shrink without aliasing, pad with the border's pixels."""
@@ -104,10 +104,11 @@ class PinholeSampling:
         return np.asarray(padded, dtype=np.uint8)
 
     def to_source(self, map_hw: NDArray[np.float32], *, nearest: bool) -> NDArray[np.float32]:
-        """Enlarge the cells that show the source, then repeat the outermost pixels into what was cut off."""
+        """Enlarge what shows the source, then repeat the outermost pixels into what was cut off."""
         x, y = self._x, self._y
         whole = np.empty((self._source.height, self._source.width), dtype=np.float32)
-        enlarge(np.ascontiguousarray(map_hw[y.cells, x.cells]), whole[y.pixels, x.pixels], nearest=nearest)
+        shown = map_hw[y.shown(map_hw.shape[0]), x.shown(map_hw.shape[1])]
+        enlarge(np.ascontiguousarray(shown), whole[y.pixels, x.pixels], nearest=nearest)
         whole[: y.start] = whole[y.start]
         whole[y.start + y.used :] = whole[y.start + y.used - 1]
         whole[:, : x.start] = whole[:, x.start, None]

@@ -1,8 +1,8 @@
 """Muon (Jordan et al. 2024): a kernel moves along the orthogonal matrix that is nearest to its momentum, so that no
 direction is left behind; all that is no matrix is left to AdamW. Steps are as large as AdamW's (Liu et al. 2025).
 
-`torch.optim.Muon` takes matrices only, and multiplies them in bf16. Here large kernels move in blocks of channels (Khaled
-et al. 2025, MuonBP, who take the whole now and then), which costs an eighth of the time and learns as well.
+`torch.optim.Muon` takes matrices only, and multiplies them in bf16. Here large kernels move in blocks of channels
+(Khaled et al. 2025, MuonBP, who take the whole now and then): an eighth of the time, and they learn as well.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ class Muon(optim.Optimizer):
         ahead = gradient.lerp(momentum, MOMENTUM).flatten(1)  # Nesterov
         wide = ahead.shape[0] <= ahead.shape[1]
         step = orthogonal_blocks(ahead) if wide else orthogonal_blocks(ahead.T).T
-        return step.reshape(kernel.shape) * (ADAMW_RMS * max(ahead.shape) ** 0.5)
+        scaled: Tensor = step * (ADAMW_RMS * max(ahead.shape) ** 0.5)
+        return scaled.reshape(kernel.shape)
 
 
 def orthogonal_blocks(matrix: Tensor) -> Tensor:
@@ -76,7 +77,7 @@ def orthogonal(wide: Tensor) -> Tensor:
         square = factor @ square @ factor
         factor = _factor(square)
         product = factor @ product
-    return product @ x
+    return torch.mm(product, x)
 
 
 def _factor(square: Tensor) -> Tensor:

@@ -1,0 +1,193 @@
+"""Depth at a picture's own pixels: edges of depth lie where the picture has edges.
+
+A network's pixel is a block of 4x4 of its picture's. Interpolated between two of them across an edge, depth is that of
+nothing there: points that hang in the air between a pole and the field behind it. So where the blocks around a block
+lie at clearly different depths, each of its pixels goes with those that look like it, the near ones, the far ones or
+those of unknown depth, and has their mean (after the joint bilateral upsampling of Kopf et al. 2007). Elsewhere, and
+among those, inverse depth is interpolated, which is linear in the picture of a plane.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.runtimes.contract import OUTPUT_STRIDE
+from flightdepth.runtimes.sampling import without_nan
+
+Maps = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+Image = NDArray[np.uint8]
+
+STEP = 0.15  # of inverse depth: where it bends by more there is an edge
+GAP = 1.2  # one depth over another: more are two sides of one
+SURE = (
+    1 / 3
+)  # of the way, in logarithms, from the nearest to the farthest: beyond it a block may hold some of both
+ALIKE = 20.0  # grey levels, deviation of a colour from that of a block that it belongs to
+NEAR_BY = 0.7  # blocks, deviation of the place
+UNLIKE = -7.0  # logarithm of the weight of a block of quite another colour: where all are, the place decides
+
+BEND = np.array([[1, -2, 1]], np.float32)
+NO_INVERSE = np.float32(1e9)  # 1/m, above every one
+AROUND = [(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1)]
+_INSIDE = (
+    np.arange(OUTPUT_STRIDE) + 0.5
+) / OUTPUT_STRIDE - 0.5  # of each pixel from its block's middle, blocks
+_APART_2 = np.array([[(y - r) ** 2 + (x - c) ** 2 for r, c in AROUND] for y in _INSIDE for x in _INSIDE])
+PLACE = np.exp(-_APART_2 / (2 * NEAR_BY**2)).astype(np.float32)  # [16 pixels, 9 blocks]
+
+
+class SourceGrid(Protocol):
+    """What brings maps to the source: `runtimes.grid.NetworkGrid`."""
+
+    @property
+    def valid(self) -> Flags:
+        """[h, w]: the block shows the source, not padding."""
+
+    def to_source(self, map_hw: Maps, /, interpolation: Literal["bilinear", "nearest"] = "bilinear") -> Maps:
+        """A map at the output's or at the picture's size to the source's pixels."""
+
+
+class AlongEdges:
+    """Maps [h, w] that belong to a depth [h, w], at the pixels [4 h, 4 w] of its picture."""
+
+    def __init__(self, depth_m: Maps, picture: Image, valid: Flags) -> None:
+        """`depth_m` in metres, NaN = unknown; `picture` uint8 RGB [4 h, 4 w, 3]; `valid` [h, w]: no padding."""
+        self._shown = _nearest_shown(valid)
+        known = valid & (depth_m > 0)  # NaN is not
+        inverse = np.divide(1, depth_m, out=np.zeros_like(depth_m), where=known)
+        beside = inverse.ravel()[self._shown]
+        self._edges = np.nonzero(_has_edge(beside, known, valid))
+        self._chosen, blended = _chosen(inverse, known, valid & ~known, picture, self._edges)
+        self.inverse_depth = self._spread(beside, blended)  # 1/m, 0 = unknown
+
+    def finer(self, map_hw: Maps) -> Maps:
+        """Another map of the same blocks, [4 h, 4 w], without NaN; at edges each pixel has a whole block's value."""
+        beside, _ = without_nan(map_hw.ravel()[self._shown])
+        return self._spread(beside, map_hw.ravel()[self._chosen])
+
+    def marks(self, map_hw: Maps) -> Maps:
+        """The same, without interpolation and with NaN as it is."""
+        return self._spread(
+            map_hw.ravel()[self._shown], map_hw.ravel()[self._chosen], cv2.INTER_NEAREST_EXACT
+        )
+
+    def _spread(self, map_hw: Maps, at_edges: Maps, how: int = cv2.INTER_LINEAR) -> Maps:
+        h, w = map_hw.shape
+        fine = np.empty((h, OUTPUT_STRIDE, w, OUTPUT_STRIDE), np.float32)
+        whole = fine.reshape(h * OUTPUT_STRIDE, w * OUTPUT_STRIDE)
+        cv2.resize(map_hw, whole.shape[::-1], dst=whole, interpolation=how)
+        fine.swapaxes(1, 2)[self._edges] = at_edges.reshape(-1, OUTPUT_STRIDE, OUTPUT_STRIDE)
+        return whole
+
+
+class EdgeSampling:
+    """Maps of a network's output at the source's pixels [H, W], with edges where the picture has them."""
+
+    def __init__(self, grid: SourceGrid, depth_m: Maps, picture: Image) -> None:
+        """See `AlongEdges`; `grid` is that of the picture."""
+        self._grid, self._edges = grid, AlongEdges(depth_m, picture, grid.valid)
+        fine = self._edges.inverse_depth
+        inverse = grid.to_source(fine)
+        # Between two pixels of the picture there are several of the source, and nothing hangs in the air there either.
+        steps = grid.to_source(_steps(fine), "nearest")
+        np.copyto(inverse, grid.to_source(fine, "nearest"), where=steps > 0)
+        nothing = np.full_like(inverse, np.nan)
+        self.depth_m: Maps = np.divide(1, inverse, out=nothing, where=inverse > 0)  # NaN = unknown
+
+    def __call__(self, map_hw: Maps) -> Maps:
+        """Another map of the same pixels, NaN where depth is."""
+        sampled = self._grid.to_source(self._edges.finer(map_hw))
+        np.copyto(sampled, np.float32(np.nan), where=np.isnan(self.depth_m))
+        return sampled
+
+    def marks(self, map_hw: Maps) -> Maps:
+        """A map that is not to be interpolated; NaN where NaN."""
+        return self._grid.to_source(self._edges.marks(map_hw), "nearest")
+
+
+def _nearest_shown(valid: Flags) -> NDArray[np.intp]:
+    """Each block's own index in the flat map, for padding that of the nearest block that is none, [h, w]."""
+    own = np.arange(valid.size).reshape(valid.shape)
+    if valid.all() or not valid.any():
+        return own
+    _, labels = cv2.distanceTransformWithLabels(
+        (~valid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    block_of = np.zeros(labels.max() + 1, np.intp)
+    block_of[labels[valid]] = own[valid]
+    nearest: NDArray[np.intp] = block_of[labels]
+    return nearest
+
+
+def _has_edge(inverse: Maps, known: Flags, valid: Flags) -> Flags:
+    """Whether depth jumps or bends at a block or beside it, or is known at some of those blocks and not at others.
+
+    `inverse` [h, w] in 1/m, in padding as beside it. Along a plane, however steep, its second differences are 0.
+    """
+    around = np.ones((3, 3), np.uint8)
+    bends = [cv2.filter2D(inverse, -1, line, borderType=cv2.BORDER_REPLICATE) for line in (BEND, BEND.T)]
+    bend = cv2.dilate(np.maximum(*(np.abs(each) for each in bends)), around)
+    some_known, some_not = (cv2.dilate(each.astype(np.uint8), around) > 0 for each in (known, valid & ~known))
+    jumps = bend > np.float32(STEP) * cv2.dilate(inverse, around)
+    return np.asarray(valid & some_known & (jumps | some_not))
+
+
+def _steps(inverse: Maps) -> Maps:
+    """1 where one of the pixels around has a clearly different depth, else 0."""
+    around = np.ones((3, 3), np.uint8)
+    least, most = cv2.erode(inverse, around), cv2.dilate(inverse, around)
+    return np.asarray(most > np.float32(GAP) * least, np.float32)
+
+
+def _chosen(
+    inverse: Maps,
+    known: Flags,
+    unknown: Flags,
+    picture: Image,
+    edges: tuple[NDArray[np.intp], ...],
+) -> tuple[NDArray[np.intp], Maps]:
+    """For the 16 pixels of each of N blocks, [N, 16]: the block of the map that it is most like, and inverse depth.
+
+    inverse [h, w] in 1/m where `known`; `unknown` is what is neither known nor padding; `edges`: rows and columns [N].
+    """
+    rows, columns = edges
+    height, width = inverse.shape
+    near_rows = np.stack([rows + r for r, _ in AROUND], 1).clip(0, height - 1)
+    near_columns = np.stack([columns + c for _, c in AROUND], 1).clip(0, width - 1)
+    around = near_rows * width + near_columns  # [N, 9]
+    means = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA).reshape(-1, 3)[around]
+    pixels = picture.reshape(height, OUTPUT_STRIDE, width, OUTPUT_STRIDE, 3).swapaxes(1, 2)[rows, columns]
+    likeness = _likeness(pixels.reshape(-1, OUTPUT_STRIDE**2, 3), means) * PLACE
+    values = inverse.ravel()[around]
+    sides = _sides(values, known.ravel()[around], unknown.ravel()[around])
+    best = (likeness @ sides.swapaxes(1, 2)).argmax(
+        2
+    )  # [N, 16], by small matrices: einsum takes ten times as long
+    likeness *= sides[np.arange(len(rows))[:, None], best]
+    total, blended = np.moveaxis(likeness @ np.stack([np.ones_like(values), values], 2), 2, 0)
+    return np.take_along_axis(around, likeness.argmax(2), 1), np.asarray(blended / total, np.float32)
+
+
+def _likeness(pixels: Image, means: Image) -> Maps:
+    """exp(-|p - m|^2 / 2 ALIKE^2) of colours [N, 16, 3] and [N, 9, 3], [N, 16, 9], at least exp(UNLIKE)."""
+    p, m = (colours.astype(np.float32) / np.float32(ALIKE) for colours in (pixels, means))
+    exponent = p @ m.swapaxes(1, 2)
+    exponent -= np.square(p).sum(2)[:, :, None] / 2
+    exponent -= np.square(m).sum(2)[:, None] / 2
+    return np.asarray(np.exp(np.maximum(exponent, np.float32(UNLIKE))))
+
+
+def _sides(inverse: Maps, known: Flags, unknown: Flags) -> Maps:
+    """Which of the blocks [N, 9] are surely near, surely far and unknown, 1 or 0, [N, 3, 9]; no gap: all are near."""
+    nearest = np.where(known, inverse, np.float32(0)).max(1, keepdims=True)
+    farthest = np.where(known, inverse, NO_INVERSE).min(1, keepdims=True)
+    gap = nearest > np.float32(GAP) * farthest
+    ratio = np.divide(nearest, farthest, out=np.ones_like(nearest), where=gap) ** np.float32(SURE)
+    near = known & (~gap | (inverse * ratio >= nearest))
+    far = known & gap & (inverse <= farthest * ratio)
+    return np.stack([near, far, unknown], 1).astype(np.float32)
