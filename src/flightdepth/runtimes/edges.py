@@ -60,21 +60,23 @@ class AlongEdges:
         self._shown = _nearest_shown(valid)
         known = valid & (depth_m > 0)  # NaN is not
         inverse = np.divide(1, depth_m, out=np.zeros_like(depth_m), where=known)
-        beside = inverse.ravel()[self._shown]
-        self._edges = np.nonzero(_has_edge(beside, known, valid))
-        self._chosen, blended = _chosen(inverse, known, valid & ~known, picture, self._edges)
-        self.inverse_depth = self._spread(beside, blended)  # 1/m, 0 = unknown
+        self._edges = np.nonzero(_has_edge(inverse.ravel()[self._shown], known, valid))
+        self._around = _around(valid.shape, self._edges)  # [N, 9] blocks of the flat map
+        near_by, unknown = self._around, valid & ~known
+        sides = _sides(inverse.ravel()[near_by], known.ravel()[near_by], unknown.ravel()[near_by])
+        self._weights = _weights(picture, self._edges, self._around, sides)
+        self.inverse_depth = self.finer(inverse)  # 1/m, 0 = unknown
 
     def finer(self, map_hw: Maps) -> Maps:
-        """Another map of the same blocks, [4 h, 4 w], without NaN; at edges each pixel has a whole block's value."""
+        """A map of the same blocks, [4 h, 4 w], without NaN; at edges of depth each pixel has its side's mean."""
         beside, _ = without_nan(map_hw.ravel()[self._shown])
-        return self._spread(beside, map_hw.ravel()[self._chosen])
+        around = np.nan_to_num(map_hw.ravel()[self._around], copy=False, nan=0.0)
+        return self._spread(beside, (self._weights @ around[..., None])[..., 0])
 
     def marks(self, map_hw: Maps) -> Maps:
         """The same, without interpolation and with NaN as it is."""
-        return self._spread(
-            map_hw.ravel()[self._shown], map_hw.ravel()[self._chosen], cv2.INTER_NEAREST_EXACT
-        )
+        chosen = np.take_along_axis(self._around, self._weights.argmax(2), 1)
+        return self._spread(map_hw.ravel()[self._shown], map_hw.ravel()[chosen], cv2.INTER_NEAREST_EXACT)
 
     def _spread(self, map_hw: Maps, at_edges: Maps, how: int = cv2.INTER_LINEAR) -> Maps:
         h, w = map_hw.shape
@@ -144,42 +146,42 @@ def _steps(inverse: Maps) -> Maps:
     return np.asarray(most > np.float32(GAP) * least, np.float32)
 
 
-def _chosen(
-    inverse: Maps,
-    known: Flags,
-    unknown: Flags,
-    picture: Image,
-    edges: tuple[NDArray[np.intp], ...],
-) -> tuple[NDArray[np.intp], Maps]:
-    """For the 16 pixels of each of N blocks, [N, 16]: the block of the map that it is most like, and inverse depth.
-
-    inverse [h, w] in 1/m where `known`; `unknown` is what is neither known nor padding; `edges`: rows and columns [N].
-    """
-    rows, columns = edges
-    height, width = inverse.shape
+def _around(shape: tuple[int, ...], blocks: tuple[NDArray[np.intp], ...]) -> NDArray[np.intp]:
+    """Indices in the flat map of the nine blocks around each of N, itself too, [N, 9]; at borders some come twice."""
+    (height, width), (rows, columns) = shape, blocks
     near_rows = np.stack([rows + r for r, _ in AROUND], 1).clip(0, height - 1)
     near_columns = np.stack([columns + c for _, c in AROUND], 1).clip(0, width - 1)
-    around = near_rows * width + near_columns  # [N, 9]
-    means = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA).reshape(-1, 3)[around]
-    pixels = picture.reshape(height, OUTPUT_STRIDE, width, OUTPUT_STRIDE, 3).swapaxes(1, 2)[rows, columns]
-    likeness = _likeness(pixels.reshape(-1, OUTPUT_STRIDE**2, 3), means) * PLACE
-    values = inverse.ravel()[around]
-    sides = _sides(values, known.ravel()[around], unknown.ravel()[around])
-    best = (likeness @ sides.swapaxes(1, 2)).argmax(
-        2
-    )  # [N, 16], by small matrices: einsum takes ten times as long
-    likeness *= sides[np.arange(len(rows))[:, None], best]
-    total, blended = np.moveaxis(likeness @ np.stack([np.ones_like(values), values], 2), 2, 0)
-    return np.take_along_axis(around, likeness.argmax(2), 1), np.asarray(blended / total, np.float32)
+    return np.asarray(near_rows * width + near_columns)
+
+
+def _weights(
+    picture: Image, blocks: tuple[NDArray[np.intp], ...], around: NDArray[np.intp], sides: Maps
+) -> Maps:
+    """What the nine blocks `around` each of N have to say of its 16 pixels, [N, 16, 9]; they sum to 1.
+
+    Only blocks of one of the `sides` [N, 3, 9] have a say: of the one that a pixel looks most like.
+    """
+    height, width = (side // OUTPUT_STRIDE for side in picture.shape[:2])
+    means = np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+    pixels = picture.reshape(height, OUTPUT_STRIDE, width, OUTPUT_STRIDE, 3).swapaxes(1, 2)[blocks]
+    weights = _likeness(pixels.reshape(-1, OUTPUT_STRIDE**2, 3), means.reshape(-1, 3)[around])
+    weights *= PLACE
+    # By small matrices, here and elsewhere: einsum takes ten times as long.
+    near, far, nothing = np.moveaxis(weights @ sides.swapaxes(1, 2), 2, 0)
+    best = np.where(near >= np.maximum(far, nothing), 0, np.where(far >= nothing, 1, 2))  # [N, 16]
+    weights *= sides.reshape(-1, len(AROUND))[best + 3 * np.arange(len(best))[:, None]]
+    weights /= weights @ np.ones((len(AROUND), 1), np.float32)
+    return weights
 
 
 def _likeness(pixels: Image, means: Image) -> Maps:
     """exp(-|p - m|^2 / 2 ALIKE^2) of colours [N, 16, 3] and [N, 9, 3], [N, 16, 9], at least exp(UNLIKE)."""
     p, m = (colours.astype(np.float32) / np.float32(ALIKE) for colours in (pixels, means))
     exponent = p @ m.swapaxes(1, 2)
-    exponent -= np.square(p).sum(2)[:, :, None] / 2
-    exponent -= np.square(m).sum(2)[:, None] / 2
-    return np.asarray(np.exp(np.maximum(exponent, np.float32(UNLIKE))))
+    exponent -= np.einsum("npc,npc->np", p, p)[:, :, None] / 2
+    exponent -= np.einsum("nkc,nkc->nk", m, m)[:, None] / 2
+    np.maximum(exponent, np.float32(UNLIKE), out=exponent)
+    return np.asarray(np.exp(exponent, out=exponent))
 
 
 def _sides(inverse: Maps, known: Flags, unknown: Flags) -> Maps:
