@@ -177,6 +177,12 @@ def test_a_flight_without_a_camera_takes_the_one_that_its_turns_tell(turning_vid
         assert flight.turns is None
 
 
+def test_a_part_of_a_flight_is_seen_through_the_lens_that_the_whole_tells(turning_video):
+    video, told, camera = turning_video
+    with open_flight(video, told) as whole, open_flight(video, told, start_s=4.0, end_s=4.3) as part:
+        assert part.camera == whole.camera
+
+
 def test_of_a_log_whose_time_is_sought_too_the_lens_is_told_after_it(turning_video):
     """By itself a log that is 0.6 s late tells no lens."""
     video, told, camera = turning_video

@@ -19,10 +19,10 @@ SIGMAS = 3.0  # of what turns tell
 
 
 def turns_of(video: Video, log: Telemetry, camera: Camera) -> TurnWatch:
-    """The part of the video in which the camera turns most, watched through `camera`."""
+    """The part of the file in which the camera turns most, watched through `camera`, whatever part `video` shows."""
     watch = TurnWatch(log, small_camera(camera))
-    last_s = (video.end_ns or video.duration_ns or math.inf) / NS_PER_S
-    start_s = watch.busiest_s(video.start_ns / NS_PER_S, last_s, WATCHED_S)
+    last_s = (video.duration_ns or math.inf) / NS_PER_S
+    start_s = watch.busiest_s(0.0, last_s, WATCHED_S)
     with Video(video.path, start_s=start_s, end_s=min(start_s + WATCHED_S, last_s)) as watched:
         frames = (frame for frame in watched.frames() if watch.wants(frame.stamp_ns))
         for pair in followed(frames, camera):
