@@ -84,9 +84,8 @@ class Network:
         previous, current  uint8 RGB [H, W, 3], stabilised: `previous` rotated into `current`'s orientation
         displacement       metres, (3,) in `current`'s frame or a bare length
         """
-        prediction = self.predict([previous], current, np.asarray(displacement)[None], camera)
-        grid = self.grid(camera)
-        return grid.along_edges(prediction.depth_m[0], grid.image(current)).depth_m
+        found, seen = self._predict([previous], current, np.asarray(displacement)[None], camera)
+        return self.grid(camera).along_edges(found.depth_m[0], seen).depth_m
 
     def predict(
         self, previous_n: Sequence[Image] | Image, current: Image, displacements: ArrayLike, camera: Camera
@@ -96,6 +95,12 @@ class Network:
         previous_n     n pictures uint8 RGB [H, W, 3]
         displacements  metres, (n, 3) or bare lengths (n,)
         """
+        return self._predict(previous_n, current, displacements, camera)[0]
+
+    def _predict(
+        self, previous_n: Sequence[Image] | Image, current: Image, displacements: ArrayLike, camera: Camera
+    ) -> tuple[Prediction, Image]:
+        """The maps, and `current` on the grid."""
         lengths_m = displacement_lengths(displacements, len(previous_n))
         if self.card.knows_direction and np.ndim(displacements) != 2:
             raise BadInput(
@@ -118,7 +123,7 @@ class Network:
         metres = np.where(lengths_m > 0, alpha * lengths_m, np.nan).astype(np.float32)[:, None, None]
         scale = np.float32(self.card.sigma_scale / self.card.depth_max_m)
         sigma_m = output[SIGMA] * scale * metres if SIGMA in output else None
-        return Prediction(beta, beta * metres, sigma_m, grid.valid)
+        return Prediction(beta, beta * metres, sigma_m, grid.valid), seen
 
     def at_focal(self, focal_px: float) -> Network:
         """The same network with its pictures scaled to another focal length, where it knows any."""
