@@ -178,7 +178,7 @@ def test_a_flight_without_a_camera_takes_the_one_that_its_turns_tell(turning_vid
 
 
 def test_a_part_of_a_flight_is_seen_through_the_lens_that_the_whole_tells(turning_video):
-    video, told, camera = turning_video
+    video, told, _ = turning_video
     with open_flight(video, told) as whole, open_flight(video, told, start_s=4.0, end_s=4.3) as part:
         assert part.camera == whole.camera
 
