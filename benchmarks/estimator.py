@@ -105,14 +105,15 @@ def measure(network: Any, camera: Camera, ranges: int, options: argparse.Namespa
             (flight._grid, "image", "resample"),
             (flight, "_pairs", "integrate, pairs"),
             (flight._derotation, "of", "derotation"),
-            (flight._derotation, "_rays", "  corners, tracks"),
+            (flight._derotation._tracker, "rays_turned", "  corners, tracks"),
             (derotation, "remainder", "  solution"),
             (estimator, "turned", "turned pictures"),
             (flight, "_predict", "predict"),
             (flight, "_fuse", "fusion"),
             (flight._first.planner, "learn", "k-means, plan"),
             (flight, "_held_still", "temporal average"),
-            (flight, "_result", "upsample"),
+            (flight._grid, "along_edges", "depth along edges"),
+            (flight, "_result", "other maps"),
         ):
             undo.callback(setattr, owner, method, getattr(owner, method))
             stages.watch(owner, method, stage)
