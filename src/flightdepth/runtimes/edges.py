@@ -9,6 +9,7 @@ among those, inverse depth is interpolated, which is linear in the picture of a 
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Literal, Protocol
 
 import cv2
@@ -75,8 +76,14 @@ class AlongEdges:
 
     def marks(self, map_hw: Maps) -> Maps:
         """The same, without interpolation and with NaN as it is."""
-        chosen = np.take_along_axis(self._around, self._weights.argmax(2), 1)
-        return self._spread(map_hw.ravel()[self._shown], map_hw.ravel()[chosen], cv2.INTER_NEAREST_EXACT)
+        return self._spread(
+            map_hw.ravel()[self._shown], map_hw.ravel()[self._chosen], cv2.INTER_NEAREST_EXACT
+        )
+
+    @cached_property
+    def _chosen(self) -> NDArray[np.intp]:
+        """The block that has most to say of each pixel at an edge, [N, 16]."""
+        return np.take_along_axis(self._around, self._weights.argmax(2), 1)
 
     def _spread(self, map_hw: Maps, at_edges: Maps, how: int = cv2.INTER_LINEAR) -> Maps:
         h, w = map_hw.shape
@@ -98,13 +105,14 @@ class EdgeSampling:
         # Between two pixels of the picture there are several of the source, and nothing hangs in the air there either.
         steps = grid.to_source(_steps(fine), "nearest")
         np.copyto(inverse, grid.to_source(fine, "nearest"), where=steps > 0)
-        nothing = np.full_like(inverse, np.nan)
-        self.depth_m: Maps = np.divide(1, inverse, out=nothing, where=inverse > 0)  # NaN = unknown
+        np.copyto(inverse, np.float32(np.nan), where=inverse <= 0)
+        self.depth_m: Maps = np.divide(1, inverse, out=inverse)  # NaN = unknown
+        self._unknown = np.isnan(inverse)
 
     def __call__(self, map_hw: Maps) -> Maps:
         """Another map of the same pixels, NaN where depth is."""
         sampled = self._grid.to_source(self._edges.finer(map_hw))
-        np.copyto(sampled, np.float32(np.nan), where=np.isnan(self.depth_m))
+        np.copyto(sampled, np.float32(np.nan), where=self._unknown)
         return sampled
 
     def marks(self, map_hw: Maps) -> Maps:
