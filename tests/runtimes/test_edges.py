@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from flightdepth.camera import Camera
-from flightdepth.runtimes.edges import AlongEdges
+from flightdepth.runtimes.edges import AlongEdges, Blocks
 from flightdepth.runtimes.grid import NetworkGrid
 
 PINHOLE = Camera.from_fov(854, 480, 64.4)
@@ -24,7 +24,7 @@ GREEN, BLUE = (60, 120, 40), (150, 180, 220)
 
 
 def all_valid(depth_m):
-    return np.ones(depth_m.shape, bool)
+    return Blocks(np.ones(depth_m.shape, bool))
 
 
 def two_sides(near):
@@ -108,7 +108,7 @@ pictures = arrays.arrays(np.uint8, (32, 48, 3), elements=st.integers(0, 255))
 def test_no_depth_lies_beyond_those_around_it_and_padding_has_no_say(depth_m, picture, above, left):
     valid = np.zeros((8, 12), bool)
     valid[above:7, left:] = True
-    edges = AlongEdges(depth_m, picture, valid)
+    edges = AlongEdges(depth_m, picture, Blocks(valid))
     known = valid & np.isfinite(depth_m)
     nothing = np.float32(np.inf)
     nearest = cv2.erode(np.where(known, depth_m, nothing), np.ones((3, 3)))
@@ -118,7 +118,7 @@ def test_no_depth_lies_beyond_those_around_it_and_padding_has_no_say(depth_m, pi
     found = 1 / edges.inverse_depth[shown]
     assert (found >= bounds[0][shown] * 0.999).all()
     assert (found <= bounds[1][shown] * 1.001).all()
-    elsewhere = AlongEdges(np.where(valid, depth_m, np.float32(3.0)), picture, valid).inverse_depth
+    elsewhere = AlongEdges(np.where(valid, depth_m, np.float32(3.0)), picture, Blocks(valid)).inverse_depth
     seen = np.kron(valid, np.ones((4, 4), bool))
     assert np.array_equal(elsewhere[seen], edges.inverse_depth[seen])
 

@@ -42,12 +42,29 @@ _APART_2 = np.array([[(y - r) ** 2 + (x - c) ** 2 for r, c in AROUND] for y in _
 PLACE = np.exp(-_APART_2 / (2 * NEAR_BY**2)).astype(np.float32)  # [16 pixels, 9 blocks]
 
 
+class Blocks:
+    """What all maps [h, w] of a grid have in common.
+
+    valid   [h, w]: the block shows the source, not padding
+    shown   [h, w]: each block's own index in the flat map, for padding that of the nearest block that is none
+    around  [h w, 9]: the indices of the blocks around each, itself too; at borders some come twice
+    """
+
+    def __init__(self, valid: Flags) -> None:
+        self.valid = valid
+        self.shown = _nearest_shown(valid)
+        height, width = valid.shape
+        rows, columns = np.indices(valid.shape).reshape(2, -1)
+        beside = [((rows + r).clip(0, height - 1), (columns + c).clip(0, width - 1)) for r, c in AROUND]
+        self.around = np.stack([row * width + column for row, column in beside], 1)
+
+
 class SourceGrid(Protocol):
     """What brings maps to the source: `runtimes.grid.NetworkGrid`."""
 
     @property
-    def valid(self) -> Flags:
-        """[h, w]: the block shows the source, not padding."""
+    def blocks(self) -> Blocks:
+        """Those of its maps."""
 
     def to_source(self, map_hw: Maps, /, interpolation: Literal["bilinear", "nearest"] = "bilinear") -> Maps:
         """A map at the output's or at the picture's size to the source's pixels."""
@@ -56,13 +73,13 @@ class SourceGrid(Protocol):
 class AlongEdges:
     """Maps [h, w] that belong to a depth [h, w], at the pixels [4 h, 4 w] of its picture."""
 
-    def __init__(self, depth_m: Maps, picture: Image, valid: Flags) -> None:
-        """`depth_m` in metres, NaN = unknown; `picture` uint8 RGB [4 h, 4 w, 3]; `valid` [h, w]: no padding."""
-        self._shown = _nearest_shown(valid)
+    def __init__(self, depth_m: Maps, picture: Image, blocks: Blocks) -> None:
+        """`depth_m` in metres, NaN = unknown; `picture` uint8 RGB [4 h, 4 w, 3]."""
+        self._shown, valid = blocks.shown, blocks.valid
         known = valid & (depth_m > 0)  # NaN is not
         inverse = np.divide(1, depth_m, out=np.zeros_like(depth_m), where=known)
         self._edges = np.nonzero(_has_edge(inverse.ravel()[self._shown], known, valid))
-        self._around = _around(valid.shape, self._edges)  # [N, 9] blocks of the flat map
+        self._around = blocks.around[self._edges[0] * valid.shape[1] + self._edges[1]]  # [N, 9]
         near_by, unknown = self._around, valid & ~known
         sides = _sides(inverse.ravel()[near_by], known.ravel()[near_by], unknown.ravel()[near_by])
         self._weights = _weights(picture, self._edges, self._around, sides)
@@ -99,12 +116,12 @@ class EdgeSampling:
 
     def __init__(self, grid: SourceGrid, depth_m: Maps, picture: Image) -> None:
         """See `AlongEdges`; `grid` is that of the picture."""
-        self._grid, self._edges = grid, AlongEdges(depth_m, picture, grid.valid)
+        self._grid, self._edges = grid, AlongEdges(depth_m, picture, grid.blocks)
         fine = self._edges.inverse_depth
         inverse = grid.to_source(fine)
         # Between two pixels of the picture there are several of the source, and nothing hangs in the air there either.
-        steps = grid.to_source(_steps(fine), "nearest")
-        np.copyto(inverse, grid.to_source(fine, "nearest"), where=steps > 0)
+        steps = grid.to_source(np.where(_has_step(fine), fine, np.float32(np.nan)), "nearest")
+        np.copyto(inverse, steps, where=steps >= 0)
         np.copyto(inverse, np.float32(np.nan), where=inverse <= 0)
         self.depth_m: Maps = np.divide(1, inverse, out=inverse)  # NaN = unknown
         self._unknown = np.isnan(inverse)
@@ -147,19 +164,11 @@ def _has_edge(inverse: Maps, known: Flags, valid: Flags) -> Flags:
     return np.asarray(valid & some_known & (jumps | some_not))
 
 
-def _steps(inverse: Maps) -> Maps:
-    """1 where one of the pixels around has a clearly different depth, else 0."""
+def _has_step(inverse: Maps) -> Flags:
+    """Whether one of the pixels around has a clearly different depth."""
     around = np.ones((3, 3), np.uint8)
     least, most = cv2.erode(inverse, around), cv2.dilate(inverse, around)
-    return np.asarray(most > np.float32(GAP) * least, np.float32)
-
-
-def _around(shape: tuple[int, ...], blocks: tuple[NDArray[np.intp], ...]) -> NDArray[np.intp]:
-    """Indices in the flat map of the nine blocks around each of N, itself too, [N, 9]; at borders some come twice."""
-    (height, width), (rows, columns) = shape, blocks
-    near_rows = np.stack([rows + r for r, _ in AROUND], 1).clip(0, height - 1)
-    near_columns = np.stack([columns + c for _, c in AROUND], 1).clip(0, width - 1)
-    return np.asarray(near_rows * width + near_columns)
+    return np.asarray(most > np.float32(GAP) * least)
 
 
 def _weights(

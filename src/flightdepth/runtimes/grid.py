@@ -6,6 +6,7 @@ one, and padded to a multiple of 64 px; maps come back at 1/4 of that size and g
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Literal, Protocol
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.runtimes.edges import EdgeSampling
+from flightdepth.runtimes.edges import Blocks, EdgeSampling
 from flightdepth.runtimes.lens import LensSampling, padded, view_bounds
 from flightdepth.runtimes.sampling import PinholeSampling, pinhole_axes
 
@@ -75,6 +76,11 @@ class NetworkGrid:
         return self._sampling.to_source(
             np.asarray(map_hw, dtype=np.float32), nearest=interpolation == "nearest"
         )
+
+    @cached_property
+    def blocks(self) -> Blocks:
+        """What maps of its output have in common, for `along_edges`."""
+        return Blocks(self.valid)
 
     def along_edges(self, depth_m: NDArray[np.float32], picture: NDArray[np.uint8]) -> EdgeSampling:
         """A depth [h, w] in metres, NaN = unknown, and what belongs to it at the source's pixels, with edges where
