@@ -45,8 +45,11 @@ def test_every_table_has_as_many_cells_in_each_row(network, result):
 
 
 def test_an_error_bar_is_told_where_there_is_one(network, result):
-    spread = {"inside_one": 0.683, "inside_two": 0.95}
-    assert "68.3% of the errors" in page_text(network.card, dict(result, spread=spread), "x.jpg")
+    spread = {"inside_one": 0.683, "inside_two": 0.95, "believed": {"share": 0.8, "inside_one": 0.66}}
+    assert (
+        "68.3% of errors inside one sigma, 95.0% inside two; of what flights believe (80%) 66.0%"
+        in page_text(network.card, dict(result, spread=spread), "x.jpg")
+    )
     assert "Error bar" not in page_text(network.card, result, "x.jpg")
 
 

@@ -6,6 +6,7 @@ from plane_pairs import plane_pair
 
 from flightdepth.camera import Camera
 from flightdepth.evaluation.fixed_set import fixed_set
+from flightdepth.evaluation.network import evaluate_network
 from flightdepth.evaluation.sigma_scale import calibration_set, fitted_sigma_scale
 from flightdepth.runtimes.network import Network
 from flightdepth.weights.store import SHIPPED, read_card
@@ -36,6 +37,15 @@ def test_the_scale_makes_the_error_bar_honest(told_m: float, card_scale: float) 
     network = Network(card, Drawn(told_m), aligned=False)
     pairs = [plane_pair(CAMERA, (card.D0_m, 0.0, 0.0), distance_m=25.0, seed=seed) for seed in range(3)]
     assert fitted_sigma_scale(network, pairs) == pytest.approx(2 / told_m, rel=0.05)
+
+
+def test_the_report_tells_what_flights_believe_apart() -> None:
+    """The first row of blocks is at the end of the range, with errors of 74 m."""
+    card = CARD.at_focal(CAMERA.fx)
+    pairs = [plane_pair(CAMERA, (card.D0_m, 0.0, 0.0), distance_m=25.0)]
+    found = evaluate_network(Network(card, Drawn(2.0), aligned=False), pairs, set_name="planes")["spread"]
+    assert found["believed"] == {"share": 1 - 1 / 32, "inside_one": pytest.approx(0.683, abs=0.04)}
+    assert found["inside_one"] == pytest.approx(found["believed"]["inside_one"] * (1 - 1 / 32))
 
 
 def test_it_is_fitted_on_other_scenes_than_the_error_is_measured_on() -> None:

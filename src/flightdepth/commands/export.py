@@ -204,23 +204,21 @@ def carried_over(run: Trained) -> dict[str, float]:
 
 
 def calibration_pairs(card: NetworkCard, scenes: int) -> list[TestPair]:
-    """Pairs that neither training nor a test uses."""
-    from flightdepth.evaluation.sigma_scale import calibration_set
+    """Pairs that neither training nor a test uses; every other one outdoors, for a network that knows the open."""
+    from flightdepth.evaluation.sigma_scale import calibration_set, outdoor_calibration_set
 
-    needed = scenes if card.knows_direction else min(scenes, INT8_PAIRS)  # all of them only for sigma
-    return rendered(calibration_set(card, scenes=needed))
+    if not card.any_lens:
+        return rendered(calibration_set(card, scenes=min(scenes, INT8_PAIRS)))  # all of them only for sigma
+    half = (scenes + 1) // 2
+    rooms, outdoors = calibration_set(card, scenes=half), outdoor_calibration_set(card, scenes=half)
+    return [pair for both in zip(rendered(rooms), rendered(outdoors), strict=True) for pair in both]
 
 
 def with_int8_ranges(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> NetworkCard:
-    """The card with what must be known to run the network on bytes; half of it from the open, for one that knows it."""
+    """The card with what must be known to run the network on bytes."""
     from flightdepth.evaluation.int8_ranges import fitted_int8_ranges
-    from flightdepth.evaluation.sigma_scale import outdoor_calibration_set
 
-    pairs = pairs[:INT8_PAIRS]
-    if card.any_lens:
-        outdoors = rendered(outdoor_calibration_set(card, scenes=(len(pairs) + 1) // 2))
-        pairs = [pair for both in zip(pairs, outdoors, strict=False) for pair in both]
-    ranges = fitted_int8_ranges(card, onnx, pairs)
+    ranges = fitted_int8_ranges(card, onnx, pairs[:INT8_PAIRS])
     return card.model_copy(update={"int8_ranges": ranges})
 
 

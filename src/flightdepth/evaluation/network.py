@@ -14,8 +14,10 @@ from flightdepth.evaluation.metrics import PERCENTILES, PictureErrors, picture_e
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.evaluation.peer import ClassicalPeer, best_constant_m, known_pixels
 from flightdepth.evaluation.provenance import source_commit
+from flightdepth.evaluation.sigma_scale import believed
 from flightdepth.evaluation.spread import spread_summary
 from flightdepth.runtimes.network import Network
+from flightdepth.weights.card import NetworkCard
 
 Maps = NDArray[np.float32]
 
@@ -73,18 +75,27 @@ def evaluate_network(
     result = provenance(network, set_name, seed, len(rows))
     result["truth_percentiles_m"] = percentiles([row.sampled_m for row in rows])
     result |= {**summaries, "l1_ratios": l1_ratios(summaries)}
-    result |= {"spread": spread} if (spread := spread_of(rows)) else {}
+    result |= {"spread": spread} if (spread := spread_of(rows, network.card)) else {}
     return {key: without_nan(value) for key, value in result.items()}
 
 
-def spread_of(rows: list[Answers]) -> dict[str, Any] | None:
-    """How far the network's own error bar can be trusted, over all pixels; None where it gives none."""
-    told = [row for row in rows if row.sigma_m is not None]
+def spread_of(rows: list[Answers], card: NetworkCard) -> dict[str, Any] | None:
+    """How far the network's own error bar can be trusted, over all pixels; None where it gives none.
+
+    `believed`: the share of those that flights would take for measured, and the share of these inside one sigma.
+    """
+    told = [(row.network_m, row.truth_m, row.sigma_m) for row in rows if row.sigma_m is not None]
     if not told:
         return None
-    errors = [np.abs(row.network_m - row.truth_m).ravel() for row in told]
-    sigmas = [row.sigma_m.ravel() for row in told if row.sigma_m is not None]
-    return spread_summary(*(np.concatenate(each).astype(np.float64) for each in (errors, sigmas)))
+    depth_m, truth_m, sigma_m = (
+        np.concatenate([each.ravel() for each in maps]) for maps in zip(*told, strict=True)
+    )
+    depths, sigmas = depth_m.astype(np.float64), sigma_m.astype(np.float64)
+    errors, counted = np.abs(depths - truth_m), believed(card, depths, sigmas)
+    inside = float((errors[counted] < sigmas[counted]).mean()) if counted.any() else math.nan
+    return spread_summary(errors, sigmas) | {
+        "believed": {"share": float(counted.mean()), "inside_one": inside}
+    }
 
 
 def provenance(network: Network, set_name: str, seed: int | None, pairs: int) -> dict[str, Any]:

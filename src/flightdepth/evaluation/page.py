@@ -11,7 +11,7 @@ import numpy as np
 
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.evaluation.pictures import ERROR_SHARE, Image, sheet
-from flightdepth.evaluation.tables import WHO, number
+from flightdepth.evaluation.tables import WHO, inside, number
 from flightdepth.files import write_atomic
 from flightdepth.runtimes.network import Network
 from flightdepth.weights.card import NetworkCard
@@ -130,8 +130,7 @@ def spread(result: Mapping[str, Any]) -> list[str]:
     """How far the error bar can be trusted, where there is one."""
     if "spread" not in result:
         return []
-    one, two = (result["spread"][key] for key in ("inside_one", "inside_two"))
-    return [f"Error bar: {one:.1%} of the errors are inside one sigma, {two:.1%} inside two."]
+    return [f"Error bar: {inside(result['spread'])}."]
 
 
 def pictures_text(card: NetworkCard, picture: str) -> str:

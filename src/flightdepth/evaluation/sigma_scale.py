@@ -38,17 +38,21 @@ def outdoor_calibration_set(card: NetworkCard, *, scenes: int) -> OutdoorTestSet
 def fitted_sigma_scale(network: Network, pairs: Iterable[TruePair]) -> float:
     """The scale with which 68 % of the errors are inside sigma where the motion is known.
 
-    What an uncertain motion adds comes on top (`ranges.motion_error`). Those pixels count that fusion would believe:
-    inside the network's range and with a sigma below WORST_SIGMA of the depth. The card's own scale is part of what
-    is multiplied.
+    What an uncertain motion adds comes on top (`ranges.motion_error`). Those pixels count that fusion would believe.
+    The card's own scale is part of what is multiplied.
     """
     error_m, sigma_m, depth_m = _answers(network, pairs)
-    lower, upper = (end * network.card.depth_max_m for end in ends(network.card))
-    measured, scale = (lower < depth_m) & (depth_m < upper), 1.0
+    scale = 1.0
     for _ in range(FITS):
-        believed = measured & (scale * sigma_m < WORST_SIGMA * depth_m)
-        scale = sigma_scale(error_m[believed], sigma_m[believed])
+        counted = believed(network.card, depth_m, scale * sigma_m)
+        scale = sigma_scale(error_m[counted], sigma_m[counted])
     return scale * network.card.sigma_scale
+
+
+def believed(card: NetworkCard, depth_m: Values, sigma_m: Values) -> NDArray[np.bool_]:
+    """Which depths [N] at D0 fusion would take for measured: not a bound, as a sky is, nor too uncertain."""
+    lower, upper = (end * card.depth_max_m for end in ends(card))
+    return (lower < depth_m) & (depth_m < upper) & (sigma_m < WORST_SIGMA * depth_m)
 
 
 def _answers(network: Network, pairs: Iterable[TruePair]) -> tuple[Values, Values, Values]:

@@ -52,13 +52,23 @@ def angle_table(result: Mapping[str, Any]) -> Table:
 def spread_table(result: Mapping[str, Any]) -> Table:
     """The error bar beside the error, in ten groups of rising sigma."""
     spread = result["spread"]
-    title = f"error bar: {spread['inside_one']:.1%} of errors inside one sigma, {spread['inside_two']:.1%} inside two"
+    title = f"error bar: {inside(spread)}"
     table = Table(title=title, box=None)
     for heading in ("sigma m", "L1 m", "inside one"):
         table.add_column(heading, justify="right")
     for group in spread["by_sigma"]:
         table.add_row(number(group["sigma_m"], 2), number(group["l1_m"], 2), f"{group['inside_one']:.0%}")
     return table
+
+
+def inside(spread: Mapping[str, Any]) -> str:
+    """The shares of errors that are inside."""
+    believed = spread["believed"]
+    own = "none" if believed["inside_one"] is None else f"{believed['inside_one']:.1%}"
+    return (
+        f"{spread['inside_one']:.1%} of errors inside one sigma, {spread['inside_two']:.1%} inside two;"
+        f" of what flights believe ({believed['share']:.0%}) {own} inside one"
+    )
 
 
 def tables(result: Mapping[str, Any]) -> Sequence[Table]:
