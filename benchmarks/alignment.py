@@ -1,7 +1,7 @@
 """What aligning depth with the pictures gives, by how far points moved, and what it takes.
 
     python benchmarks/alignment.py [--networks NAME ...] [--pairs N]
-    python benchmarks/alignment.py --fit FILE.npz [--pairs 1000]     fits the judge anew, on other pairs
+    python benchmarks/alignment.py --fit FILE.onnx [--pairs 2400]    fits the judge anew, on other pairs
 
 Rendered rooms and flights outdoors that nothing else uses, as `flightdepth.evaluation.alignment` draws them: any lens,
 camera effects, motions that are reported wrongly. One core, without and with it in turns; compare within a run.
@@ -19,8 +19,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from flightdepth.commands.terminal import counted
-from flightdepth.evaluation.alignment import fitted_judge, fitting_pairs, rows_of
+from flightdepth.commands.terminal import counted, progress_bar
+from flightdepth.evaluation.alignment import fitting_pairs
+from flightdepth.evaluation.judging import STEPS, fitted_judge, told_of
 from flightdepth.processor import cpu_name
 from flightdepth.runtimes.network import Network, load_network, networks
 from flightdepth.stillbox.pairs import Pair
@@ -39,12 +40,13 @@ def drawn_for(network: Network, count: int, **seed: int) -> list[Pair]:
     return list(fitting_pairs(count, max(1, round(256 / network.card.focal_px)), **seed))
 
 
-def fit(names: list[str], file: Path, count: int) -> None:
-    rows = []
+def fit(names: list[str], file: Path, count: int, steps: int) -> None:
+    told = []
     for name in names:
-        network = load_network(name, aligned=False)
-        rows += [rows_of(network, pair) for pair in counted(drawn_for(network, count), name, "pairs")]
-    fitted_judge(np.concatenate(rows)).save(file)
+        network = load_network(name, aligned=False, threads=1)
+        told += [told_of(network, pair) for pair in counted(drawn_for(network, count), name, "pairs")]
+    with progress_bar("judge", steps, "steps") as bar:
+        file.write_bytes(fitted_judge(told, steps=steps, after_step=lambda: bar.advance(bar.task_ids[0])))
 
 
 def measure(name: str, count: int) -> Table:
@@ -80,12 +82,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--networks", nargs="+", default=knowing())
-    parser.add_argument("--pairs", type=int, help="200; 1000 to fit")
+    parser.add_argument("--pairs", type=int, help="200; 2400 to fit")
+    parser.add_argument("--steps", type=int, default=STEPS, help="of the fit")
     parser.add_argument("--fit", type=Path, metavar="FILE")
     given = parser.parse_args()
     cv2.setNumThreads(1)
     if given.fit is not None:
-        fit(given.networks, given.fit, given.pairs or 1000)
+        fit(given.networks, given.fit, given.pairs or 2400, given.steps)
         return
     console = Console(width=160)
     console.print(cpu_name())

@@ -1,4 +1,4 @@
-"""Depth aligned with the pictures, on planes whose truth is known, and the fit of what judges it."""
+"""Depth aligned with the pictures, on planes whose truth is known."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import pytest
 from plane_pairs import plane_pair
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation.alignment import fitted_judge, fitting_pairs, rows_of
-from flightdepth.runtimes.alignment import Judge, clues_of
+from flightdepth.runtimes.alignment import clues_of
 from flightdepth.runtimes.network import Network, load_network
 from tests_networks import swept_card
 
@@ -98,24 +97,6 @@ def test_the_shipped_network_is_nearer_the_truth_for_it() -> None:
     assert errors[1] < 0.6 * errors[0]
 
 
-def test_the_judge_is_a_perceptron(tmp_path) -> None:
-    rng = np.random.default_rng(0)
-    layers = tuple(
-        (rng.normal(size=size).astype(np.float32), rng.normal(size=size[1]).astype(np.float32))
-        for size in ((7, 5), (5, 4), (4, 2))
-    )
-    Judge(layers).save(tmp_path / "judge.npz")
-    clues = rng.normal(size=(7, 3, 4)).astype(np.float32)
-    answers = Judge.read(tmp_path / "judge.npz")(clues)
-    assert [each.shape for each in answers] == [(3, 4), (3, 4)]
-    for row, told, wide in zip(clues.reshape(7, 12).T, *(each.ravel() for each in answers), strict=True):
-        values = row
-        for number, (weights, offsets) in enumerate(layers):
-            values = (values if number == 0 else values.clip(min=0)) @ weights + offsets
-        assert told == pytest.approx(1 / (1 + np.exp(-values[0])), rel=1e-4)
-        assert wide == pytest.approx(np.log(1 + np.exp(values[1])), rel=1e-4)
-
-
 def test_what_the_judge_is_told_of_a_plane() -> None:
     pair = plane_pair(SQUARE, (1.0, 0.0, 0.0), distance_m=6.0)
     grey = pair.previous[..., 0].copy(), pair.current[..., 0].copy()
@@ -129,25 +110,3 @@ def test_what_the_judge_is_told_of_a_plane() -> None:
     assert gradient > 1
     assert held == 1
     assert not clues[-1][:, -1].any()  # 10 px to the right: the last two columns were outside
-
-
-def test_rows_that_always_agree_with_the_flow_teach_to_trust_it() -> None:
-    rng = np.random.default_rng(0)
-    clues = rng.normal(size=(40_000, 7)).astype(np.float32)
-    clues[:, 0] *= 0.3
-    truth = np.exp(-clues[:, :1])
-    judge = fitted_judge(np.hstack([clues, truth, np.full_like(truth, 0.1)]), steps=200)
-    assert judge(clues.T)[0].mean() > 0.9
-    contrary = fitted_judge(np.hstack([clues, np.ones_like(truth), np.full_like(truth, 0.1)]), steps=200)
-    assert contrary(clues.T)[0].mean() < 0.1
-
-
-def test_rows_of_drawn_pairs() -> None:
-    shipped = load_network("motion-tiny", "openvino", precision="f32", aligned=False)
-    first, again = (list(fitting_pairs(2, shrunk=2, seed=5)) for _ in range(2))
-    for pair, same in zip(first, again, strict=True):
-        np.testing.assert_array_equal(pair.current, same.current)
-        rows = rows_of(shipped, pair)
-        assert rows.shape[1] == 9
-        assert np.isfinite(rows).all()
-        assert rows[:, 8].max() <= 1.0001  # no truth beyond the network's range

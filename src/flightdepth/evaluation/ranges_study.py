@@ -19,7 +19,7 @@ from flightdepth.evaluation.ranges_sequences import KeptSequences, Sequence, Seq
 from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Telemetry, Trial, all_trials
 from flightdepth.files import write_json
 from flightdepth.ranges import DepthNetwork
-from flightdepth.runtimes.alignment import judge_sha256
+from flightdepth.runtimes.judge import judge_sha256
 from flightdepth.runtimes.network import load_network, networks
 from flightdepth.scenes import Textures
 from flightdepth.stillbox.testset import test_textures

@@ -4,18 +4,14 @@ Near things move by many pixels between two pictures. There a network, which cho
 is good to a few per cent, and optical flow to a part of a pixel in ten or twenty; far away, at edges and on blank
 walls it is the other way round. So optical flow (DIS, Kroeger et al. 2016) starts from where the network says that
 each point was, the rotation that it shows is taken out of both (`left_rotation`), what it finds is triangulated, and a
-perceptron with two small layers judges, pixel by pixel, how far to go from the network's depth to that one, and how
-large the error is then. It is told ratios and pixels only, so one
-serves every network that knows the motion, at any lens (`evaluation.alignment` fits it).
+few small convolutions judge from both and from what is around how far to go from the network's depth to that one, and
+how large the error is then (`judge`). They are told ratios and pixels only, so they serve every network that knows the
+motion, at any lens (`evaluation.judging` fits them).
 """
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from threading import local
 from typing import Any
 
@@ -25,6 +21,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.runtimes.contract import DEPTH, OUTPUT_STRIDE, SIGMA
+from flightdepth.runtimes.judge import judge
 from flightdepth.runtimes.left_rotation import left_rotation, mended_depth, rotated_flow
 from flightdepth.sweep import motion_field, unit_direction
 from flightdepth.triangulation import flow_of_depth, inverse_depth
@@ -33,47 +30,12 @@ from flightdepth.weights.card import NetworkCard
 Image = NDArray[np.uint8]
 Maps = NDArray[np.float32]
 
-JUDGE = Path(__file__).with_name("alignment.npz")
 PATCH_PX, STRIDE_PX = 8, 6  # of the flow, at full size
 LEAST_SIGMA = 0.005  # of the depth
 LEAST_MOVED_PX = 0.05
 WIDEST = 2.0  # logarithm of one inverse depth over the other
 
 _OWN = local()
-
-
-@dataclass(frozen=True)
-class Judge:
-    """A perceptron: clues [k, ...] to how far to go, 0..1, and the error bar over the network's own, [...] each.
-
-    layers  (weights [in, out], offsets [out]) of each; the first takes the clues as they are
-    """
-
-    layers: tuple[tuple[Maps, Maps], ...]
-
-    @classmethod
-    def read(cls, path: Path = JUDGE) -> Judge:
-        """As `save` wrote it."""
-        with np.load(path) as arrays:
-            return cls(tuple((arrays[f"weights{i}"], arrays[f"offsets{i}"]) for i in range(len(arrays) // 2)))
-
-    def save(self, path: Path) -> None:
-        """Into an .npz file."""
-        arrays: dict[str, Any] = {}
-        for number, (weights, offsets) in enumerate(self.layers):
-            arrays |= {f"weights{number}": weights, f"offsets{number}": offsets}
-        np.savez(path, **arrays)
-
-    def __call__(self, clues: Maps) -> tuple[Maps, Maps]:
-        """Both as float32."""
-        # Not by BLAS: its threads look out for more work for a while, and take the network's cores from it.
-        values = clues.reshape(len(clues), -1)
-        for number, (weights, offsets) in enumerate(self.layers):
-            values = np.einsum("km,kn->mn", weights, np.maximum(values, 0) if number else values)
-            values += offsets[:, None]
-        trust, spread = 1 / (1 + np.exp(-values[0])), np.logaddexp(0, values[1])
-        shape = clues.shape[1:]
-        return np.asarray(trust.reshape(shape), np.float32), np.asarray(spread.reshape(shape), np.float32)
 
 
 def align(
@@ -100,9 +62,9 @@ def align(
         clues, depth = clues_of(
             *pictures, depth * lengths_per_output, sigma / depth, direction, camera=camera
         )
-        trust, spread = judge()(clues)
-        aligned = depth / lengths_per_output * np.exp(-trust * clues[0])
-        output[SIGMA][i] = spread * np.exp(clues[1]) * aligned
+        change, spread = judge()(clues)
+        aligned = depth / lengths_per_output * np.exp(change)
+        output[SIGMA][i] = spread * aligned
         output[DEPTH][i] = aligned.clip(card.depth_min_m, card.depth_max_m)
 
 
@@ -156,17 +118,6 @@ def clues_of(
         ]
     )
     return np.asarray(clues, np.float32), depth
-
-
-@cache
-def judge() -> Judge:
-    """The one that ships."""
-    return Judge.read()
-
-
-def judge_sha256() -> str:
-    """SHA-256 of the judge that ships."""
-    return hashlib.sha256(JUDGE.read_bytes()).hexdigest()
 
 
 def _dis() -> Any:

@@ -1,0 +1,175 @@
+"""Fitting the judge of `runtimes.alignment`: what it is told of a pair, the truth, and the weights that do best.
+
+Errors count relative to the depth and, less, in metres; the error bar is to hold 68 % of them. Of three pairs in ten the
+network is made to err more than it does, by a factor that changes slowly across the picture: it knows rendered scenes
+better than any real ones, and flow does not.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.runtimes.alignment import clues_of
+from flightdepth.runtimes.network import Network
+from flightdepth.stillbox.pairs import Pair
+from flightdepth.sweep import unit_direction
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from flightdepth.architectures.judge import JudgeNet
+
+Maps = NDArray[np.float32]
+
+STEPS, BLOCKS, RATE = 10_000, 12 * 64 * 64, 8e-3  # of a batch
+METRE_WEIGHT = 0.03  # of an error in metres at D0 beside a relative one
+LARGEST_ERROR = 3.0  # relative; more counts as this
+INSIDE_ONE = 0.68
+ASTRAY, ASTRAY_SHARE = 0.12, 0.3  # deviation of the logarithm of that factor, and of how many pairs
+TURNS = 8  # quarter turns, mirrored or not: clues have no direction
+OPSET = 17
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the judge is told of a pair, and what it should have said.
+
+    clues    [k, h, w]
+    depth    the network's, over its range, without what a rotation made, [h, w]
+    truth    over the range too, NaN where there is none
+    """
+
+    clues: Maps
+    depth: Maps
+    truth: Maps
+
+
+def told_of(network: Network, pair: Pair) -> Told:
+    """What alignment would tell the judge of this pair; `network` is one that is not aligned."""
+    grid, length_m = network.grid(pair.camera), float(np.linalg.norm(pair.displacement))
+    pictures = grid.image(pair.previous), grid.image(pair.current)
+    found = network.predict([pair.previous], pair.current, pair.displacement[None], pair.camera)
+    depth_m, sigma_m = found.depth_m[0], found.sigma_m
+    if sigma_m is None:
+        raise ValueError(f"expected a network that tells sigma_m, got {network.card.name}")
+    previous, current = (np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8) for image in pictures)
+    sigma = sigma_m[0] / depth_m / np.float32(network.card.sigma_scale)
+    direction = unit_direction(pair.displacement)
+    clues, depth = clues_of(previous, current, depth_m / length_m, sigma, direction, camera=grid.camera)
+    range_m = network.card.at_focal(grid.camera.fx).alpha * length_m
+    truth_m = cv2.resize(pair.target_m.clip(0, range_m), depth.shape[::-1], interpolation=cv2.INTER_AREA)
+    known = found.valid & (truth_m > 0)
+    truth = np.where(known, truth_m / range_m, np.float32(np.nan))
+    return Told(clues, np.asarray(depth * (length_m / range_m), np.float32), np.asarray(truth, np.float32))
+
+
+def fitted_judge(
+    told: Sequence[Told],
+    *,
+    steps: int = STEPS,
+    seed: int = 0,
+    after_step: Callable[[], None] = lambda: None,
+) -> bytes:
+    """The judge with the least error, as an ONNX file."""
+    import torch
+
+    from flightdepth.architectures.judge import JudgeNet
+
+    torch.manual_seed(seed)
+    sets, draws = _by_shape(told), np.random.default_rng(seed)
+    some = torch.cat([clues[::8].transpose(0, 1).flatten(1) for clues, _, _ in sets], 1).float()
+    judge = JudgeNet(some.mean(1), some.std(1).clamp_min(1e-3))
+    optimizer = torch.optim.AdamW(judge.parameters(), RATE, weight_decay=1e-3)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, total_steps=steps)
+    sizes = np.array([depth.numel() for _, depth, _ in sets], np.float64)
+    for _ in range(steps):
+        chosen = sets[draws.choice(len(sets), p=sizes / sizes.sum())]
+        count = max(1, round(BLOCKS / chosen[1][0].numel()))
+        picked = torch.from_numpy(draws.integers(0, len(chosen[1]), count))
+        clues, depth, truth = _turned([each[picked].float() for each in chosen], int(draws.integers(TURNS)))
+        clues, depth = _astray(clues, depth)
+        loss = _loss(judge(clues), depth, truth)
+        optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+        schedule.step()
+        after_step()
+    return _as_onnx(judge)
+
+
+def _by_shape(told: Sequence[Told]) -> list[tuple[Tensor, Tensor, Tensor]]:
+    """Clues [n, k, h, w] in half precision, depth and truth [n, h, w] of all pairs of each shape."""
+    import torch
+
+    groups: dict[tuple[int, ...], list[Told]] = defaultdict(list)
+    for each in told:
+        groups[each.depth.shape].append(each)
+    return [
+        (
+            torch.from_numpy(np.stack([each.clues.astype(np.float16) for each in group])),
+            torch.from_numpy(np.stack([each.depth for each in group])),
+            torch.from_numpy(np.stack([each.truth for each in group])),
+        )
+        for group in groups.values()
+    ]
+
+
+def _turned(maps: Sequence[Tensor], turn: int) -> list[Tensor]:
+    turned = [each.rot90(turn % 4, (-2, -1)) for each in maps]
+    return [each.flip(-1) for each in turned] if turn >= 4 else turned
+
+
+def _astray(clues: Tensor, depth: Tensor) -> tuple[Tensor, Tensor]:
+    """The same with some networks farther from the truth than they were, which half of them know."""
+    import torch
+    from torch.nn import functional
+
+    count, _, height, width = clues.shape
+    coarse = ASTRAY * torch.randn(count, 1, 3, 3) * (torch.rand(count, 1, 1, 1) < ASTRAY_SHARE)
+    off = functional.interpolate(coarse, (height, width), mode="bilinear", align_corners=True)
+    known = torch.where(torch.rand(count, 1, 1, 1) < 0.5, off.abs(), 0)
+    ratio, doubt, moved = clues[:, :1], clues[:, 1:2], clues[:, 2:3]
+    changed = [ratio + off, torch.maximum(doubt, torch.log(known + 1e-9)), moved - off]
+    return torch.cat([*changed, clues[:, 3:]], 1), depth * torch.exp(off[:, 0])
+
+
+def _loss(answer: Tensor, network: Tensor, truth: Tensor) -> Tensor:
+    import torch
+
+    depth = network * torch.exp(answer[:, 0])
+    known = torch.isfinite(truth)
+    truth = truth.nan_to_num(1.0)  # else the derivative of what does not count is NaN
+    in_range = known & (truth < 0.99)
+    off = (depth - truth).abs()
+    loss = (off / truth)[in_range].clamp(max=LARGEST_ERROR).mean() + METRE_WEIGHT * 100 * off[known].mean()
+    error, bar = (off / depth).detach()[in_range], answer[:, 1][in_range]
+    pinball = torch.where(error > bar, INSIDE_ONE * (error - bar), (1 - INSIDE_ONE) * (bar - error))
+    return loss + pinball.clamp(max=5).mean()
+
+
+def _as_onnx(judge: JudgeNet) -> bytes:
+    import torch
+
+    sides = {2: "h", 3: "w"}
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "judge.onnx"
+        torch.onnx.export(
+            judge.eval(),
+            (torch.zeros(1, judge.mean.numel(), 64, 64),),
+            file,
+            input_names=["clues"],
+            output_names=["judgement"],
+            dynamic_axes={"clues": sides, "judgement": sides},
+            opset_version=OPSET,
+            dynamo=False,
+        )
+        return file.read_bytes()

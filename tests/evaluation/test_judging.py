@@ -1,0 +1,109 @@
+"""The judge between two depths: what it says beside plain numpy and another runtime, and what it learns."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+from onnx import numpy_helper
+
+from flightdepth.evaluation.alignment import fitting_pairs
+from flightdepth.evaluation.judging import Told, fitted_judge, told_of
+from flightdepth.runtimes.judge import JUDGE, Judge, judge
+from flightdepth.runtimes.network import load_network
+
+CLUES = 7
+
+
+def drawn(seed, *shape):
+    clues = np.random.default_rng(seed).normal(size=(CLUES, *shape)).astype(np.float32)
+    clues[:2] *= 0.3
+    return clues
+
+
+def convolved(maps, kernels, offsets):
+    """[i, h, w] by [o, i, 3, 3] or [o, i, 1, 1], zeros around."""
+    reach = kernels.shape[-1] // 2
+    around = np.pad(maps, ((0, 0), (reach, reach), (reach, reach)))
+    windows = np.lib.stride_tricks.sliding_window_view(around, kernels.shape[2:], axis=(1, 2))
+    return np.einsum("ihwrc,oirc->ohw", windows, kernels) + offsets[:, None, None]
+
+
+def test_it_says_what_plain_numpy_says():
+    weights = {w.name: numpy_helper.to_array(w) for w in onnx.load(JUDGE).graph.initializer}
+    clues = drawn(0, 16, 12)
+    mean, deviation = (weights[name].reshape(-1, 1, 1) for name in ("mean", "deviation"))
+    values = (clues - mean) / deviation
+    for layer in (0, 2, 4, 6):
+        values = convolved(values, weights[f"layers.{layer}.weight"], weights[f"layers.{layer}.bias"]).clip(0)
+    trust, other, spread = convolved(values, weights["head.weight"], weights["head.bias"])
+    change, error_bar = judge()(clues)
+    np.testing.assert_allclose(
+        change, 0.5 * np.tanh(other) - clues[0] / (1 + np.exp(-trust)), rtol=1e-3, atol=1e-4
+    )
+    np.testing.assert_allclose(error_bar, np.log1p(np.exp(spread)) * np.exp(clues[1]), rtol=1e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (48, 64), (24, 32), (80, 144)])
+def test_onnx_runtime_says_the_same(shape):
+    clues = drawn(1, *shape)
+    expected = onnxruntime.InferenceSession(JUDGE.read_bytes()).run(None, {"clues": clues[None]})[0][0]
+    np.testing.assert_allclose(np.stack(judge()(clues)), expected, rtol=1e-3, atol=1e-4)
+
+
+def test_threads_and_sizes_do_not_disturb_each_other():
+    shared, shapes = Judge(JUDGE.read_bytes()), [(16, 16), (24, 16), (32, 40)]
+    alone = [np.stack(Judge(JUDGE.read_bytes())(drawn(i, *shape))) for i, shape in enumerate(shapes)]
+    found = [[] for _ in shapes]
+
+    def ask(i):
+        found[i] = [np.stack(shared(drawn(i, *shapes[i]))) for _ in range(20)]
+
+    threads = [threading.Thread(target=ask, args=(i,)) for i in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for i, each in enumerate(alone):
+        assert all(np.array_equal(one, each) for one in found[i])
+        np.testing.assert_array_equal(np.stack(shared(drawn(i, *shapes[i]))), each)  # sizes in turn
+
+
+def told(seed, agrees):
+    """A network's depth of a fifth of its range; the flow is right, or the network."""
+    clues, depth = drawn(seed, 16, 16), np.full((16, 16), 0.2, np.float32)
+    return Told(clues, depth, depth * np.exp(-clues[0] * agrees).astype(np.float32))
+
+
+@pytest.mark.parametrize("agrees", [0.0, 1.0])
+def test_it_learns_whom_to_trust_and_how_far(agrees):
+    found = Judge(fitted_judge([told(seed, agrees) for seed in range(24)], steps=60))
+    clues = drawn(99, 16, 16)
+    change, error_bar = found(clues)
+    untaught = np.abs(clues[0]).mean()
+    assert np.abs(change + agrees * clues[0]).mean() < 0.2 * untaught
+    assert np.median(error_bar) < 0.5 * untaught
+
+
+def test_unknown_truth_teaches_nothing():
+    blind = [Told(each.clues, each.depth, each.truth.copy()) for each in (told(s, 1.0) for s in range(4))]
+    for each in blind:
+        each.truth[:8] = np.nan
+    change, _ = Judge(fitted_judge(blind, steps=20))(drawn(5, 16, 16))
+    assert np.isfinite(change).all()
+
+
+def test_what_is_told_of_drawn_pairs():
+    shipped = load_network("motion-tiny", "openvino", precision="f32", aligned=False)
+    first, again = (list(fitting_pairs(2, shrunk=2, seed=5)) for _ in range(2))
+    for pair, same in zip(first, again, strict=True):
+        np.testing.assert_array_equal(pair.current, same.current)
+        found = told_of(shipped, pair)
+        assert found.clues.shape == (CLUES, *found.depth.shape)
+        assert np.isfinite(found.clues).all()
+        known = found.truth[np.isfinite(found.truth)]
+        assert known.size and known.max() <= 1.0001  # no truth beyond the network's range
+        assert known.min() > 0
