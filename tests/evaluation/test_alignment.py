@@ -110,3 +110,4 @@ def test_what_the_judge_is_told_of_a_plane() -> None:
     assert gradient > 1
     assert held == 1
     assert not clues[-1][:, -1].any()  # 10 px to the right: the last two columns were outside
+    assert not clues[0][:, -1].any()  # and of them flow knows nothing

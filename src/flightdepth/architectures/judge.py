@@ -16,7 +16,8 @@ class JudgeNet(nn.Module):
     """Clues of each block to how its depth changes and how large its error is then.
 
     The first clue is the logarithm of the inverse depth by flow over the network's, the second that of the network's
-    own error bar, as a share of its depth (`runtimes.alignment.clues_of`).
+    own error bar, as a share of its depth, the last is 1 where the earlier picture holds the block: elsewhere the
+    network's depth stays as it is (`runtimes.alignment.clues_of`).
     """
 
     mean: Tensor
@@ -40,6 +41,7 @@ class JudgeNet(nn.Module):
         the new depth.
         """
         answers = self.head(self.layers((clues - self.mean) / self.deviation))
-        trust, other, spread = torch.split(answers, 1, dim=1)
-        change = LARGEST_OTHER * torch.tanh(other) - torch.sigmoid(trust) * clues[:, :1]
+        trust, other, spread = answers[:, :1], answers[:, 1:2], answers[:, 2:]
+        held = clues[:, -1:]
+        change = held * (LARGEST_OTHER * torch.tanh(other) - torch.sigmoid(trust) * clues[:, :1])
         return torch.cat([change, functional.softplus(spread) * torch.exp(clues[:, 1:2])], dim=1)

@@ -1,8 +1,8 @@
 """Fitting the judge of `runtimes.alignment`: what it is told of a pair, the truth, and the weights that do best.
 
-Errors count relative to the depth and, less, in metres; the error bar is to hold 68 % of them. Of three pairs in ten the
-network is made to err more than it does, by a factor that changes slowly across the picture: it knows rendered scenes
-better than any real ones, and flow does not.
+Errors count relative to the depth and, less, in metres; the error bar is to hold 68 % of them. Of three pairs in ten
+the network is made to err more than it does, by a factor that changes slowly across the picture: it knows rendered
+scenes better than any real ones, and flow does not.
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import cv2
@@ -36,7 +34,6 @@ LARGEST_ERROR = 3.0  # relative; more counts as this
 INSIDE_ONE = 0.68
 ASTRAY, ASTRAY_SHARE = 0.12, 0.3  # deviation of the logarithm of that factor, and of how many pairs
 TURNS = 8  # quarter turns, mirrored or not: clues have no direction
-OPSET = 17
 
 
 @dataclass(frozen=True)
@@ -137,8 +134,8 @@ def _astray(clues: Tensor, depth: Tensor) -> tuple[Tensor, Tensor]:
     coarse = ASTRAY * torch.randn(count, 1, 3, 3) * (torch.rand(count, 1, 1, 1) < ASTRAY_SHARE)
     off = functional.interpolate(coarse, (height, width), mode="bilinear", align_corners=True)
     known = torch.where(torch.rand(count, 1, 1, 1) < 0.5, off.abs(), 0)
-    ratio, doubt, moved = clues[:, :1], clues[:, 1:2], clues[:, 2:3]
-    changed = [ratio + off, torch.maximum(doubt, torch.log(known + 1e-9)), moved - off]
+    ratio, doubt, moved, held = clues[:, :1], clues[:, 1:2], clues[:, 2:3], clues[:, -1:]
+    changed = [ratio + off * held, torch.maximum(doubt, torch.log(known + 1e-9)), moved - off]
     return torch.cat([*changed, clues[:, 3:]], 1), depth * torch.exp(off[:, 0])
 
 
@@ -159,17 +156,7 @@ def _loss(answer: Tensor, network: Tensor, truth: Tensor) -> Tensor:
 def _as_onnx(judge: JudgeNet) -> bytes:
     import torch
 
-    sides = {2: "h", 3: "w"}
-    with TemporaryDirectory() as folder:
-        file = Path(folder) / "judge.onnx"
-        torch.onnx.export(
-            judge.eval(),
-            (torch.zeros(1, judge.mean.numel(), 64, 64),),
-            file,
-            input_names=["clues"],
-            output_names=["judgement"],
-            dynamic_axes={"clues": sides, "judgement": sides},
-            opset_version=OPSET,
-            dynamo=False,
-        )
-        return file.read_bytes()
+    from flightdepth.training.export import serialised
+
+    example, free = torch.zeros(1, judge.mean.numel(), 48, 64), torch.export.Dim.DYNAMIC
+    return serialised(judge.eval(), [example], ["clues"], ["judgement"], [{2: free, 3: free}], optimize=True)

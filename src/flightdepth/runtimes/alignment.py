@@ -83,9 +83,10 @@ def clues_of(
     depth, sigma       the network's, [h, w]: in displacements, and as a share of the depth
     direction          of the displacement, (3,)
 
-    The clues: the logarithm of the inverse depth by flow over the network's; those of sigma and of the pixels moved;
-    of the pixels by which the flow leaves the known line, of its roughness in the block and of how strongly grey
-    changes along the line; 1 where the earlier picture holds the point.
+    The clues: the logarithm of the inverse depth by flow over the network's, 0 where the earlier picture does not hold
+    the point, since flow only guesses there; those of sigma and of the pixels moved; of the pixels by which the flow
+    leaves the known line, of its roughness in the block and of how strongly grey changes along the line; 1 where the
+    earlier picture holds the point.
     """
     height, width = depth.shape
     small = camera.resized(width, height)
@@ -108,7 +109,7 @@ def clues_of(
     off = np.linalg.norm(mean - along, axis=2)
     clues = np.stack(
         [
-            np.log(inverse * depth).clip(-WIDEST, WIDEST),
+            np.log(inverse * depth).clip(-WIDEST, WIDEST) * held,
             np.log(np.maximum(sigma, LEAST_SIGMA)),
             np.log(np.maximum(leverage_px / depth, LEAST_MOVED_PX)),
             np.log1p(3 * off),

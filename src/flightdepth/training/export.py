@@ -74,16 +74,32 @@ def deployed(recipe: Recipe, weights: dict[str, Tensor]) -> Deployed | DeployedM
 def to_onnx(model: Deployed | DeployedMotion) -> bytes:
     """Serialise; batch, height and width stay free (height and width multiples of 64)."""
     examples, inputs, outputs = _interface(model)
+    return serialised(model, examples, inputs, outputs, [_sizes(example.shape) for example in examples])
+
+
+def serialised(
+    model: nn.Module,
+    examples: Sequence[Tensor],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    free_sizes: Sequence[dict[int, Any]],
+    *,
+    optimize: bool = False,
+) -> bytes:
+    """An ONNX file of a module, traced with `examples`, whose `free_sizes` (by axis) stay free.
+
+    `optimize` folds constants, which OpenCV wants and the half precision of stored weights does not.
+    """
     with _quiet_exporter():
         program = torch.onnx.export(
             model,
             tuple(examples),
             input_names=inputs,
             output_names=outputs,
-            dynamic_shapes=tuple(_sizes(example.shape) for example in examples),
+            dynamic_shapes=tuple(free_sizes),
             opset_version=OPSET,
             dynamo=True,
-            optimize=False,
+            optimize=optimize,
             verbose=False,
         )
     assert program is not None
