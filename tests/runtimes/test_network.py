@@ -280,7 +280,7 @@ def checkers(camera: Camera, left: int = 0) -> np.ndarray:
     return np.repeat(seen[..., None], 3, axis=2)
 
 
-# Aligning takes what it sees of a rotation out, here some 1e-6 of a radian, and its judge may differ by itself: here 6e-4.
+# Aligning takes what it sees of a rotation out, here some 1e-6 of a radian, and its judge differs by itself by 6e-4.
 @pytest.mark.parametrize(("aligned", "off"), [(False, 1e-5), (True, 2e-3)])
 @pytest.mark.parametrize("focal_px", [48.0, 64.0, 128.0])
 @pytest.mark.parametrize(("pixels", "way"), [(2, 1), (-3, -1)])
