@@ -104,7 +104,12 @@ def pytorch(card: NetworkCard, made: Arrays) -> Call:
 
     network: torch.nn.Module
     if card.knows_direction:
-        network = MotionNet(card.base_width, looks=card.looks, thorough_last_look=card.thorough_last_look)
+        network = MotionNet(
+            card.base_width,
+            looks=card.looks,
+            thorough_last_look=card.thorough_last_look,
+            residual_blocks=card.residual_blocks,
+        )
     else:
         plain = FlowNetS if card.architecture == "FlowNetS" else DepthNet
         network = plain(card.base_width, card.activation)

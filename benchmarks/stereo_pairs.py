@@ -1,11 +1,13 @@
-"""Real pictures with ground truth: two pairs of Middlebury's stereo sets, as a camera that flew sideways saw them.
+"""Real pictures with ground truth: three pairs of Middlebury's stereo sets, as a camera that flew sideways saw them.
 
-    python benchmarks/stereo_pairs.py MOTORCYCLE_DIR ALOE_DIR [--networks NAME ...] [--detail TIMES ...]
+    python benchmarks/stereo_pairs.py MOTORCYCLE_DIR ALOE_DIR CONES_DIR [--networks NAME ...] [--detail TIMES ...]
 
 MOTORCYCLE_DIR holds motorcycle_left.png, motorcycle_right.png and motorcycle_disp.npz, as skimage/data of scikit-image
 0.14's source package does (Scharstein et al. 2014, a quarter of the size); ALOE_DIR holds aloeL.jpg, aloeR.jpg and
-aloeGT.png, as the examples of Debian's opencv-doc do (Hirschmueller and Scharstein 2007). Neither ships with this
-project, no network has seen them, and nothing was chosen on them but that depth should be aligned with the pictures.
+aloeGT.png, as the examples of Debian's opencv-doc do (Hirschmueller and Scharstein 2007); CONES_DIR holds left_rgb.tif,
+right_rgb.tif and disp_left.tif, as tests/image of the source package of pandora-plugin-mccnn 1.3 does (Scharstein and
+Szeliski 2003). None ships with this project, and no network has seen them. On the first two nothing was chosen but that
+depth should be aligned with the pictures, and how far its judge trusts flow; on Cones nothing.
 
 The left picture is the present one, the right one the earlier one; rows and principal points are made to agree.
 """
@@ -31,6 +33,7 @@ from flightdepth.runtimes.network import load_network
 # Of the pictures as they are: focal length and what the right principal point lies to the right of, px; baseline, m.
 MOTORCYCLE = (994.978, 31.086, 0.193001)
 ALOE = (3740.0, 270.0, 0.160)
+CONES = (450.0, 0.0, 0.160)  # not published: any length says the same of a ratio; this one sees 53 degrees
 
 
 @dataclass(frozen=True)
@@ -44,10 +47,15 @@ class RealPair:
 
 
 def read_rgb(path: Path) -> np.ndarray:
-    image = cv2.imread(str(path))
+    return cv2.cvtColor(read_plain(path).astype(np.uint8), cv2.COLOR_BGR2RGB)
+
+
+def read_plain(path: Path) -> np.ndarray:
+    """Of the file's own type: OpenCV turns no floating-point picture into bytes by itself."""
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise SystemExit(f"{path}: expected a picture")
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    return image
 
 
 def real_pair(
@@ -66,13 +74,15 @@ def real_pair(
     return RealPair(name, right, left, depth_m, np.array([-baseline_m, 0.0, 0.0]), camera)
 
 
-def real_pairs(motorcycle: Path, aloe: Path) -> Iterator[RealPair]:
+def real_pairs(motorcycle: Path, aloe: Path, cones: Path) -> Iterator[RealPair]:
     sides = read_rgb(motorcycle / "motorcycle_left.png"), read_rgb(motorcycle / "motorcycle_right.png")
     with np.load(motorcycle / "motorcycle_disp.npz") as stored:
         disparity_px = np.where(np.isfinite(stored["arr_0"]), stored["arr_0"], 0)
     yield real_pair("Motorcycle", sides, disparity_px, MOTORCYCLE)
     sides = read_rgb(aloe / "aloeL.jpg"), read_rgb(aloe / "aloeR.jpg")
-    yield real_pair("Aloe", sides, read_rgb(aloe / "aloeGT.png")[..., 0].astype(float), ALOE)
+    yield real_pair("Aloe", sides, read_plain(aloe / "aloeGT.png").astype(float), ALOE)
+    sides = read_rgb(cones / "left_rgb.tif"), read_rgb(cones / "right_rgb.tif")
+    yield real_pair("Cones", sides, read_plain(cones / "disp_left.tif").astype(float), CONES)
 
 
 def answers(
@@ -107,10 +117,11 @@ def main() -> None:
     )
     parser.add_argument("motorcycle", type=Path)
     parser.add_argument("aloe", type=Path)
+    parser.add_argument("cones", type=Path)
     parser.add_argument("--networks", nargs="+", default=["motion", "motion-tiny"])
     parser.add_argument("--detail", nargs="+", type=float, default=[1.0, 2.0], help="as of `run --detail`")
     given = parser.parse_args()
-    for pair in real_pairs(given.motorcycle, given.aloe):
+    for pair in real_pairs(given.motorcycle, given.aloe, given.cones):
         title = f"{pair.name}, {pair.camera.width}x{pair.camera.height}: relative error at the pictures' own pixels"
         table = Table("", "mean", "median", "over 5 %", "over 25 %", "known", "mean of these", title=title)
         truth = np.isfinite(pair.depth_m)

@@ -80,10 +80,10 @@ def difference_card(**changes: object) -> NetworkCard:
 SWEPT_CAP_M = 100.0
 
 
-def swept_card(focal_px: float = 64.0) -> NetworkCard:
+def swept_card(focal_px: float = 64.0, *, looks: int = 1) -> NetworkCard:
     """Of `BestHypothesis`: 100 m at 0.3 m through 64 px of focal length."""
     facts: dict[str, object] = {"name": "best-hypothesis", "architecture": "MotionNet", "any_lens": True}
-    facts |= {"D0_m": 0.3, "depth_min_m": 0.0, "depth_max_m": SWEPT_CAP_M, "focal_px": 64.0}
+    facts |= {"D0_m": 0.3, "depth_min_m": 0.0, "depth_max_m": SWEPT_CAP_M, "focal_px": 64.0, "looks": looks}
     return difference_card(**facts).at_focal(focal_px)
 
 

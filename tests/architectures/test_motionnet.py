@@ -100,6 +100,27 @@ def test_only_the_last_look_is_thorough(looks):
     assert seen == [("refinement", 2)] * (looks - 1) + [("last_look", 1)]
 
 
+def test_residual_blocks_have_two_convolutions_each():
+    """At base width 4: 32, 32, 64, 32, 16 and 8 maps, 3x3 kernels, a scale and a shift of each map twice."""
+    added = sum(2 * (9 * maps * maps + 2 * maps) for maps in (32, 32, 64, 32, 16, 8))
+    assert parameters(MotionNet(4, residual_blocks=True)) - parameters(MotionNet(4)) == added
+
+
+def test_a_trained_network_goes_on_from_where_it_was_with_residual_blocks():
+    torch.manual_seed(0)
+    trained = MotionNet(4, looks=2).eval()
+    grown = MotionNet(4, looks=2, residual_blocks=True).eval()
+    assert not grown.load_state_dict(trained.state_dict(), strict=False).unexpected_keys
+    given = inputs()
+    before, after = trained(*given), grown(*given)
+    for one, other in zip((*before[0], before[1]), (*after[0], after[1]), strict=True):
+        assert torch.equal(one, other)
+    for name, module in grown.named_modules():  # and what they then learn counts
+        if name.endswith("added.4"):
+            module.weight.data.fill_(0.3)
+    assert not torch.allclose(grown(*given)[0][0], before[0][0])
+
+
 @pytest.mark.parametrize("which", range(5))
 def test_every_input_matters(small, which):
     given = inputs()

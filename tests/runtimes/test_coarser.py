@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
-from flightdepth.runtimes.coarser import REACH_PX
+from flightdepth.runtimes.coarser import reach_px
 from flightdepth.runtimes.network import Network, load_network
 from tests_networks import swept_card
 
@@ -35,9 +35,9 @@ class Said:
         return {"depth_m": depth_m.copy(), "sigma_m": depth_m * np.float32(0.001 * width)}
 
 
-def moved_px(runtime: Said, pairs: int = 1) -> tuple[np.ndarray, np.ndarray]:
+def moved_px(runtime: Said, pairs: int = 1, *, looks: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Shifts in pixels of 128, and deviations over depth, on the grid."""
-    network = Network(swept_card(), runtime, aligned=False)
+    network = Network(swept_card(looks=looks), runtime, aligned=False)
     prediction = network.predict([BLANK] * pairs, BLANK, MOVED * pairs, SQUARE)
     assert prediction.sigma_m is not None
     return 64.0 * 2.0 / prediction.depth_m, prediction.sigma_m / prediction.depth_m
@@ -66,11 +66,17 @@ def test_what_the_smaller_picture_says_is_within_reach_stays() -> None:
     np.testing.assert_allclose(shifts[:, :, :14], 50.0, rtol=1e-5)
 
 
-@pytest.mark.parametrize("farthest_px", [REACH_PX - 1, 5.0])
-def test_nothing_is_looked_at_again_where_all_is_within_reach(farthest_px: float) -> None:
-    runtime = Said(at_128=(farthest_px, 1.0))
-    moved_px(runtime)
-    assert len(runtime.calls) == 1
+@pytest.mark.parametrize("looks", [1, 2])
+def test_nothing_is_looked_at_again_where_all_is_within_reach(looks: int) -> None:
+    reach = reach_px(swept_card(looks=looks))
+    for farthest_px, calls in ((5.0, 1), (reach - 1, 1), (reach + 1, 2)):
+        runtime = Said(at_128=(farthest_px, 1.0), at_64=(farthest_px / 2, 1.0))
+        moved_px(runtime, looks=looks)
+        assert len(runtime.calls) == calls
+
+
+def test_a_second_look_reaches_half_as_far_again() -> None:
+    assert [reach_px(swept_card(looks=looks)) for looks in (1, 2)] == [28.0, 42.0]
 
 
 def test_only_the_pair_that_moved_far_is_looked_at_again() -> None:

@@ -141,11 +141,14 @@ def test_flownets_goes_the_same_way(flownets, storage):
     assert np.abs(depth_m - expected).max() < 2e-3 * expected.max()
 
 
-@pytest.fixture(scope="module", params=[(2, False), (2, True), (1, True)], ids=str)
+@pytest.fixture(scope="module", params=[(2, False, False), (2, True, True), (1, True, False)], ids=str)
 def motion(request):
     torch.manual_seed(6)
-    looks, thorough = request.param
-    network = MotionNet(8, looks=looks, thorough_last_look=thorough)
+    looks, thorough, residual = request.param
+    network = MotionNet(8, looks=looks, thorough_last_look=thorough, residual_blocks=residual)
+    for name, module in network.named_modules():
+        if name.endswith("added.4"):
+            module.weight.data.fill_(0.3)
     network.predict_depth2.bias.data.fill_(35)
     model = DeployedMotion(network, 0.0, 100.0).eval()
     exact = to_onnx(model)

@@ -11,13 +11,22 @@ principal point is built into the weights. A plain convolutional graph: the warp
 from __future__ import annotations
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
 
-from flightdepth.architectures.depthnet import Trunk, activated, he_normal, predict_depth
+from flightdepth.architectures.depthnet import (
+    BATCH_NORM_EPS,
+    Trunk,
+    activated,
+    conv,
+    he_normal,
+    predict_depth,
+)
 from flightdepth.architectures.refinement import Difference, Refinement
 from flightdepth.sweep import LEVELS
 
+# Layers whose maps a residual block looks at again, and how many maps they have, in base widths.
+RESIDUAL = {"conv4_1": 8, "conv5_1": 8, "conv6_1": 16, "deconv5": 8, "deconv4": 4, "deconv3": 2}
 CONTRAST = 20 / 255  # a difference of grey that counts as one
 GREY = (0.299, 0.587, 0.114)  # as cv2.COLOR_RGB2GRAY
 # Per level: hypotheses that are corrected; not the first (nothing moves there) and not the last.
@@ -34,6 +43,7 @@ class MotionNet(Trunk):
     looks                  how many times depth is refined, by the same weights; all but the last look at a
                            quarter of the pixels, which costs less than 1 % of the error's size
     thorough_last_look     whether the last one has weights of its own, and sees more
+    residual_blocks        whether the trunk has residual blocks, from 1/8 of the size down, where they cost little
     """
 
     def __init__(
@@ -44,11 +54,15 @@ class MotionNet(Trunk):
         largest_m: float = 100.0,
         looks: int = 1,
         thorough_last_look: bool = False,
+        residual_blocks: bool = False,
     ) -> None:
         fine, half, quarter = (len(level.shifts_px) for level in LEVELS)
         more = [2 * len(corrected) for corrected in CORRECTED]
         taken = (3, fine + half + more[0], half + quarter + 2 + more[1], quarter + more[2])
         super().__init__(base_width, taken)
+        if residual_blocks:
+            for layer, widths in RESIDUAL.items():
+                self.get_submodule(layer).append(ResidualBlock(widths * base_width))  # type: ignore[operator]
         self.predict_spread2 = predict_depth(3 * base_width + 1)
         he_normal(self.predict_spread2)
         if looks > 1 or not thorough_last_look:
@@ -90,6 +104,26 @@ class MotionNet(Trunk):
             refined, spread = refine(depths[0], spread, features, difference)
             depths.insert(0, refined)
         return depths, spread
+
+
+class ResidualBlock(nn.Module):
+    """Adds what two convolutions make of its maps (He et al. 2016); nothing at first, so that a trained network that is
+    given some goes on from where it was.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.added = nn.Sequential(
+            *conv(channels, channels),
+            nn.Conv2d(channels, channels, 3, 1, 1, bias=False),
+            nn.BatchNorm2d(channels, eps=BATCH_NORM_EPS),
+        )
+        he_normal(self.added)
+        nn.init.zeros_(self.added[-1].weight)  # type: ignore[arg-type]
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """[B, channels, h, w], not negative, to the same."""
+        return functional.relu(maps + self.added(maps))
 
 
 def corrections(difference: Tensor, level: int) -> Tensor:

@@ -110,6 +110,7 @@ def card_of(run: Trained, name: str) -> NetworkCard:
         activation=recipe.activation,
         looks=recipe.looks,
         thorough_last_look=recipe.thorough_last_look,
+        residual_blocks=recipe.residual_blocks,
         nominal_shift=recipe.nominal_shift,
         D0_m=recipe.nominal_shift * config.step_m,
         depth_min_m=recipe.depth_min_m,

@@ -15,8 +15,9 @@ from flightdepth.runtimes.contract import DEPTH, SIGMA, STRIDE
 from flightdepth.runtimes.grid import NetworkGrid, filling_focal_px
 from flightdepth.weights.card import NetworkCard
 
-# Points that moved farther, in pixels, are better seen in smaller pictures (docs/log.md); the widest hypothesis is 32.
-REACH_PX = 28.0
+# Points that moved farther, in pixels, are better seen in smaller pictures (docs/log.md). The widest hypothesis is 32;
+# what lies a little beyond is mended by each look after the first.
+REACH_PX, FURTHER_LOOK = 28.0, 1.5
 FEW = 0.01  # a smaller share of such pixels is not worth a look
 
 Maps = NDArray[np.float32]
@@ -51,6 +52,11 @@ def take_near(
         np.copyto(output[SIGMA][i], sigma_m, where=near)
 
 
+def reach_px(card: NetworkCard) -> float:
+    """How far a point may have moved between pictures of a size that the network sees."""
+    return float(REACH_PX * FURTHER_LOOK ** (card.looks - 1))
+
+
 def _nearest_m(card: NetworkCard) -> float:
-    """Output, metres at D0, of a point that moved by REACH_PX: focal D0 / depth pixels."""
-    return card.focal_px * card.D0_m / REACH_PX
+    """Output, metres at D0, of a point that moved as far as the reach: focal D0 / depth pixels."""
+    return card.focal_px * card.D0_m / reach_px(card)

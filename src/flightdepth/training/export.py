@@ -140,7 +140,12 @@ def _architecture_with(names: Collection[str]) -> DepthNet | FlowNetS | MotionNe
     """What only one of them has: a spread, or convolutions with a bias instead of batch norm; a map wide."""
     if "predict_spread2.weight" in names:
         looks = 1 + ("refinement.head.bias" in names)  # of those that differ
-        return MotionNet(1, looks=looks, thorough_last_look="last_look.head.bias" in names)
+        return MotionNet(
+            1,
+            looks=looks,
+            thorough_last_look="last_look.head.bias" in names,
+            residual_blocks="conv6_1.3.added.0.weight" in names,
+        )
     return FlowNetS(1) if "conv1.0.bias" in names else DepthNet(1)
 
 

@@ -32,6 +32,7 @@ def drawn(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
             largest_m=recipe.depth_max_m,
             looks=recipe.looks,
             thorough_last_look=recipe.thorough_last_look,
+            residual_blocks=recipe.residual_blocks,
         )
     if recipe.architecture == "FlowNetS":
         return FlowNetS(recipe.base_width, recipe.activation)

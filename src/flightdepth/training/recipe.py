@@ -73,6 +73,7 @@ class Recipe(_Strict):
     thorough_last_look: bool = Field(
         default=False, description="MotionNet's last look has weights of its own, and sees more"
     )
+    residual_blocks: bool = Field(default=False, description="MotionNet's trunk has residual blocks")
     batch_norm_momentum: float = Field(default=0.1, gt=0, le=1, description="of the running statistics")
     nominal_shift: int = Field(gt=0)
     depth_min_m: float = Field(ge=0)

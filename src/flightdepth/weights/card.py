@@ -54,6 +54,7 @@ class NetworkCard(BaseModel):
     thorough_last_look: bool = Field(
         default=False, description="MotionNet's last look has weights of its own, and sees more"
     )
+    residual_blocks: bool = Field(default=False, description="MotionNet's trunk has residual blocks")
     nominal_shift: int = Field(gt=0, description="frames between the images of a nominal training pair")
     D0_m: float = Field(gt=0, description="displacement of a nominal training pair")
     depth_min_m: float = Field(ge=0, description="lower clip of the training depth; 0 where there is none")
