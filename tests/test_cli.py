@@ -78,13 +78,13 @@ def test_version(capsys):
 
 def test_help_shows_how_to_start(capsys):
     assert cli.main(["--help"]) == 0
-    assert "flightdepth run VIDEO --hfov DEGREES" in capsys.readouterr().out
+    assert "flightdepth run VIDEO" in capsys.readouterr().out
 
 
 def test_the_help_of_run_has_examples(capsys):
     assert cli.main(["run", "--help"]) == 0
     examples = [line.strip() for line in capsys.readouterr().out.splitlines()]
-    assert "flightdepth run flight.mp4 --hfov 64.4" in examples
+    assert "flightdepth run flight.mp4" in examples
 
 
 def test_an_unknown_option_is_2(capsys):

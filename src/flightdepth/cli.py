@@ -53,10 +53,12 @@ def flightdepth(
 
       flightdepth demo
 
-      flightdepth run VIDEO --hfov DEGREES
+      flightdepth run VIDEO
 
-    The velocity comes from the video itself (GoPro), from --telemetry LOG,
-    or from --speed M_S. `flightdepth COMMAND --help` shows examples.
+    The velocity comes from the video itself (GoPro), from --telemetry LOG or
+    a log of the video's name beside it, or from --speed M_S; the lens from the
+    video where it tells, else from --camera or --hfov.
+    `flightdepth COMMAND --help` shows examples.
     """
 
 

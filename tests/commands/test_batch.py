@@ -1,5 +1,9 @@
 """Several flights: what stands is skipped, what failed or was cut short is done again; on a Ray cluster too."""
 
+import subprocess
+import sys
+import time
+
 import pytest
 from command_flights import FRAMES, make_video
 
@@ -87,6 +91,30 @@ def test_a_single_flight_is_run_again(run, work):
     before = (work / "out/flight.json").stat().st_mtime_ns
     run(flights=("one.mp4",))
     assert (work / "out/flight.json").stat().st_mtime_ns > before
+
+
+def test_what_a_single_flight_replaces_of_another_is_told(run):
+    assert "replaces" not in run(flights=("one.mp4",))[2]
+    assert "replaces" not in run(flights=("one.mp4",))[2]
+    code, _, stderr = run(flights=("two.mp4",))
+    assert code == 0
+    assert "out holds the result of one.mp4, which this one replaces when it is done" in stderr
+
+
+def test_sigterm_clears_away_what_was_begun(work):
+    """As systemd, Slurm, `timeout` and `docker stop` send it."""
+    make_video(work / "long.mp4", frames=2000)
+    options = ["--hfov", "90", "--speed", "3", "--network", "difference.onnx", "--out", "out"]
+    command = [sys.executable, "-m", "flightdepth", "run", "long.mp4", *options]
+    with subprocess.Popen(command, cwd=work, stderr=subprocess.PIPE, text=True) as running:
+        while not list(work.glob(".out.partial*/depth/*.png")):
+            assert running.poll() is None
+            time.sleep(0.05)
+        running.terminate()
+        _, stderr = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert "nothing of this flight was written" in stderr
+    assert not list(work.glob("*out*"))
 
 
 def test_an_address_without_ray(run):

@@ -244,6 +244,19 @@ def test_fault_5_a_video_cut_in_mid_group_ends_with_its_last_sound_picture(whole
     assert len(frames) + sum(counts.values()) == FRAMES
 
 
+def test_fault_5_a_cut_is_told_where_only_a_part_is_wanted(tmp_path):
+    """The index at the front promises what is not there."""
+    path = film(tmp_path / "long.mp4", 100, muxer={"movflags": "faststart"})
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    with Video(path, start_s=0.5) as video:
+        last_ns = max(frame.stamp_ns for frame in video.frames())
+        missing_s = (video.duration_ns - last_ns) / 1e9
+        assert video.counts["seconds missing at the end of the file"] == round(missing_s) > 0
+    with pytest.raises(BadInput, match="that was cut off before"):
+        Video(path, start_s=last_ns / 1e9 + 0.5)
+
+
 @pytest.mark.parametrize("codec", ["libx264", "mpeg4"])
 def test_fault_5_a_stream_that_begins_in_mid_group_begins_with_its_first_key_frame(tmp_path, codec):
     path = film(tmp_path / "whole.ts", FRAMES, codec=codec)

@@ -178,6 +178,7 @@ def test_hints_for_progress(video):
         ({"speed_m_s": 1}, "--hfov"),
         ({"speed_m_s": -1, "hfov_deg": 60}, "--speed"),
         ({"speed_m_s": float("nan"), "hfov_deg": 60}, "--speed"),
+        ({"speed_m_s": 151, "hfov_deg": 60}, "0 to 150 m/s"),
         ({"speed_m_s": 1, "telemetry": "log.csv", "hfov_deg": 60}, "both"),
         ({"speed_m_s": 1, "hfov_deg": 60, "camera": Camera.from_fov(96, 64, 60)}, "both"),
         ({"speed_m_s": 1, "camera": Camera.from_fov(64, 96, 60)}, "96x64"),
@@ -188,6 +189,16 @@ def test_hints_for_progress(video):
 def test_what_cannot_be_flown_is_refused(video, options, said):
     with pytest.raises(BadInput, match=said):
         open_flight(video, **options)
+
+
+def test_a_log_beside_the_video_that_is_not_known_is_named(video):
+    """What is wrong with it is told where it is given."""
+    table = video.with_suffix(".csv")
+    table.write_text("time_s;vn_m_s\n0;1\n")
+    with pytest.raises(BadInput, match=rf"{table.name} beside it is no log that is known: --telemetry"):
+        open_flight(video, hfov_deg=60)
+    with pytest.raises(BadInput, match="semicolons"):
+        open_flight(video, table, hfov_deg=60)
 
 
 def test_a_log_of_another_time_is_refused_with_both_spans(video, tmp_path):

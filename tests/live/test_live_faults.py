@@ -98,3 +98,15 @@ def test_lost_packets_give_fewer_pictures_and_no_damaged_ones(tmp_path, loss):
     assert max(off) < 3  # grey levels; a picture with a lost slice is off by more
     assert counts["gaps in the RTP packets"] > 5
     assert counts[BUILT_ON_DAMAGE] > 5
+
+
+def test_a_session_without_a_single_picture_could_not_run(save_difference_network, tmp_path):
+    """What starts it again when it fails, a service say, is told."""
+    save_difference_network()
+    options = ["--hfov", "80", "--network", str(tmp_path / "difference.onnx"), "--duration", "1"]
+    nobody = [f"rtsp://127.0.0.1:{free_port()}/main", "--mavlink", f"udpin:127.0.0.1:{free_port()}"]
+    ran = subprocess.run(
+        live_command("--video", *nobody, *options), capture_output=True, text=True, timeout=60, check=False
+    )
+    assert ran.returncode == 3
+    assert "no picture came" in ran.stderr.splitlines()[-1]

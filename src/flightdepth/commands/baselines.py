@@ -57,7 +57,7 @@ def baselines(
     are. Slope: of the depth of tracked points against metres flown; of those that
     moved between the pictures by a pixel or more, too: the others tell little.
 
-      flightdepth evaluate baselines flight.mp4 --hfov 64.4 --network motion
+      flightdepth evaluate baselines flight.mp4 --hfov 73 --network motion
     """
     from flightdepth.flight import open_flight
     from flightdepth.runtimes.network import load_network, nearest_network

@@ -98,7 +98,7 @@ def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> in
         with extra_packages("Writing LAS", "clouds"):
             import laspy  # noqa: F401  before the work, not after it
         write = write_las
-    with progress_bar("cloud", len(flight.rows) // settings.every, "frames") as bar:
+    with progress_bar("cloud", -(-len(flight.rows) // settings.every), "frames") as bar:
         cloud = cloud_of(flight, settings, lambda: bar.advance(bar.task_ids[0]))
     if not len(cloud):
         raise BadInput(

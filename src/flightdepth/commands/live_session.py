@@ -15,7 +15,7 @@ from types import FrameType
 from flightdepth.camera import Camera
 from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.terminal import say, warn
-from flightdepth.errors import BadInput
+from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.cameras import Recording
 from flightdepth.flight.gimbal import looking
 from flightdepth.flight.open import own_telemetry
@@ -101,7 +101,10 @@ class Session:
             stack.enter_context(engine)
             stack.enter_context(told(engine))
             engine.run(stop, settings.duration)
-        say(summary(engine.status()))
+        status = engine.status()
+        say(summary(status))
+        if not (stop.is_set() or status.frames.received):  # nobody stopped it
+            raise FlightDepthError(f"video {settings.video}: no picture came")
 
     def _video(self, listener: VideoListener) -> VideoInput:
         return VideoInput(

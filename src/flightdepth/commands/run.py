@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -171,9 +172,9 @@ def run(
     Each output folder holds depth/, confidence/, sigma/, bounds, frames.csv, poses.csv, flight.json
     and preview.mp4. It appears when all of it stands; after an error there is none.
 
-    A video that carries its own telemetry (GoPro):
+    A video that carries its own telemetry (GoPro), which tells the lens too where the camera turns:
 
-      flightdepth run flight.mp4 --hfov 64.4
+      flightdepth run flight.mp4
 
     A log and a calibration:
 
@@ -185,13 +186,15 @@ def run(
 
     Several flights, each into its own folder (depth/a, depth/b):
 
-      flightdepth run a.mp4 b.mp4 --hfov 64.4 --out depth
+      flightdepth run a.mp4 b.mp4 --hfov 73 --out depth
 
     Stopped or killed? The same command skips the flights that stand. On many machines
-    that share a disk: --engine ray --address auto.
+    that share a disk: --engine ray --address auto. A single flight replaces what an earlier
+    run left in its folder, once it is done.
     """
     from flightdepth.ranges.estimator import check_ranges
 
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was begun is cleared away
     check_engine("flightdepth run", engine, address)
     several = len(flights) > 1
     if several and telemetry is not None:
@@ -254,6 +257,8 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
         if resume and stands(target, source_of(path.name, flight, network, settings)):
             return Outcome.STOOD
         introduce(path, flight, network)
+        if (other := other_flight(target, path.name)) is not None:
+            warn(f"{target} holds the result of {other}, which this one replaces when it is done")
         started = time.monotonic()
         summary = write_depth(path.name, flight, network, target, settings)
         elapsed_s = time.monotonic() - started
@@ -320,6 +325,17 @@ def stands(target: Path, source: Source) -> bool:
         return False
     known, wanted = (each.model_dump(exclude={"warnings"}) for each in (record.source, source))
     return record.flightdepth == __version__ and known == wanted  # some warnings come up in flight only
+
+
+def other_flight(target: Path, name: str) -> str | None:
+    """The flight whose result `target` holds, where it is another one."""
+    from flightdepth.outputs import FlightFolder
+
+    try:
+        flight = FlightFolder(target).record.source.flight
+    except BadInput:
+        return None
+    return None if flight == name else flight
 
 
 def write_depth(

@@ -75,8 +75,10 @@ def progress_bar(title: str, total: int | None, unit: str) -> Iterator[Progress]
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console()) as bar:
-        bar.add_task(title, total=total)
+        task = bar.add_task(title, total=total)
         yield bar
+        if total is not None:  # what was promised and did not come is not waited for
+            bar.update(task, total=bar.tasks[task].completed)
 
 
 def counted(items: Countable[Item_co], title: str, unit: str) -> Iterator[Item_co]:

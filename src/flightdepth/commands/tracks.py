@@ -36,7 +36,7 @@ def tracks(
     A rigid point straight ahead comes 1 m nearer with each metre flown, so the
     slope is -1 where depth is true to scale; -0.8 means 20 % too near.
 
-      flightdepth evaluate tracks flight.mp4 --hfov 64.4
+      flightdepth evaluate tracks flight.mp4 --hfov 73
     """
     from flightdepth.evaluation.tracked_points import TrackedPoints
     from flightdepth.flight import open_flight

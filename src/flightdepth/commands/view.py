@@ -111,6 +111,6 @@ def send(recording: RecordingStream, flight: FlightFolder, pictures: int) -> Non
     """Everything of the flight, with a progress bar."""
     from flightdepth.outputs.viewer import every_nth, show
 
-    with progress_bar("viewer", len(flight.rows) // every_nth(flight, pictures), "frames") as bar:
+    with progress_bar("viewer", -(-len(flight.rows) // every_nth(flight, pictures)), "frames") as bar:
         show(recording, flight, most_pictures=pictures, on_picture=lambda: bar.advance(bar.task_ids[0]))
     recording.flush()

@@ -45,6 +45,10 @@ AUTO: Literal["auto"] = "auto"
 WATCHED_S = 120.0  # of the video, to estimate an offset
 SELDOM_NS = 5 * NS_PER_S  # between velocities: what lies in the middle of such a gap is known to nobody
 NO_TELEMETRY = "Give --telemetry LOG or --speed M_S."
+# What a log's name may end in, where its content is not known; those that are known need no ending.
+LOG_SUFFIXES = frozenset(
+    {".csv", ".txt", ".srt", ".json", ".ulg", ".bin", ".log", ".tlog", ".bag", ".mcap", ".db3"}
+)
 
 
 class Flight:
@@ -233,11 +237,18 @@ def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:
 
 def log_beside(video: Path, mend: str) -> Path:
     """The one log that has the video's name but for its ending, as DJI's cameras write it."""
-    others = (path for path in video.parent.iterdir() if path.stem == video.stem and path.name != video.name)
-    logs = sorted(path for path in others if path.is_file() and is_log(path))
+    named = (path for path in video.parent.iterdir() if path.stem == video.stem and path.name != video.name)
+    others = sorted(path for path in named if path.is_file())
+    logs = [path for path in others if is_log(path)]
     if len(logs) == 1:
         return logs[0]
-    got = "none inside the video" + (f", and beside it {', '.join(p.name for p in logs)}" if logs else "")
+    got = "none inside the video"
+    if logs:
+        got += f", and beside it {', '.join(path.name for path in logs)}"
+    elif alike := [path for path in others if path.suffix.lower() in LOG_SUFFIXES]:
+        got += (
+            f", and {alike[0].name} beside it is no log that is known: --telemetry {alike[0].name} tells why"
+        )
     raise BadInput(f"telemetry of {video}", expected="a velocity", got=got, mend=mend)
 
 

@@ -102,4 +102,4 @@ def described_turns(found: TurnedFocal) -> str:
         return found.reason
     lens = "an ideal lens" if found.camera.model == "pinhole" else "a fisheye"
     view = f"field of view of {found.camera.horizontal_fov_deg:.1f} degrees through {lens}, within {found.share:.0%}"
-    return f"{view}: so its pictures turned by the {found.turned_deg:.0f} degrees that the log tells"
+    return f"{view}, as its pictures moved when it turned by {found.turned_deg:.0f} degrees"

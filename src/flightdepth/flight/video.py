@@ -22,6 +22,7 @@ from flightdepth.flight.records import NS_PER_S, Frame, seconds
 
 VIDEO_EXPECTED = "a video such as MP4, MOV or MKV"
 SNIFFED_BYTES = 4096
+LEAST_MISSING_NS = NS_PER_S  # at the end of a file that is read from its middle on
 
 
 def open_container(path: Path) -> Any:
@@ -179,6 +180,9 @@ class Video:
             else:
                 yield _Picture(stamp_ns, picture, damaged)
                 last_ns, damaged = stamp_ns, False
+        missing_ns = self.duration_ns - max(last_ns, self.start_ns)
+        if not whole and self._stream.frames and missing_ns > LEAST_MISSING_NS:
+            self.counts["seconds missing at the end of the file"] = round(missing_ns / NS_PER_S)
 
     def _find_origin(self) -> int:
         """Time of the first picture, ticks; some containers tell it only with the first packet."""
@@ -212,7 +216,8 @@ class Video:
         return BadInput(
             f"video {self.path}",
             expected=f"pictures between {seconds(self.start_ns)} and {end}",
-            got=f"a video of {seconds(self.duration_ns)}",
+            got=f"a video of {seconds(self.duration_ns)}"
+            + (" that was cut off before" if self.start_ns < self.duration_ns else ""),
             mend="Change --start or --end.",
         )
 

@@ -16,8 +16,8 @@ from flightdepth.runtimes.grid import NetworkGrid, filling_focal_px
 from flightdepth.weights.card import NetworkCard
 
 # Points that moved farther, in pixels, are better seen in smaller pictures (docs/log.md). The widest hypothesis is 32;
-# what lies a little beyond is mended by each look after the first.
-REACH_PX, FURTHER_LOOK = 28.0, 1.5
+# what lies a little beyond is mended by each look after the first, whose hypotheses stand a third apart.
+REACH_PX, FURTHER_LOOK = 28.0, 1.3
 FEW = 0.01  # a smaller share of such pixels is not worth a look
 
 Maps = NDArray[np.float32]
