@@ -7,7 +7,8 @@ MOTORCYCLE_DIR holds motorcycle_left.png, motorcycle_right.png and motorcycle_di
 aloeGT.png, as the examples of Debian's opencv-doc do (Hirschmueller and Scharstein 2007); CONES_DIR holds left_rgb.tif,
 right_rgb.tif and disp_left.tif, as tests/image of the source package of pandora-plugin-mccnn 1.3 does (Scharstein and
 Szeliski 2003). None ships with this project, and no network has seen them. On the first two nothing was chosen but that
-depth should be aligned with the pictures, and how far its judge trusts flow; on Cones nothing.
+depth should be aligned with the pictures, how far its judge trusts flow and, on Aloe, how far a second look reaches; on
+Cones nothing.
 
 The left picture is the present one, the right one the earlier one; rows and principal points are made to agree.
 """

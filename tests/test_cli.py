@@ -78,7 +78,8 @@ def test_version(capsys):
 
 def test_help_shows_how_to_start(capsys):
     assert cli.main(["--help"]) == 0
-    assert "flightdepth run VIDEO" in capsys.readouterr().out
+    examples = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    assert "flightdepth run VIDEO" in examples
 
 
 def test_the_help_of_run_has_examples(capsys):
