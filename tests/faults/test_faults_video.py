@@ -255,6 +255,9 @@ def test_fault_5_a_cut_is_told_where_only_a_part_is_wanted(tmp_path):
         assert video.counts["seconds missing at the end of the file"] == round(missing_s) > 0
     with pytest.raises(BadInput, match="that was cut off before"):
         Video(path, start_s=last_ns / 1e9 + 0.5)
+    with pytest.raises(BadInput) as between:  # pictures of a sound video
+        Video(film(tmp_path / "sound.mp4", 40), start_s=0.51, end_s=0.52)
+    assert "cut off" not in str(between.value)
 
 
 @pytest.mark.parametrize("codec", ["libx264", "mpeg4"])

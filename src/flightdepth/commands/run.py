@@ -20,6 +20,7 @@ from flightdepth.errors import BadInput, FlightDepthError
 if TYPE_CHECKING:
     from flightdepth.flight import Flight, Frame
     from flightdepth.outputs import Source, Summary
+    from flightdepth.outputs.record import FlightRecord
     from flightdepth.outputs.run import Progress
     from flightdepth.ranges import RangedDepth
     from flightdepth.runtimes.network import Network
@@ -315,13 +316,9 @@ def warnings_of(flight: Flight, network: Network) -> tuple[str, ...]:
 def stands(target: Path, source: Source) -> bool:
     """Whether `target` holds a finished result of the same."""
     from flightdepth import __version__
-    from flightdepth.outputs import FlightFolder
 
-    if not target.is_dir():
-        return False
-    try:
-        record = FlightFolder(target).record
-    except BadInput:
+    record = record_in(target)
+    if record is None:
         return False
     known, wanted = (each.model_dump(exclude={"warnings"}) for each in (record.source, source))
     return record.flightdepth == __version__ and known == wanted  # some warnings come up in flight only
@@ -329,13 +326,18 @@ def stands(target: Path, source: Source) -> bool:
 
 def other_flight(target: Path, name: str) -> str | None:
     """The flight whose result `target` holds, where it is another one."""
+    record = record_in(target)
+    return None if record is None or record.source.flight == name else record.source.flight
+
+
+def record_in(target: Path) -> FlightRecord | None:
+    """What `flight.json` in `target` says, where a finished result stands there."""
     from flightdepth.outputs import FlightFolder
 
     try:
-        flight = FlightFolder(target).record.source.flight
+        return FlightFolder(target).record
     except BadInput:
         return None
-    return None if flight == name else flight
 
 
 def write_depth(

@@ -213,11 +213,12 @@ class Video:
                 f"video {self.path}", expected="at least one picture that can be decoded", got="none"
             )
         end = "the end" if self.end_ns is None else seconds(self.end_ns)
+        # With an end the part may just lie between two pictures.
+        cut = self.end_ns is None and self.start_ns < self.duration_ns
         return BadInput(
             f"video {self.path}",
             expected=f"pictures between {seconds(self.start_ns)} and {end}",
-            got=f"a video of {seconds(self.duration_ns)}"
-            + (" that was cut off before" if self.start_ns < self.duration_ns else ""),
+            got=f"a video of {seconds(self.duration_ns)}" + (" that was cut off before" if cut else ""),
             mend="Change --start or --end.",
         )
 
