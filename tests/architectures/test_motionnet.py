@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from flightdepth.architectures import DepthNet, MotionNet
-from flightdepth.architectures.motionnet import CORRECTED, corrections
+from flightdepth.architectures.motionnet import CORRECTED, corrections, silent_blocks
 from flightdepth.sweep import LEVELS
 
 FINE, HALF, QUARTER = (len(level.shifts_px) for level in LEVELS)
@@ -119,6 +119,18 @@ def test_a_trained_network_goes_on_from_where_it_was_with_residual_blocks():
         if name.endswith("added.4"):
             module.weight.data.fill_(0.3)
     assert not torch.allclose(grown(*given)[0][0], before[0][0])
+
+
+def test_silent_blocks_add_nothing_whatever_they_had_learnt():
+    torch.manual_seed(0)
+    plain, grown = MotionNet(4).eval(), MotionNet(4, residual_blocks=True).eval()
+    for each in grown.parameters():  # as though trained
+        each.data.add_(0.1 * torch.randn_like(each))
+    silenced = silent_blocks(grown.state_dict())
+    assert not silenced.keys() & plain.state_dict().keys()
+    grown.load_state_dict(plain.state_dict() | silenced)
+    given = inputs()
+    assert torch.equal(grown(*given)[0][0], plain(*given)[0][0])
 
 
 @pytest.mark.parametrize("which", range(5))

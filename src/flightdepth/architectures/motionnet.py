@@ -10,6 +10,8 @@ principal point is built into the weights. A plain convolutional graph: the warp
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -27,6 +29,7 @@ from flightdepth.sweep import LEVELS
 
 # Layers whose maps a residual block looks at again, and how many maps they have, in base widths.
 RESIDUAL = {"conv4_1": 8, "conv5_1": 8, "conv6_1": 16, "deconv5": 8, "deconv4": 4, "deconv3": 2}
+SCALE = 4  # the last of a block's parts, which scales what it adds
 CONTRAST = 20 / 255  # a difference of grey that counts as one
 GREY = (0.299, 0.587, 0.114)  # as cv2.COLOR_RGB2GRAY
 # Per level: hypotheses that are corrected; not the first (nothing moves there) and not the last.
@@ -119,11 +122,18 @@ class ResidualBlock(nn.Module):
             nn.BatchNorm2d(channels, eps=BATCH_NORM_EPS),
         )
         he_normal(self.added)
-        nn.init.zeros_(self.added[-1].weight)  # type: ignore[arg-type]
+        nn.init.zeros_(self.added[SCALE].weight)  # type: ignore[arg-type]
 
     def forward(self, maps: Tensor) -> Tensor:
         """[B, channels, h, w], not negative, to the same."""
         return functional.relu(maps + self.added(maps))
+
+
+def silent_blocks(weights: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The residual blocks of a state dict, their last scale and shift set to 0: so they add nothing."""
+    last = tuple(f".added.{SCALE}.{part}" for part in ("weight", "bias"))
+    blocks = {name: each for name, each in weights.items() if ".added." in name}
+    return {name: torch.zeros_like(each) if name.endswith(last) else each for name, each in blocks.items()}
 
 
 def corrections(difference: Tensor, level: int) -> Tensor:

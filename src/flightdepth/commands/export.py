@@ -129,10 +129,14 @@ def card_of(run: Trained, name: str) -> NetworkCard:
 
 
 def mean_of(weights: Weights, other: StoredNetwork) -> Weights:
-    """Half-way between trained weights and those of a network file of the same architecture."""
+    """Half-way between trained weights and those of a network file of the same architecture.
+
+    Of residual blocks that the other lacks half remains.
+    """
+    from flightdepth.architectures.motionnet import silent_blocks
     from flightdepth.training.export import weights_of
 
-    before = weights_of(other.onnx)
+    before = silent_blocks(weights) | weights_of(other.onnx)
     if {name: each.shape for name, each in before.items()} != {n: each.shape for n, each in weights.items()}:
         expected = "a network of the run's architecture and width"
         raise BadInput("--mean-with", expected=expected, got=other.card.name)
