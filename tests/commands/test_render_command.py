@@ -155,12 +155,12 @@ def test_an_option_comes_before_the_config():
 
 
 def test_without_a_terminal_there_are_lines(monkeypatch, capsys):
-    monkeypatch.setattr("flightdepth.commands.render.LINE_EVERY_S", 0.0)
+    monkeypatch.setattr("flightdepth.commands.terminal.TOLD_EVERY_S", 0.0)
     assert render("--scenes", "3") == 0
     lines = [
         line for line in capsys.readouterr().out.splitlines() if "frames/s" in line and "min left" in line
     ]
-    assert [line.split(",")[0] for line in lines] == ["2 of 6 frames", "4 of 6 frames", "6 of 6 frames"]
+    assert [line.split(",")[0] for line in lines] == [f"Still Box 64: {n} of 6 frames" for n in (2, 4, 6)]
 
 
 def test_an_unknown_set_is_one_line(capsys):

@@ -83,17 +83,18 @@ def test_samples_scale_the_recipe():
     assert read_progress("runs/small/checkpoint.safetensors").seen == 24
 
 
-def test_ctrl_c_saves_and_resume_ends_as_if_nothing_had_been(monkeypatch, capsys):
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "sigterm"])
+def test_a_signal_saves_and_resume_ends_as_if_nothing_had_been(sent, monkeypatch, capsys):
     assert cli.main([*TRAIN, "--runs", "whole"]) == 0
     step, pressed = loop.Learner.step, []
 
-    def step_with_ctrl_c(*arguments):
+    def step_with_signal(*arguments):
         if not pressed:
             pressed.append(True)
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), sent)
         return step(*arguments)
 
-    monkeypatch.setattr(loop.Learner, "step", step_with_ctrl_c)
+    monkeypatch.setattr(loop.Learner, "step", step_with_signal)
     assert cli.main([*TRAIN]) == 130
     assert "--resume goes on" in capsys.readouterr().out
     assert read_progress("runs/small/checkpoint.safetensors").seen == 4

@@ -81,6 +81,13 @@ def test_a_log_in_milliseconds_is_refused(video, tmp_path):
         open_flight(video, log(tmp_path, range(0, 2_100_000, 100_000)), hfov_deg=60)
 
 
+def test_a_log_that_tells_a_velocity_seldom_is_taken_with_a_warning(video, tmp_path):
+    with open_flight(video, log(tmp_path, range(0, 6100, 2000)), hfov_deg=60) as flight:
+        assert "a velocity every 2.0 s only" in " ".join(flight.warnings)
+    with open_flight(video, log(tmp_path, range(0, 6100, 1000)), hfov_deg=60) as flight:
+        assert "a velocity every" not in " ".join(flight.warnings)
+
+
 def test_a_flight_with_its_telemetry_inside(video):
     rows = [(5000 + 250 * k, 1.0, 0.0, 0.0) for k in range(8)]
     with open_flight(

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-import signal
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import FrameType
 
 from flightdepth.camera import Camera
 from flightdepth.commands.live_settings import LiveSettings, Mount
+from flightdepth.commands.signals import stop_request
 from flightdepth.commands.terminal import say, warn
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.cameras import Recording
@@ -94,9 +93,8 @@ class Session:
 
     def run(self) -> None:
         """Until Ctrl-C, SIGTERM, the end of a file, or --duration."""
-        settings, engine, stop = self.settings, self.engine, threading.Event()
-        with ExitStack() as stack:
-            stack.enter_context(stopped_by_signals(stop))
+        settings, engine = self.settings, self.engine
+        with stop_request() as stop, ExitStack() as stack:
             self._add_sinks(stack)
             stack.enter_context(engine)
             stack.enter_context(told(engine))
@@ -189,23 +187,6 @@ def played_log(settings: LiveSettings, address: VideoAddress) -> Telemetry | Non
             "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="neither"
         )
     return log.later_by(round(settings.telemetry_offset * NS_PER_S))
-
-
-@contextmanager
-def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
-    """Ctrl-C and SIGTERM set `stop`; a second one ends the process where it stands."""
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-        stop.set()
-
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

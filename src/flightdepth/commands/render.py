@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import re
-import time
 from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
 from enum import StrEnum
@@ -12,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.progress import Progress
 
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.ray_option import check_engine
@@ -26,7 +24,6 @@ if TYPE_CHECKING:
     from flightdepth.stillbox.sets import SceneSet
 
 SCENES = "100"
-LINE_EVERY_S = 60.0  # where there is no terminal to draw a bar on
 
 
 class Engine(StrEnum):
@@ -109,10 +106,10 @@ def render(
             closing(started(engine, source, dressed, rest, address)) as rendered,
             progress_bar(f"Still Box {name}", count * frames, "frames") as bar,
         ):
-            shown = Display(bar, rest.start * frames, count * frames)
+            bar.begin_at(rest.start * frames, count * frames)
             for scene in rendered:
                 target.add(scene)
-                shown.advance(frames)
+                bar.advance(bar.task_ids[0], frames)
     say(
         f"{out}: {count:,} scenes of {frames} frames, {wanted.width}x{wanted.height} px, in the {layout} layout"
     )
@@ -192,24 +189,3 @@ def room_on_the_disk(out: Path) -> Iterator[None]:
             f"no room left on the disk of {out}; what stands there is valid."
             " Free some room and give the same command again"
         ) from error
-
-
-class Display:
-    """Draws frames on a bar, or says a line a minute where there is no terminal."""
-
-    def __init__(self, bar: Progress, done: int, total: int) -> None:
-        # rich would take an update to the place of a resumed set for speed
-        bar.reset(bar.task_ids[0], total=total, completed=done)
-        self._bar, self._done, self._total, self._first = bar, done, total, done
-        self._began = self._said = time.monotonic()
-
-    def advance(self, frames: int) -> None:
-        """So many more are done."""
-        self._bar.advance(self._bar.task_ids[0], frames)
-        self._done += frames
-        now = time.monotonic()
-        if now - self._said >= LINE_EVERY_S and not self._bar.console.is_terminal:
-            self._said = now
-            rate = (self._done - self._first) / (now - self._began)
-            left_min = (self._total - self._done) / rate / 60
-            say(f"{self._done:,} of {self._total:,} frames, {rate:.1f} frames/s, {left_min:.0f} min left")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Iterator, Sized
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -13,6 +14,7 @@ from rich.progress import (
     Progress,
     ProgressColumn,
     Task,
+    TaskID,
     TextColumn,
     TimeRemainingColumn,
 )
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 UNBOUNDED = 1000  # columns
+TOLD_EVERY_S = 30.0  # of a bar that no terminal shows
 
 Item_co = TypeVar("Item_co", covariant=True)
 
@@ -41,6 +44,42 @@ class Speed(ProgressColumn):
         """The column's text."""
         speed = task.finished_speed or task.speed
         return Text(f"{speed:.1f} {self._unit}/s" if speed else "", style="progress.data.speed")
+
+
+class ToldProgress(Progress):
+    """A bar for one task; where there is no terminal to draw it on, a line now and then."""
+
+    def __init__(self, *columns: ProgressColumn, unit: str) -> None:
+        super().__init__(*columns, console=Console())
+        self._unit, self._first = unit, 0.0
+        self._began_s = self._told_s = time.monotonic()
+
+    def advance(self, task_id: TaskID, advance: float = 1) -> None:
+        """As rich's."""
+        super().advance(task_id, advance)
+        self._tell(self.tasks[task_id])
+
+    def update(self, task_id: TaskID, **fields: Any) -> None:
+        """As rich's."""
+        super().update(task_id, **fields)
+        self._tell(self.tasks[task_id])
+
+    def begin_at(self, completed: float, total: float) -> None:
+        """Go on with what was begun earlier; rich would take an update to there for speed."""
+        self.reset(self.task_ids[0], total=total, completed=int(completed))
+        self._first, self._began_s = completed, time.monotonic()
+
+    def _tell(self, task: Task) -> None:
+        now_s = time.monotonic()
+        if self.console.is_terminal or now_s < self._told_s + TOLD_EVERY_S:
+            return
+        self._told_s = now_s
+        rate = (task.completed - self._first) / max(now_s - self._began_s, 1e-9)
+        of = "" if task.total is None else f" of {task.total:,.0f}"
+        line = f"{task.description}: {task.completed:,.0f}{of} {self._unit}, {rate:.1f} {self._unit}/s"
+        if task.total is not None and rate > 0:
+            line += f", {(task.total - task.completed) / rate / 60:.0f} min left"
+        say(line)
 
 
 def say(text: str) -> None:
@@ -65,8 +104,8 @@ def report(error: Exception) -> None:
 
 
 @contextmanager
-def progress_bar(title: str, total: int | None, unit: str) -> Iterator[Progress]:
-    """A bar with `unit`/s and the time left; advance it with `bar.advance(bar.task_ids[0])`."""
+def progress_bar(title: str, total: int | None, unit: str) -> Iterator[ToldProgress]:
+    """A bar with `unit`/s and the time left, or lines of it; advance it with `bar.advance(bar.task_ids[0])`."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -74,10 +113,10 @@ def progress_bar(title: str, total: int | None, unit: str) -> Iterator[Progress]
         Speed(unit),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console()) as bar:
+    with ToldProgress(*columns, unit=unit) as bar:
         task = bar.add_task(title, total=total)
         yield bar
-        if total is not None:  # what was promised and did not come is not waited for
+        if total is not None and not bar.finished:  # what was promised and did not come is not waited for
             bar.update(task, total=bar.tasks[task].completed)
 
 

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import io
 import os
-import signal
-import threading
-import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, nullcontext, redirect_stdout
+from contextlib import ExitStack, nullcontext, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import Progress as Bar
 
 from flightdepth.commands.extras import extra_packages
-from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.commands.signals import stop_request
+from flightdepth.commands.terminal import ToldProgress, progress_bar, say
 from flightdepth.commands.textures import PROCEDURAL, gathered_textures
 from flightdepth.errors import BadInput
 
@@ -27,7 +23,8 @@ if TYPE_CHECKING:
     from flightdepth.training.loop import Report
     from flightdepth.weights.store import StoredNetwork
 
-LINE_EVERY_S = 60.0  # where there is no terminal to draw a bar on
+
+SAVING = "finishing this step, then saving; Ctrl-C again ends at once, without saving"
 
 
 def train(
@@ -108,7 +105,7 @@ def run(
     shipped: StoredNetwork | None = None,
     sets: dict[int, StoredSet] | None = None,
 ) -> None:
-    """Train with a progress bar, until the end or Ctrl-C."""
+    """Train with a progress bar, until the end, Ctrl-C or SIGTERM."""
     from accelerate import PartialState
 
     from flightdepth.training.freed_memory import keep_freed_memory
@@ -117,7 +114,9 @@ def run(
     state = PartialState()
     if state.device.type == "cpu":
         keep_freed_memory()
-    with stop_request(once=state.num_processes == 1) as stop, ExitStack() as stack:
+    # The launcher of several processes passes on what the terminal has told them already.
+    alone = state.num_processes == 1
+    with stop_request(SAVING if alone else None, insist=alone) as stop, ExitStack() as stack:
         options: dict[str, Any] = {}
         if state.is_main_process:
             bar = stack.enter_context(progress_bar(recipe.name, recipe.samples, "samples"))
@@ -184,47 +183,20 @@ def introduce(recipe: Recipe, folder: Path, *, shipped: bool = False) -> None:
     say(f"run folder: {folder}; curves: tensorboard --logdir {folder / 'tensorboard'}")
 
 
-@contextmanager
-def stop_request(*, once: bool = True) -> Iterator[threading.Event]:
-    """An event that Ctrl-C sets, so that the step under way is finished.
-
-    A second Ctrl-C ends at once, if `once`; else it says no more than the first: the launcher of several processes
-    passes on what the terminal has told them already.
-    """
-    stop = threading.Event()
-
-    def request(*_: object) -> None:
-        stop.set()
-        if once:
-            signal.signal(signal.SIGINT, before)
-            say("finishing this step, then saving; Ctrl-C again ends at once, without saving")
-
-    before = signal.signal(signal.SIGINT, request)
-    try:
-        yield stop
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
 class Display:
-    """Draws reports on a bar, or says a line a minute where there is no terminal."""
+    """Draws reports on a bar."""
 
-    def __init__(self, bar: Bar) -> None:
+    def __init__(self, bar: ToldProgress) -> None:
         self._bar = bar
-        self._said: float | None = None
+        self._begun = False
 
     def __call__(self, report: Report) -> None:
         """Show one step."""
+        if not self._begun:
+            self._begun = True
+            self._bar.begin_at(report.seen, report.total)
         text = f"stage {report.stage}, loss {report.loss_m:.3f} m"
-        # A resumed run starts in the middle; rich would take an update to there for speed.
-        put = self._bar.reset if self._said is None else self._bar.update
-        put(self._bar.task_ids[0], total=report.total, completed=report.seen, description=text)
-        now = time.monotonic()
-        if self._said is None or now - self._said >= LINE_EVERY_S:
-            self._said = now
-            if not self._bar.console.is_terminal:
-                done = f"{report.seen:,} of {report.total:,} pairs, {report.samples_per_s:.1f} samples/s"
-                say(f"{text}, {done}")
+        self._bar.update(self._bar.task_ids[0], completed=report.seen, description=text)
 
 
 def conclude(recipe: Recipe, folder: Path) -> None:

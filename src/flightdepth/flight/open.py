@@ -44,6 +44,7 @@ BODY_ONLY = (
 AUTO: Literal["auto"] = "auto"
 WATCHED_S = 120.0  # of the video, to estimate an offset
 SELDOM_NS = 5 * NS_PER_S  # between velocities: what lies in the middle of such a gap is known to nobody
+OFTEN_NS = NS_PER_S * 3 // 2  # a drone gains a metre a second in one
 NO_TELEMETRY = "Give --telemetry LOG or --speed M_S."
 # What a log's name may end in, where its content is not known; those that are known need no ending.
 LOG_SUFFIXES = frozenset(
@@ -191,7 +192,7 @@ def open_flight(
             lens = choose_camera(video, camera, hfov_deg, log).camera if given else assumed_camera(video)
             log, clock = synchronised(video, lens, log)
         chosen = choose_camera(video, camera, hfov_deg, log)
-        told = clock_warnings(clock, inside=inside)
+        told = clock_warnings(clock, inside=inside) + (() if log is None else seldom_told(log))
         if log is not None and telemetry is not None:
             told += disagreements(log, video)
         return Flight(video, chosen, log, speed_m_s or 0.0, clock=clock, log_warnings=told)
@@ -292,8 +293,7 @@ def check_overlap(video: Video, log: Telemetry) -> None:
             got=f"{seconds(first_ns)} to {seconds(last_ns)}",
             mend="Times count from the video's first picture; --telemetry-offset S adds S seconds to the log's.",
         )
-    stamps_ns = [sample.stamp_ns for sample in log.samples if isinstance(sample, VelocitySample)]
-    apart_ns = int(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0
+    apart_ns = velocities_apart_ns(log)
     if apart_ns > SELDOM_NS:
         raise BadInput(
             f"telemetry {log.name}",
@@ -301,6 +301,23 @@ def check_overlap(video: Video, log: Telemetry) -> None:
             got=f"one in {seconds(apart_ns)}",
             mend="Are its times in the unit that their column says?",
         )
+
+
+def velocities_apart_ns(log: Telemetry) -> int:
+    """Median time between two velocities of a log, 0 where there is only one."""
+    stamps_ns = [sample.stamp_ns for sample in log.samples if isinstance(sample, VelocitySample)]
+    return int(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0
+
+
+def seldom_told(log: Telemetry) -> tuple[str, ...]:
+    """A line where so much time lies between two velocities that a drone may have sped up and slowed down again."""
+    apart_ns = velocities_apart_ns(log)
+    if apart_ns <= OFTEN_NS:
+        return ()
+    return (
+        f"the log tells a velocity every {apart_ns / NS_PER_S:.1f} s only: in between it is taken to change evenly, "
+        "and depth is off by as much as it did not",
+    )
 
 
 def mounted(log: Telemetry | None, pitch_deg: float | None) -> Telemetry | None:

@@ -1,0 +1,36 @@
+"""What ends a command from outside: Ctrl-C, and SIGTERM, which service managers and batch systems send."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from flightdepth.commands.terminal import say
+
+
+@contextmanager
+def stop_request(told: str | None = None, *, insist: bool = True) -> Iterator[threading.Event]:
+    """An event that Ctrl-C and SIGTERM set, so that what is under way is finished; from the main thread only.
+
+    told    a line to say then
+    insist  whether a second one ends at once, by KeyboardInterrupt; else it says no more than the first
+    """
+    stop = threading.Event()
+
+    def request(*_: object) -> None:
+        if stop.is_set():
+            if insist:
+                raise KeyboardInterrupt
+            return
+        stop.set()
+        if told is not None:
+            say(told)
+
+    before = {number: signal.signal(number, request) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
