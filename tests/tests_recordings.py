@@ -192,6 +192,19 @@ class Messages:
         message = self.types["PoseStamped"](self.header(time_s, frame), self.pose(wxyz))
         return "geometry_msgs/msg/PoseStamped", message
 
+    def imu(self, time_s, wxyz=(1, 0, 0, 0), *, covariance=0.0):
+        given, zero = self.pose(wxyz).orientation, np.zeros(9)
+        message = self.types["Imu"](
+            self.header(time_s, "base_link"),
+            given,
+            np.full(9, float(covariance)),
+            self.vector((0, 0, 0)),
+            zero,
+            self.vector((0, 0, 9.81)),
+            zero,
+        )
+        return "sensor_msgs/msg/Imu", message
+
     def image(self, time_s, array, encoding):
         height, width = array.shape[:2]
         data = np.ascontiguousarray(array).ravel()

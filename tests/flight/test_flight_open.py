@@ -12,6 +12,7 @@ from flightdepth.flight import open as flight_open
 from flightdepth.flight.offset import ClockOffset
 from flightdepth.flight.open import merged
 from flightdepth.flight.records import Telemetry, ViewTrack
+from flightdepth.ranges.attitude import MAX_GAP_S
 
 MS = 1_000_000
 
@@ -83,7 +84,9 @@ def test_a_log_in_milliseconds_is_refused(video, tmp_path):
 
 def test_a_log_that_tells_a_velocity_seldom_is_taken_with_a_warning(video, tmp_path):
     with open_flight(video, log(tmp_path, range(0, 6100, 2000)), hfov_deg=60) as flight:
-        assert "a velocity every 2.0 s only" in " ".join(flight.warnings)
+        told = " ".join(flight.warnings)
+        assert "a velocity every 2.0 s only" in told
+        assert f"more than {MAX_GAP_S:g} s between two are not bridged" in told
     with open_flight(video, log(tmp_path, range(0, 6100, 1000)), hfov_deg=60) as flight:
         assert "a velocity every" not in " ".join(flight.warnings)
 

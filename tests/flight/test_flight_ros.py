@@ -224,3 +224,36 @@ def test_without_rosbags_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags", None)  # what Python remembers of a module it must not find
     with pytest.raises(MissingExtra, match=r"flightdepth\[ros\]"):
         read_ros(path)
+
+
+@pytest.mark.parametrize(
+    "imu", [{}, {"wxyz": (0.9, 0.1, 0.2, 0.3), "covariance": 0.1}], ids=["unset", "drifts"]
+)
+def test_an_imu_does_not_outvote_the_pose(tmp_path, imu):
+    """It comes ten times as often; many drivers leave its orientation unset, others lose the heading."""
+    path = recorded(
+        tmp_path,
+        ("/pose", MADE.pose_stamped(0.0, YAW_90)),
+        *(("/imu", MADE.imu(0.05 + k / 100, **imu)) for k in range(10)),
+        ("/velocity", MADE.twist_stamped(0.1, (4, 1, 0), "base_link")),
+    )
+    assert np.allclose(samples(path)[0].velocity, (4, -1, 0))
+
+
+def test_the_velocitys_own_orientations_come_first(tmp_path):
+    path = recorded(
+        tmp_path,
+        *(("/other", MADE.pose_stamped(k / 100, (1, 0, 0, 0))) for k in range(5)),
+        ("/odom", MADE.odometry(0.1, (4, 1, 0), YAW_90)),
+    )
+    [body] = read_ros(path).body_attitudes
+    assert np.allclose(rotation_from_quaternion(body.world_from_body), np.eye(3), atol=1e-12)
+
+
+def test_an_imu_alone_tells_how_the_body_is_turned(tmp_path):
+    path = recorded(
+        tmp_path,
+        ("/imu", MADE.imu(0.0, YAW_90)),
+        ("/velocity", MADE.twist_stamped(0.05, (4, 1, 0), "base_link")),
+    )
+    assert np.allclose(samples(path)[0].velocity, (4, -1, 0))

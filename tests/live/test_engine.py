@@ -32,6 +32,7 @@ class Stage:
     """Says of every picture that it has no depth, of the first ones with an error for each."""
 
     ranges = 1
+    compiles = False
 
     def __init__(self, counts: Counter[str], errors: tuple[Exception, ...] = ()) -> None:
         self.counts, self.errors = counts, list(errors)
@@ -40,7 +41,7 @@ class Stage:
         if self.errors:
             raise self.errors.pop(0)
         depth = RangedDepth.unknown(CAMERA.height, CAMERA.width, "hovering", 1.0)
-        return Staged(depth, image, CAMERA, changed=True)
+        return Staged(depth, image, CAMERA, changed=True, compiled=self.compiles)
 
 
 class Video:
@@ -252,3 +253,13 @@ def test_of_a_clock_that_nobody_asked_for_nothing_is_said(monkeypatch):
     monkeypatch.setattr(video, "_open", SetClock)
     video._read()
     assert (video.distrusted, said) == (None, [])
+
+
+@pytest.mark.parametrize("compiles", [True, False])
+def test_the_time_to_compile_is_no_load(compiles: bool) -> None:
+    run = engine()
+    run._stage.compiles = compiles
+    loads: list[float] = []
+    run._control = SimpleNamespace(add=lambda now_ns, busy_ms, period_ms: loads.append(busy_ms) or 1)
+    run.run(threading.Event())
+    assert len(loads) == (0 if compiles else 1)

@@ -294,3 +294,14 @@ def _count(log: Path) -> int:
         found += 850 < message.distances[0] <= 1000
     connection.close()
     return found
+
+
+@pytest.mark.parametrize("min_m", [0.14, 0.28, 0.55, 1.0, 1.1, 1.12, 2.2])
+def test_the_nearest_value_is_within_the_range_that_is_told(min_m: float) -> None:
+    """Autopilots leave out what is not."""
+    settings = replace(SETTINGS, min_m=min_m)
+    packer = ObstaclePacker(settings, system=lambda: 7)
+    near = looked(nothing())
+    near = replace(near, obstacle_m=np.full_like(near.obstacle_m, min_m / 2))
+    [message] = decoded([packer.distances(near, 0, 0.0)])
+    assert set(message.distances) == {message.min_distance}

@@ -99,3 +99,21 @@ def test_a_hanging_sink_is_left_behind():
     sink.close()
     assert time.monotonic() - began < 4
     hold.set()
+
+
+def test_the_last_result_is_written_before_a_sink_is_closed():
+    begun, hold, seen = threading.Event(), threading.Event(), []
+
+    def slow(result):
+        begun.set()
+        hold.wait(PATIENCE_S)
+        seen.append(result)
+
+    sink = SinkThread("recorder", slow, lambda name, error: None)
+    sink.put(1)
+    assert begun.wait(PATIENCE_S)
+    sink.put(2)
+    threading.Timer(0.05, hold.set).start()
+    sink.close()
+    assert seen == [1, 2]
+    assert (sink.counts.taken, sink.counts.missed) == (2, 0)

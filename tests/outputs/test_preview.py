@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 from output_samples import HEIGHT, WIDTH, frame, known, unknown
 
+from flightdepth.flight.records import Frame
 from flightdepth.outputs.palette import FARTHER_HATCH, UNKNOWN_HATCH
 from flightdepth.outputs.preview import CAPTION_HEIGHT, FOOTER_HEIGHT, GAP, MAX_PANEL, Layout, Preview
+from flightdepth.ranges.result import RangedDepth
 
 
 def panel(preview, picture, number):
@@ -30,6 +32,15 @@ def test_the_picture_keeps_its_shape_and_fits_a_screen(size):
     assert layout.width / layout.height == pytest.approx(size[0] / size[1], rel=0.01)
     assert layout.width <= MAX_PANEL[0]
     assert layout.height <= MAX_PANEL[1]
+
+
+@pytest.mark.parametrize("size", [(1280, 128), (1920, 200), (320, 80), (256, 64), (2000, 20)])
+def test_a_low_picture_has_what_of_the_legend_there_is_room_for(size):
+    width, height = size
+    preview = Preview(width, height)
+    shown = Frame(0, 0, np.full((height, width, 3), 70, np.uint8))
+    drawn = preview.draw(shown, RangedDepth.unknown(height, width, "hovering", 1.0))
+    assert drawn.shape == (*preview.size[::-1], 3)
 
 
 def test_the_input_stands_at_the_left():

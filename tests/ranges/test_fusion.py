@@ -11,6 +11,7 @@ from flightdepth.ranges.fusion import (
     FARTHEST_TOLD_M,
     LOWER_MARGIN,
     Fusion,
+    chance,
     fuse,
     weight,
     within_reach,
@@ -222,6 +223,12 @@ def test_the_papers_fusion_ignores_error_bars() -> None:
         for s in (None, sigma)
     )
     assert plain.depth_m == told.depth_m
+
+
+def test_with_an_error_bar_confidence_is_a_chance_in_the_papers_fusion_too() -> None:
+    sigma = np.array([0.5, 2.0], np.float32)[:, None, None]
+    told = fuse(one(0.6, 0.22), np.array([0.1, 0.3]), CARD, fusion=Fusion.PAPER, sigma_m=sigma)
+    assert told.confidence == chance(told.depth_m, told.sigma_m)
 
 
 @given(st.floats(0.05, 0.39))

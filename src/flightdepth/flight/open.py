@@ -44,7 +44,7 @@ BODY_ONLY = (
 AUTO: Literal["auto"] = "auto"
 WATCHED_S = 120.0  # of the video, to estimate an offset
 SELDOM_NS = 5 * NS_PER_S  # between velocities: what lies in the middle of such a gap is known to nobody
-OFTEN_NS = NS_PER_S * 3 // 2  # a drone gains a metre a second in one
+BRIDGED_NS = NS_PER_S * 3 // 2  # what an estimator takes for known between two (`ranges.attitude.MAX_GAP_S`)
 NO_TELEMETRY = "Give --telemetry LOG or --speed M_S."
 # What a log's name may end in, where its content is not known; those that are known need no ending.
 LOG_SUFFIXES = frozenset(
@@ -310,13 +310,13 @@ def velocities_apart_ns(log: Telemetry) -> int:
 
 
 def seldom_told(log: Telemetry) -> tuple[str, ...]:
-    """A line where so much time lies between two velocities that a drone may have sped up and slowed down again."""
+    """A line where so much time lies between two velocities that nobody knows how the drone flew meanwhile."""
     apart_ns = velocities_apart_ns(log)
-    if apart_ns <= OFTEN_NS:
+    if apart_ns <= BRIDGED_NS:
         return ()
     return (
-        f"the log tells a velocity every {apart_ns / NS_PER_S:.1f} s only: in between it is taken to change evenly, "
-        "and depth is off by as much as it did not",
+        f"the log tells a velocity every {apart_ns / NS_PER_S:.1f} s only, and more than "
+        f"{BRIDGED_NS / NS_PER_S:g} s between two are not bridged: most frames will have no depth; log it more often",
     )
 
 

@@ -11,20 +11,25 @@ from flightdepth.flight.records import AttitudeSample, BodyAttitudeSample, Veloc
 Stamped = TypeVar("Stamped", VelocitySample, AttitudeSample, BodyAttitudeSample)
 
 
+AHEAD = 7  # stamps that are looked at before one is believed: up to three damaged ones in a row are found out
+
+
 def rising(stamps_ns: Sequence[int]) -> list[int]:
     """Indices of the stamps that rise strictly.
 
-    Of two neighbours in the wrong order the later one goes if the other still follows what was kept: so one
-    damaged stamp far in the future costs itself, not everything after it.
+    A stamp goes if more of those after it lie between what was kept and it than beyond it: so a few damaged stamps
+    far in the future cost themselves, not everything after them.
     """
     kept: list[int] = []
     for index, stamp_ns in enumerate(stamps_ns):
         last_ns = stamps_ns[kept[-1]] if kept else None
         if last_ns is not None and stamp_ns <= last_ns:
             continue
-        next_ns = stamps_ns[index + 1] if index + 1 < len(stamps_ns) else stamp_ns
-        if next_ns < stamp_ns and (last_ns is None or next_ns > last_ns):
-            continue
+        ahead = stamps_ns[index + 1 : index + 1 + AHEAD]
+        if ahead and min(ahead) < stamp_ns:
+            follow = [other for other in ahead if last_ns is None or other > last_ns]
+            if sum(other < stamp_ns for other in follow) > sum(other > stamp_ns for other in follow):
+                continue
         kept.append(index)
     return kept
 

@@ -34,6 +34,7 @@ from flightdepth.flight.ros_messages import (
     FLU_FROM_OPTICAL,
     FRD_FROM_FLU,
     IMAGE_KINDS,
+    IMU,
     ORIENTATION_KINDS,
     VELOCITY_KINDS,
     Orientation,
@@ -84,9 +85,7 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     counts: Counter[str] = Counter()
     topics, kinds = _topics(path, counts)
     chosen = _choose(path, topics, kinds, topic)
-    oriented = max(
-        topics, key=lambda known: sum(not turn.of_camera for turn in known.orientations), default=chosen
-    )
+    oriented = max(topics, key=lambda known: _knows_turns(known, chosen))
     first_ns = _first_picture_ns(topics)
     zero_ns = chosen.twists[0].stamp_ns if first_ns is None else first_ns
     velocities = _velocities(chosen.twists, oriented.orientations, zero_ns, counts)
@@ -99,6 +98,12 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     # Not counted: an Odometry's velocity has been.
     bodies = in_time_order(_body_attitudes(oriented.orientations, zero_ns), Counter())
     return Telemetry(name, tuple(samples), dict(+counts), body_attitudes=tuple(bodies))
+
+
+def _knows_turns(topic: Topic, chosen: Topic) -> tuple[bool, bool, bool, int]:
+    """What ranks the topics that tell how the body is turned: the velocity's own, a pose before a mere gyroscope's."""
+    count = sum(not turn.of_camera for turn in topic.orientations)
+    return count > 0, topic is chosen, topic.kind != IMU, count
 
 
 def _topics(path: Path, counts: Counter[str]) -> tuple[list[Topic], dict[str, str]]:

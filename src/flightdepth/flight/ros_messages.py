@@ -141,10 +141,14 @@ def sigma_of(covariance: Any) -> float | None:
 
 
 def orientation_of(message: RosMessage, content: Any) -> Orientation | None:
-    """The orientation in a message; None where an Imu says that it has none (covariance -1)."""
+    """The orientation in a message; None where an Imu has none.
+
+    It says so by a covariance of -1; many drivers leave all of it 0 instead, the quaternion at "not turned".
+    """
     frame = content.header.frame_id
     if message.kind == IMU:
-        if content.orientation_covariance[0] == -1:
+        covariance, given = content.orientation_covariance, content.orientation
+        if covariance[0] == -1 or not (np.any(covariance) or given.x or given.y or given.z):
             return None
         quaternion, body, turn = content.orientation, frame, NED_FROM_ENU
     else:

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import bz2
 import io
-from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -35,7 +34,6 @@ class RosMessage:
 
 
 Wanted = Callable[[str], bool]  # of a `kind`: messages of other types are passed over unread
-Reader = Callable[[Path, Wanted, Counter[str]], Iterator[RosMessage]]
 
 
 class DamagedError(ValueError):

@@ -67,12 +67,15 @@ class Lens:
 
 @dataclass(frozen=True, eq=False)
 class Staged:
-    """Depth of one picture, its camera, and whether it differs from the picture before."""
+    """Depth of one picture, its camera, whether it differs from the picture before, and whether it had to wait until
+    the network was compiled for its size.
+    """
 
     depth: RangedDepth
     image: Image
     camera: Camera
     changed: bool
+    compiled: bool
 
 
 class NoCalibration(BadInput):
@@ -122,7 +125,8 @@ class DepthStage:
             self.counts["not later than the one before"] += 1
             return None
         height, width = image.shape[:2]
-        if self._camera is None or (self._camera.width, self._camera.height) != (width, height):
+        compiled = self._camera is None or (self._camera.width, self._camera.height) != (width, height)
+        if compiled:
             self.prepare(width, height)
         assert self._camera is not None
         self._newest_ns = stamp_ns
@@ -133,7 +137,7 @@ class DepthStage:
         self._feed_motion()
         unusable = self._turning(stamp_ns, image) if changed else FROZEN
         depth = self._estimator.add_frame(stamp_ns, image, unusable=unusable)
-        return Staged(depth, image, self._camera, changed)
+        return Staged(depth, image, self._camera, changed, compiled)
 
     def prepare(self, width: int, height: int) -> None:
         """Make ready for pictures of this size; takes the network's time to compile, seconds on a small machine."""

@@ -8,7 +8,6 @@ then does not fly there unless CP_GO_NO_DATA says so; ArduPilot makes no differe
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
@@ -56,9 +55,12 @@ def distances_cm(sectors: Sectors, age_s: float, settings: ObstacleSettings) -> 
         np.maximum(obstacle_m, settings.min_m),
         np.where(clear_m >= settings.max_m, free, np.where(clear_m >= settings.min_m, clear_m, np.nan)),
     )
-    # Rounded down: never farther than known.
-    centimetres = np.floor(told_m * 100 + 1e-6)
-    return np.asarray(np.where(np.isnan(told_m), UNKNOWN, centimetres), np.uint16)
+    return np.asarray(np.where(np.isnan(told_m), UNKNOWN, _centimetres(told_m)), np.uint16)
+
+
+def _centimetres(metres: float | NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Rounded down, never farther than known; the ends of the range as what lies on them."""
+    return np.asarray(np.floor(np.multiply(metres, 100) + 1e-6), np.float64)
 
 
 class ObstaclePacker:
@@ -100,8 +102,8 @@ class ObstaclePacker:
                 Mav.DISTANCE_SENSOR_UNKNOWN,
                 distances_cm(sectors, age_s, self.settings).tolist(),
                 SECTOR_DEG,
-                math.ceil(self.settings.min_m * 100),
-                math.floor(self.settings.max_m * 100),
+                int(_centimetres(self.settings.min_m)),
+                int(_centimetres(self.settings.max_m)),
                 0.0,
                 0.0,
                 Mav.FRAME_BODY_FRD,

@@ -164,7 +164,7 @@ def _clear(rays: Rays, part: NDArray[np.intp], reach_m: float, share: float) -> 
     if not len(level):
         return 0.0
     clear = np.sort(rays.clear_m[level])
-    return float(min(reach_m, clear[math.floor((1 - share) * len(level))]))
+    return float(min(reach_m, clear[min(math.floor((1 - share) * len(level)), len(level) - 1)]))
 
 
 @lru_cache(maxsize=4)

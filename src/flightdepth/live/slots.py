@@ -70,14 +70,17 @@ class SinkThread:
         self._slot.put(result)
 
     def close(self) -> None:
-        """Let it finish the result in hand, but not wait for it longer than LEAVE_S."""
+        """Let it finish the result in hand and the one that waits, but not wait for them longer than LEAVE_S."""
         self._stop.set()
         self._thread.join(LEAVE_S)
 
     def _work(self) -> None:
-        while not self._stop.is_set():
-            result = self._slot.take(WAIT_S)
+        while True:
+            last = self._stop.is_set()
+            result = self._slot.take(0 if last else WAIT_S)
             if result is None:
+                if last:
+                    return
                 continue
             try:
                 self._sink(result)

@@ -26,6 +26,7 @@ LEGEND_WIDTH = 100
 BAR_WIDTH = 18
 MARGIN = 12
 SWATCH_HEIGHT, SWATCH_STEP = 16, 24
+LEAST_BAR = 40  # pixels; where less is left the hatches are not explained, and below that nothing is
 SWATCHES = (("farther", FARTHER_HATCH), ("nearer", NEARER_HATCH), ("unknown", UNKNOWN_HATCH))
 
 
@@ -45,15 +46,22 @@ def write(
 
 
 def legend(scale: DepthScale, height: int) -> Picture:
-    """The scale bar with ticks in metres, and what the hatches mean: RGB [height, LEGEND_WIDTH, 3]."""
+    """The scale bar with ticks in metres, and what the hatches mean, as far as there is room.
+
+    RGB [height, LEGEND_WIDTH, 3].
+    """
     picture = np.full((height, LEGEND_WIDTH, 3), GROUND_RGB, np.uint8)
+    top, whole = 26, height - 8
+    swatches = SWATCHES if whole - len(SWATCHES) * SWATCH_STEP - top >= LEAST_BAR else ()
+    bottom = whole - len(swatches) * SWATCH_STEP
+    if bottom - top < LEAST_BAR:
+        return picture
     write(picture, "metres", MARGIN, 14, FAINT_RGB)
-    top, bottom = 26, height - len(SWATCHES) * SWATCH_STEP - 8
     shares = np.linspace(0, 1, bottom - top)  # near at the bottom, as near ground is at the picture's
     picture[top:bottom, MARGIN : MARGIN + BAR_WIDTH] = coloured(steps_of(shares)[:, None])
     for tick_m in scale.ticks_m:
         _tick(picture, scale, tick_m, top + round(scale.position(tick_m) * (bottom - top - 1)))
-    for i, (text, hatch) in enumerate(SWATCHES):
+    for i, (text, hatch) in enumerate(swatches):
         _swatch(picture, bottom + 10 + i * SWATCH_STEP, text, hatch)
     return picture
 

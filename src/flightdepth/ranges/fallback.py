@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
@@ -32,13 +31,13 @@ class OnGridOf:
     ) -> Prediction:
         """As the network's own, [n, h, w] with a quarter of the sides of `camera`."""
         found = self._network.predict(previous_n, current, displacements_n3, camera)
-        grid, shape = self._network.grid(camera), (camera.height // 4, camera.width // 4)
+        grid = self._network.grid(camera)
         if grid.camera == camera:  # the same size is not enough: its pixels may be of another focal length
             return found
 
         def resized(maps: Map) -> Map:
-            """The nearest pixels of each; the middle of 4x4 of the picture's."""
-            return np.stack([_smaller(grid.to_source(one, "nearest"), shape) for one in maps])
+            """Of each 4x4 of the picture's pixels one in the middle."""
+            return np.stack([grid.to_source(one, "nearest")[2::4, 2::4] for one in maps])
 
         beta = resized(found.beta)
         sigma_m = None if found.sigma_m is None else resized(found.sigma_m)
@@ -48,7 +47,3 @@ class OnGridOf:
     def move_to_cpu(self) -> bool:
         """As the network's own; False where it has no such place."""
         return isinstance(self._network, Movable) and self._network.move_to_cpu()
-
-
-def _smaller(map_hw: Map, shape: tuple[int, int]) -> Map:
-    return np.asarray(cv2.resize(map_hw, shape[::-1], interpolation=cv2.INTER_NEAREST), dtype=np.float32)

@@ -144,7 +144,7 @@ def fuse(
         None if sigma_m is None else _mean(share, np.where(said.measured, sigma_m, np.float32(0)), unknown)
     )
     best = np.asarray(w.max(axis=0) / np.float32(1 + EPSILON), dtype=np.float32)
-    confidence = best if told is None or sigma is None else chance(depth, sigma)
+    confidence = best if sigma is None else chance(depth, sigma)
     farther, nearer = _bounds(said, reach_m, unknown, (lower, upper))
     return Fused(depth, confidence, farther, nearer, sigma)
 
