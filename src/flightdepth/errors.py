@@ -31,3 +31,8 @@ class MissingExtra(FlightDepthError):
 
     def __init__(self, feature: str, extra: str) -> None:
         super().__init__(f"{feature} needs an optional package: pip install 'flightdepth[{extra}]'")
+        self._given = feature, extra
+
+    def __reduce__(self) -> tuple[type[MissingExtra], tuple[str, str]]:
+        """So that it comes back from another machine."""
+        return MissingExtra, self._given

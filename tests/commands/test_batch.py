@@ -3,11 +3,14 @@
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from command_flights import FRAMES, make_video
 
 from flightdepth.cli import main
+from flightdepth.commands.batch import Job, here
+from flightdepth.errors import FlightDepthError
 from flightdepth.outputs import FlightFolder
 
 
@@ -141,3 +144,18 @@ def test_a_cluster_gives_the_same_files(run, work):
         both = ([row.split(",")[:6] for row in text.splitlines()] for text in (rows, table))
         assert next(both) == next(both)  # all but the time it took
     assert "2 finished before" in run("--engine", "ray")[1]
+
+
+def test_a_flight_that_may_not_be_read_does_not_stop_the_others():
+    """As an error of a file system comes, not of a flight."""
+    jobs = [Job(Path(name), Path("out", name)) for name in ("locked", "fine")]
+
+    def run_one(flight, target):
+        if flight.name == "locked":
+            raise PermissionError(13, "Permission denied", "locked")
+        return "done"
+
+    locked, fine = here(jobs, run_one)
+    assert isinstance(locked, FlightDepthError)
+    assert "Permission denied" in str(locked)
+    assert fine == "done"

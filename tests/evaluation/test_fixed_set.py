@@ -35,6 +35,13 @@ def test_names_tell_sets_apart():
 def test_no_scenes_are_no_set():
     with pytest.raises(BadInput, match="at least 1, got 0"):
         fixed_set(difference_card(), scenes=0)
+    with pytest.raises(BadInput, match="at least 1, got 0"):
+        outdoor_set(any_lens(), scenes=0)
+
+
+def test_a_lens_that_sees_behind_itself_is_refused():
+    with pytest.raises(BadInput, match="horizontal_fov_deg"):
+        fixed_set(any_lens(), horizontal_fov_deg=200.0)
 
 
 def any_lens(**changes):

@@ -7,6 +7,7 @@ import pytest
 from plane_pairs import plane_pair
 
 from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
 from flightdepth.evaluation.noise import DEROTATED, KINDS, noise_rows
 from flightdepth.runtimes.network import Network
 from tests_networks import BestHypothesis, difference_card, swept_card
@@ -77,3 +78,9 @@ def test_all_networks_are_asked_about_the_same_wrong_pairs():
     for row in noise_rows(twins, pairs, derotate=True):
         assert row["one"] == row["other"]
         assert row[DEROTATED.format("one")] == row[DEROTATED.format("other")]
+
+
+def test_two_networks_of_one_name_are_no_two_columns():
+    flat = Network(difference_card(focal_px=64.0), Flat())
+    with pytest.raises(BadInput, match="different names, got difference, difference"):
+        noise_rows([flat, flat], [])

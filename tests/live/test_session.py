@@ -94,3 +94,15 @@ def test_a_stream_has_no_log_of_its_own(session):
     stream = replace(session.settings, mavlink=None)
     with pytest.raises(BadInput, match="one of them, for the drone's velocity, got neither"):
         played_log(stream, video_address(stream.video))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"mount": Mount.GIMBAL}, "--mount-pitch: expected --mount fixed beside it, got --mount gimbal"),
+        ({"telemetry_offset": 1.0}, "--telemetry-offset: expected a log to move, got --mavlink"),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(session, changes, said):
+    with pytest.raises(BadInput, match=said):
+        replace(session.settings, **changes)

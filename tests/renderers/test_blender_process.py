@@ -2,6 +2,7 @@
 
 import json
 import sys
+import threading
 import time
 
 import pytest
@@ -9,7 +10,7 @@ from built_scenes import NO_TEXTURES, built
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput, FlightDepthError
-from flightdepth.renderers import blender_process
+from flightdepth.renderers import blender, blender_process
 from flightdepth.renderers.blender import Blender
 from flightdepth.renderers.blender_process import SCRIPT, VARIABLE, Program, find_blender, needed_blender
 
@@ -125,3 +126,29 @@ def test_a_request_is_plain_data_and_the_frame_is_read_from_its_file(nowhere):
     request = json.loads(said)
     assert (request["width"], request["height"], request["samples"]) == (8, 8, 4)
     assert request["objects"] == [f"wall-{part}" for part in range(6)]
+
+
+def test_threads_share_one_blender_and_each_failure_is_one_line(nowhere, monkeypatch):
+    """Each thread began its own, and the failure of one was a traceback of another."""
+    starts = nowhere / "starts"
+    body = (
+        f"open({str(starts)!r}, 'a').write('x')\n"
+        + READY
+        + "sys.stdin.readline()\ntime.sleep(0.3)\nsys.exit(9)"
+    )
+    monkeypatch.setenv(VARIABLE, str(program(nowhere / "bin" / "blender", body)))
+    errors = []
+
+    def render_one():
+        try:
+            blender.render(built(), NO_TEXTURES, CAMERA)
+        except BaseException as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=render_one) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [type(error) for error in errors] == [FlightDepthError] * 3
+    assert len(starts.read_text()) == 1

@@ -54,7 +54,7 @@ def written(tmp_path):
 # Hashes of recipes that networks were trained with: a new knob at its default changes none.
 DIGESTS = {
     "depthnet-256": "0157a44b23c9dc4f",
-    "tiny-clamped-256": "c66bded43a058d49",
+    "tiny-clamped-256": "280796132f218103",
     "tiny-clamped-512": "2830c27f2a26266a",
 }
 
@@ -232,3 +232,33 @@ def test_seeds_of_shipped_recipes_differ():
 
 def test_a_card_tells_all_that_a_stage_says():
     assert set(CardStage.model_fields) - {"focal_px"} == set(Stage.model_fields) - {"full_width"}
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        ("full_width = 64", "full_width = 32", "stages.0: expected full_width of at least the width, 64"),
+        (
+            "batch = 10",
+            "batch = 10\nfov_deg = [120.0, 55.0]",
+            "stages.0: expected fov_deg of a smaller and a larger",
+        ),
+        (
+            "batch = 10",
+            "batch = 10\nfov_deg = [55.0, 200.0]",
+            "stages.0: expected fov_deg of .* and 180 degrees",
+        ),
+        ("batch = 10", "batch = 10\nonly_last_look = true", "expected thorough_last_look"),
+        ("seed = 0", "seed = -1", "seed: expected .*got -1"),
+        ("depth_max_m = 60.0", "depth_max_m = 10.0", "expected depth_max_m of more than depth_min_m, 10"),
+    ],
+)
+def test_what_would_fail_hours_later_is_told_at_once(written, right, wrong, said):
+    with pytest.raises(BadInput, match=said):
+        load_recipe(written(GOOD.replace(right, wrong)))
+
+
+def test_two_stages_of_one_name_would_write_one_checkpoint(written):
+    stage = GOOD[GOOD.index("[[stages]]") :]
+    with pytest.raises(BadInput, match="expected stages of different names, not 64, 64"):
+        load_recipe(written(GOOD + stage))

@@ -7,6 +7,7 @@ screwed to the drone and looks up by so many degrees).
 from __future__ import annotations
 
 import math
+from array import array
 
 import numpy as np
 import rclpy
@@ -28,6 +29,7 @@ from flightdepth_ros.conversion import (
     velocity_of,
 )
 
+SEQUENCES = {"data": "B", "d": "d"}  # of any length: rclpy of Humble takes them as array.array, no ndarray
 FLU_FROM_FORWARD_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 # One picture waits at most: a newer one takes its place, so that the delay does not grow.
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -93,12 +95,12 @@ class DepthNode(Node):
         """With the picture's own header: same time, same optical frame."""
         made.header = source.header
         for name, value in fields.items():
-            setattr(made, name, value.tobytes() if name == "data" else value)
+            setattr(made, name, array(SEQUENCES[name], value.tobytes()) if name in SEQUENCES else value)
         publisher.publish(made)
 
 
-def main() -> None:
-    """Until Ctrl-C."""
+def main() -> int:
+    """Until Ctrl-C; the exit code."""
     rclpy.init()
     node = DepthNode()
     try:
@@ -107,6 +109,8 @@ def main() -> None:
         pass
     except FlightDepthError as error:
         node.get_logger().fatal(str(error))
+        return error.exit_code
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
+    return 0

@@ -86,6 +86,8 @@ def here(jobs: Sequence[Job], run: Run) -> Iterator[Attempt]:
             yield run(job.flight, job.target)
         except FlightDepthError as error:
             yield error
+        except OSError as error:  # a file that may not be read, a disk that is full
+            yield FlightDepthError(str(error))
 
 
 def on_ray(jobs: Sequence[Job], run: Run, address: str | None) -> Iterator[Attempt]:

@@ -37,6 +37,8 @@ def cameras(
       flightdepth cameras flight.mp4
     """
     if video is None:
+        if telemetry is not None:
+            raise BadInput("--telemetry", expected="a VIDEO beside it", got="none")
         list_lenses()
     else:
         tell(video, telemetry)

@@ -45,8 +45,9 @@ def live(
         typer.Option(help="gimbal: stabilised, attitude from the gimbal. fixed: screwed to the drone."),
     ] = Mount.GIMBAL,
     mount_pitch: Annotated[
-        float, typer.Option(metavar="DEG", help="A fixed camera looks up by DEG (0 ahead, -90 down).")
-    ] = 0.0,
+        float | None,
+        typer.Option(metavar="DEG", help="A fixed camera looks up by DEG (0 ahead, -90 down; without it 0)."),
+    ] = None,
     camera_delay_ms: Annotated[
         float, typer.Option(metavar="MS", help="From exposure to the first byte sent: exposure and encoder.")
     ] = 0.0,

@@ -61,7 +61,7 @@ class Session:
             aligned=settings.align,
         )
         fixed = settings.mount is Mount.FIXED
-        self.store = MotionStore(looking(math.radians(settings.mount_pitch)) if fixed else None)
+        self.store = MotionStore(looking(math.radians(settings.mount_pitch or 0.0)) if fixed else None)
         # Obstacles join two results in a row, so with one range these look near and far in turn.
         turns = 2 if settings.obstacles or settings.dry_run is not None else 1
         stage = DepthStage(

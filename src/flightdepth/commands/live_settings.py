@@ -29,7 +29,7 @@ class LiveSettings:
     camera: Path | None
     hfov: float | None
     mount: Mount
-    mount_pitch: float
+    mount_pitch: float | None
     camera_delay_ms: float
     sender_clock: bool
     network: str | None
@@ -48,12 +48,22 @@ class LiveSettings:
                 "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="both"
             )
         if not (math.isfinite(self.camera_delay_ms) and 0 <= self.camera_delay_ms < 10_000):
-            raise BadInput("--camera-delay-ms", expected="0 to 10000", got=str(self.camera_delay_ms))
+            raise BadInput(
+                "--camera-delay-ms", expected="0 to less than 10000", got=str(self.camera_delay_ms)
+            )
         if not math.isfinite(self.telemetry_offset):
             got = str(self.telemetry_offset)
             raise BadInput("--telemetry-offset", expected="a finite number of seconds", got=got)
-        if not -90 <= self.mount_pitch <= 90:
-            raise BadInput("--mount-pitch", expected="-90 to 90 degrees", got=str(self.mount_pitch))
+        if self.telemetry_offset and self.mavlink is not None:
+            mend = "MAVLink has a clock of its own."
+            raise BadInput("--telemetry-offset", expected="a log to move", got="--mavlink", mend=mend)
+        if self.mount_pitch is not None:
+            if not -90 <= self.mount_pitch <= 90:
+                raise BadInput("--mount-pitch", expected="-90 to 90 degrees", got=str(self.mount_pitch))
+            if self.mount is not Mount.FIXED:
+                raise BadInput(
+                    "--mount-pitch", expected="--mount fixed beside it", got=f"--mount {self.mount}"
+                )
         if self.duration is not None and not (math.isfinite(self.duration) and self.duration > 0):
             raise BadInput("--duration", expected="more than 0 seconds", got=str(self.duration))
         if self.obstacles and self.mavlink is None and self.dry_run is None:

@@ -51,8 +51,9 @@ class ToldProgress(Progress):
 
     def __init__(self, *columns: ProgressColumn, unit: str) -> None:
         super().__init__(*columns, console=Console())
-        self._unit, self._first = unit, 0.0
-        self._began_s = self._told_s = time.monotonic()
+        self._unit = unit
+        self._began: tuple[float, float] | None = None  # when the first step was done, and how many were then
+        self._told_s = time.monotonic()
 
     def advance(self, task_id: TaskID, advance: float = 1) -> None:
         """As rich's."""
@@ -67,14 +68,18 @@ class ToldProgress(Progress):
     def begin_at(self, completed: float, total: float) -> None:
         """Go on with what was begun earlier; rich would take an update to there for speed."""
         self.reset(self.task_ids[0], total=total, completed=int(completed))
-        self._first, self._began_s = completed, time.monotonic()
+        self._began = time.monotonic(), completed
 
     def _tell(self, task: Task) -> None:
         now_s = time.monotonic()
+        if self._began is None:  # what came before the first step says nothing of the others
+            self._began = now_s, task.completed
+            return
         if self.console.is_terminal or now_s < self._told_s + TOLD_EVERY_S:
             return
         self._told_s = now_s
-        rate = (task.completed - self._first) / max(now_s - self._began_s, 1e-9)
+        began_s, first = self._began
+        rate = (task.completed - first) / max(now_s - began_s, 1e-9)
         of = "" if task.total is None else f" of {task.total:,.0f}"
         line = f"{task.description}: {task.completed:,.0f}{of} {self._unit}, {rate:.1f} {self._unit}/s"
         if task.total is not None and rate > 0:

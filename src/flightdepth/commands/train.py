@@ -150,6 +150,8 @@ def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
     from flightdepth.stillbox.stored import open_stored_set
 
     sets = {each.width: each for each in map(open_stored_set, folders)}
+    if len(sets) < len(folders):
+        raise BadInput("--set", expected="one set of each width", got=", ".join(map(str, folders)))
     lacking = [stage for stage in recipe.stages if stage.full_width not in sets]
     if folders and lacking:
         raise BadInput(

@@ -6,6 +6,7 @@ from flightdepth.errors import BadInput
 from flightdepth.runtimes.contract import STRIDE
 from flightdepth.scenes import StillBoxConfig, Textures
 from flightdepth.stillbox import OutdoorTestSet, PairRule, Picture, TestSet
+from flightdepth.stillbox.sets import changed
 from flightdepth.stillbox.testset import SCENES
 from flightdepth.weights.card import FLIGHT_DETAIL, NetworkCard
 
@@ -14,6 +15,7 @@ MOST_PX = 256  # of the pictures that a network for one lens is measured on: cro
 
 def outdoor_set(card: NetworkCard, *, scenes: int = SCENES) -> OutdoorTestSet:
     """Flights outdoors, like no training room, `full_width` wide."""
+    _check(scenes)
     return OutdoorTestSet(full_width(card), scenes)
 
 
@@ -33,13 +35,17 @@ def fixed_set(
         raise BadInput(
             f"--fov for {card.name}", expected="90 degrees, its own", got=f"{horizontal_fov_deg:g}"
         )
-    if scenes < 1:
-        raise BadInput("scenes of a test set", expected="at least 1", got=str(scenes))
+    _check(scenes)
     full = full_width(card)
     width = full if card.any_lens else min(full, MOST_PX)
     rule = PairRule(card.nominal_shift, card.depth_min_m, card.depth_max_m)
-    config = StillBoxConfig(horizontal_fov_deg=horizontal_fov_deg)
+    config = changed(StillBoxConfig(), {"horizontal_fov_deg": horizontal_fov_deg})
     return TestSet(Picture(width, width, full), rule, scenes, textures=textures, config=config)
+
+
+def _check(scenes: int) -> None:
+    if scenes < 1:
+        raise BadInput("scenes of a test set", expected="at least 1", got=str(scenes))
 
 
 def full_width(card: NetworkCard) -> int:

@@ -20,7 +20,7 @@ from flightdepth.files import file_in_progress
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures, chance
 from flightdepth.scenes.config import SET_VERSION
-from flightdepth.stillbox.sets import SceneSet
+from flightdepth.stillbox.sets import SceneSet, changed
 
 Images = NDArray[np.uint8]
 Maps = NDArray[np.float32]
@@ -96,13 +96,16 @@ class Sequences:
 
     def config(self, noise_rad: float) -> StillBoxConfig:
         """How the scenes are drawn."""
-        return StillBoxConfig(
-            frames=self.frames,
-            speed_m_s=SPEED_M_S,
-            time_step_s=STEP_S,
-            clearance_m=CLEARANCE_M,
-            objects_ahead_of="path",
-            orientation_noise_rad=noise_rad,
+        return changed(
+            StillBoxConfig(),
+            {
+                "frames": self.frames,
+                "speed_m_s": SPEED_M_S,
+                "time_step_s": STEP_S,
+                "clearance_m": CLEARANCE_M,
+                "objects_ahead_of": "path",
+                "orientation_noise_rad": noise_rad,
+            },
         )
 
 

@@ -10,7 +10,6 @@ import atexit
 import tempfile
 import threading
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -38,6 +37,11 @@ SAMPLES = 4  # a pixel
 FINE, COARSE = 512, 128  # segments round a sphere: for comparisons, for pictures
 SKY_M = 1e9  # Blender writes 1e10 where a ray meets nothing
 FRAME_TIMEOUT_S = 600.0
+
+_SHARING, _SHARED = (
+    threading.Lock(),
+    list["Blender"](),
+)  # the one process that all threads use, if there is one
 
 
 class Blender:
@@ -168,18 +172,23 @@ def render(
     frames: Sequence[int] | None = None,
 ) -> Rendered:
     """As `Blender.render`, by a process that later calls share, until one fails or Python ends."""
+    blender = _shared()
     try:
-        return _shared().render(scene, textures, camera, frames=frames)
+        return blender.render(scene, textures, camera, frames=frames)
     except BaseException:
-        _shared.cache_clear()
+        with _SHARING:
+            if _SHARED and _SHARED[0] is blender:  # else another thread has begun a new one
+                _SHARED.clear()
         raise
 
 
-@cache
 def _shared() -> Blender:
-    blender = Blender()
-    atexit.register(blender.close)
-    return blender
+    with _SHARING:
+        if not _SHARED:
+            blender = Blender()
+            atexit.register(blender.close)
+            _SHARED.append(blender)
+        return _SHARED[0]
 
 
 def read_frame(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:

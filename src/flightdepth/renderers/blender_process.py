@@ -105,7 +105,7 @@ class BlenderProcess:
         try:
             pipe.write(json.dumps(request).encode() + b"\n")
             pipe.flush()
-        except OSError as error:
+        except (OSError, ValueError) as error:  # ended by itself, or closed after another thread's failure
             raise self._ended() from error
         for _ in range(frames):
             answer = self._next(timeout_s)

@@ -6,7 +6,7 @@ import json
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from pydantic import ValidationError
 
@@ -22,6 +22,7 @@ from flightdepth.scenes.outdoor_textures import outdoor_textures
 from flightdepth.scenes.scene import Floats
 
 Config = StillBoxConfig | OutdoorConfig
+ConfigT = TypeVar("ConfigT", bound=Config)
 
 # Scenes in the original sets, by the width of their pictures.
 ORIGINAL_SCENES = {64: 80_000, 128: 16_000, 256: 3_200, 512: 3_200}
@@ -111,7 +112,7 @@ def named_set(name: str, /, **overrides: Any) -> tuple[SceneSet, int]:
     return replace(base, config=changed(base.config, overrides), **size), scenes
 
 
-def changed(config: Config, overrides: dict[str, Any]) -> Config:
+def changed(config: ConfigT, overrides: dict[str, Any]) -> ConfigT:
     """`config` with some fields set anew and all of it validated again.
 
     Raises:
@@ -123,7 +124,7 @@ def changed(config: Config, overrides: dict[str, Any]) -> Config:
             names = ", ".join(["scenes", *_OF_THE_SET, *known])
             raise BadInput("set", expected=f"keys from {names}", got=repr(key))
     try:
-        return type(config).model_validate(config.model_dump() | overrides)
+        return cast("ConfigT", type(config).model_validate(config.model_dump() | overrides))
     except ValidationError as error:
         first = error.errors()[0]
         said = first["msg"].removeprefix("Value error, ")

@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from flightdepth.errors import BadInput
 from flightdepth.scenes import StillBoxConfig
@@ -46,6 +46,14 @@ class Stage(_Strict):
     )
     rotation_noise_deg: float = Field(default=0.0, ge=0, description="largest rotation that is not reported")
     optimizer: OptimizerName | None = Field(default=None, description="instead of the recipe's")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Stage:
+        if self.full_width < self.width:
+            raise ValueError(f"full_width of at least the width, {self.width}")
+        if self.fov_deg is not None and not 0 < self.fov_deg[0] <= self.fov_deg[1] < 180:
+            raise ValueError("fov_deg of a smaller and a larger angle, between 0 and 180 degrees")
+        return self
 
     @property
     def picture(self) -> Picture:
@@ -98,7 +106,7 @@ class Recipe(_Strict):
     ema_decay: float = Field(ge=0, lt=1)
     warmup_samples: int = Field(ge=0)
     floor: float = Field(ge=0, le=1, description="learning rate at the end of a stage, share of the peak")
-    seed: int
+    seed: int = Field(ge=0)
     accumulate: int = Field(
         default=1, gt=0, description="equal parts of a batch, each seen by itself: memory, processes"
     )
@@ -108,6 +116,17 @@ class Recipe(_Strict):
     )
     scenes: StillBoxConfig = StillBoxConfig()
     stages: tuple[Stage, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _fits(self) -> Recipe:
+        if self.depth_min_m >= self.depth_max_m:
+            raise ValueError(f"depth_max_m of more than depth_min_m, {self.depth_min_m:g}")
+        names = [stage.name for stage in self.stages]
+        if len(set(names)) < len(names):
+            raise ValueError(f"stages of different names, not {', '.join(names)}")
+        if any(stage.only_last_look for stage in self.stages) and not self.thorough_last_look:
+            raise ValueError("thorough_last_look, since a stage trains that alone")
+        return self
 
     def optimizer_in(self, stage: Stage) -> OptimizerName:
         """One that is another than the stage's before is begun anew."""
@@ -171,9 +190,10 @@ def load_recipe(name_or_path: str) -> Recipe:
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
-        raise BadInput(
-            f"recipe {name_or_path}, {where}", expected=first["msg"], got=str(first["input"])
-        ) from error
+        what = f"recipe {name_or_path}, {where}" if where else f"recipe {name_or_path}"
+        if first["type"] == "value_error":  # of a table as a whole, which would fill the line
+            raise BadInput(what, expected=first["msg"].removeprefix("Value error, ")) from error
+        raise BadInput(what, expected=first["msg"], got=str(first["input"])) from error
 
 
 def _recipe_bytes(name_or_path: str) -> bytes:
