@@ -49,7 +49,7 @@ def fitting_pairs(count: int, shrunk: int = 1, seed: int = SEED) -> Iterator[Pai
             scene = draw_scene(StillBoxConfig(), len(textures), seed, number)
             frames = (0, int(rng.choice(ROOM_SHIFTS)))
         else:
-            textures = _outdoor_textures(seed + int(rng.integers(TEXTURE_SETS)))
+            textures = outdoor_textures(seed + int(rng.integers(TEXTURE_SETS)))
             config = OutdoorConfig(frames=60, rate_hz=10.0, legs="any")
             scene = SceneSet(config, camera.width, camera.height, seed).scene(number, 0)
             first = int(rng.integers(0, config.frames - max(OUTDOOR_SHIFTS)))
@@ -66,11 +66,6 @@ def fitting_pairs(count: int, shrunk: int = 1, seed: int = SEED) -> Iterator[Pai
 @cache
 def _room_textures(seed: int) -> Textures:
     return Textures.procedural(64, seed)
-
-
-@cache
-def _outdoor_textures(seed: int) -> Textures:
-    return outdoor_textures(seed)
 
 
 def reported_wrongly(pair: Pair, rng: np.random.Generator) -> Pair:

@@ -97,7 +97,7 @@ class OutdoorTestSet:
         drawn = SceneSet(config, self.width, self.width, self.seed)
         frames = (15, 16) if number % 2 else (45, 46)
         scene = drawn.scene(number, 0)
-        return _seen(scene, _outdoor_textures(self.seed), drawn.camera, frames)
+        return _seen(scene, outdoor_textures(self.seed), drawn.camera, frames)
 
 
 def _seen(scene: Scene, textures: Textures, camera: Camera, frames: tuple[int, int]) -> TestPair:
@@ -105,8 +105,3 @@ def _seen(scene: Scene, textures: Textures, camera: Camera, frames: tuple[int, i
     rendered = render(scene, textures, camera, frames=frames)
     moved = scene.displacement(*frames)
     return TestPair(rendered.images[0], rendered.images[1], rendered.depth_m[1], moved, camera.fx)
-
-
-@lru_cache(maxsize=1)
-def _outdoor_textures(seed: int) -> Textures:
-    return outdoor_textures(seed)
