@@ -22,6 +22,7 @@ from flightdepth.training.export import deployed, to_onnx, weights_of
 from flightdepth.training.learner import Learner, mixed_precision
 from flightdepth.training.loop import train
 from flightdepth.training.pictures import normalised
+from flightdepth.training.processes import Share
 from flightdepth.training.run_folder import CHECKPOINT, RECIPE, read_trained
 from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.card import Stage as CardStage
@@ -107,7 +108,15 @@ def test_a_stop_saves_the_step_just_done(whole, tmp_path):
 
 def test_the_end_of_each_stage_is_kept(whole):
     ends = [read_progress(whole[0] / f"{name}.safetensors") for name in ("a", "b")]
-    assert [(end.stage, end.sample, end.seen) for end in ends] == [(0, 16, 16), (1, 8, 24)]
+    assert [(end.stage, end.sample, end.seen, end.parts) for end in ends] == [(0, 16, 16, 1), (1, 8, 24, 1)]
+
+
+def test_a_stage_goes_on_in_as_many_parts_as_it_began(tmp_path, monkeypatch):
+    """With another number of processes it saw some pairs again, and others never."""
+    run(tmp_path, cut_after=3)
+    monkeypatch.setattr(Share, "of", lambda *given: Share(2, range(2)))
+    with pytest.raises(BadInput, match="--resume: expected pairs in 1 parts, got 2"):
+        run(tmp_path, resume=True)
 
 
 def test_the_last_checkpoint_says_that_all_stages_are_done(whole):

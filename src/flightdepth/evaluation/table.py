@@ -128,7 +128,8 @@ class LastScenes:
     def of(cls, trained: Trained, card: NetworkCard, textures: Textures, scenes: int) -> LastScenes:
         """`scenes` of them at most; `textures` are those of the run."""
         recipe, stage = trained.recipe, trained.progress.stage
-        last = max(trained.progress.sample // recipe.accumulate - 1, 0)
+        parts = trained.progress.parts or recipe.accumulate
+        last = max(trained.progress.sample // parts - 1, 0)
         drawn = last // (CHUNK * recipe.pairs_per_scene) * CHUNK + PairStream.pool_scenes
         width = round(2 * card.focal_px)
         config = recipe.scenes.model_copy(update={"open_share": recipe.stages[stage].open_share})

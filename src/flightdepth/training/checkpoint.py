@@ -19,7 +19,10 @@ _STATE = ("step", "exp_avg", "exp_avg_sq", "momentum_buffer")  # of AdamW and SG
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a run stands: `sample` pairs of stage number `stage` are done, `seen` in all stages."""
+    """Where a run stands: `sample` pairs of stage number `stage` are done, `seen` in all stages.
+
+    `parts`: streams that the stage's pairs come from, an equal share of each; 0 where none came.
+    """
 
     recipe: str
     digest: str
@@ -27,6 +30,7 @@ class Progress:
     sample: int
     seen: int
     loss_m: float
+    parts: int = 0
 
 
 def save_checkpoint(

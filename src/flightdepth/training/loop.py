@@ -12,6 +12,7 @@ from pathlib import Path
 
 from torch.utils.tensorboard import SummaryWriter
 
+from flightdepth.errors import BadInput
 from flightdepth.files import write_json
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import PairStream
@@ -103,10 +104,18 @@ class _Run:
 
     def to_end(self, progress: Progress, path: Path, every_s: float) -> Progress:
         """Train from `progress` to the stage's last sample, or until told to stop."""
+        share = self.learner.share
+        if progress.sample and progress.parts not in (
+            0,
+            share.parts,
+        ):  # it would see some pairs again, others never
+            mend = "Go on as it began: `accumulate` of the recipe, or processes, whichever is more."
+            raise BadInput(
+                "--resume", expected=f"pairs in {progress.parts} parts", got=f"{share.parts}", mend=mend
+            )
         self.learner.begin(self.stage)
         saved = began = self.clock()
         began_at, total = progress.seen, self._total(progress)
-        share = self.learner.share
         with ExitStack() as stack:
             streams = [stack.enter_context(self._stream(part)) for part in share.mine]
             while progress.sample < self.stage.samples and not self.learner.agreed(self.stop()):
@@ -126,7 +135,8 @@ class _Run:
         smooth = before.loss_m
         smooth = loss_m if math.isnan(smooth) else SMOOTHING * smooth + (1 - SMOOTHING) * loss_m
         sample, seen = before.sample + self.stage.batch, before.seen + self.stage.batch
-        return Progress(self.recipe.name, self.recipe.digest, self.number, sample, seen, smooth)
+        parts = self.learner.share.parts
+        return Progress(self.recipe.name, self.recipe.digest, self.number, sample, seen, smooth, parts)
 
     def _stream(self, part: int) -> PairStream:
         width = self.stage.full_width
