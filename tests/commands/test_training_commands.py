@@ -61,9 +61,12 @@ def test_train_says_what_it_does_and_what_comes_next(capsys):
     assert "next: flightdepth export runs/small" in out
 
 
-def test_train_shows_lines_where_there_is_no_terminal(capsys):
+def test_train_shows_lines_where_there_is_no_terminal(monkeypatch, capsys):
+    monkeypatch.setattr("flightdepth.commands.terminal.TOLD_EVERY_S", 0.0)
     cli.main([*TRAIN])
-    assert "4 of 12 pairs" in capsys.readouterr().out
+    lines = [line for line in capsys.readouterr().out.splitlines() if " of 12 samples, " in line]
+    assert lines[0].startswith("stage square, loss ")
+    assert [line.split(": ")[1].split(" of ")[0] for line in lines] == ["4", "8", "12"]
 
 
 def test_a_run_is_not_overwritten(capsys):
