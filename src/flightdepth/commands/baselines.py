@@ -123,9 +123,9 @@ def side_by_side(networks: Sequence[Network], camera: Camera) -> tuple[list[Netw
     It is that of the first network that knows one focal length only; those for any lens of about that
     length follow. What still could not stand side by side is refused.
     """
-    names = [network.card.name for network in networks]
-    if len(set(names)) < len(names):
-        raise BadInput("--network", expected="networks of different names", got=", ".join(names))
+    from flightdepth.evaluation.pairs import refuse_namesakes
+
+    refuse_namesakes("--network", networks)
     leader = next((network for network in networks if not network.card.any_lens), networks[0])
     grid = leader.grid(camera)
     bends = [n.card.any_lens and n.card.focal_px == leader.card.focal_px for n in networks]

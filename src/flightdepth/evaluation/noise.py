@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.errors import BadInput
 from flightdepth.evaluation.metrics import picture_errors
-from flightdepth.evaluation.pairs import Task, TruePair
+from flightdepth.evaluation.pairs import Task, TruePair, refuse_namesakes
 from flightdepth.ranges.derotation import derotated
 from flightdepth.runtimes.network import Network
 from flightdepth.scenes import chance
@@ -47,9 +46,7 @@ def noise_rows(
     Every network is asked about the same wrong pairs; the truth stays what it is. `derotate` adds the L1 of
     each after the rotation and the direction seen in the pictures have mended the pair.
     """
-    names = [network.card.name for network in networks]
-    if len(set(names)) < len(names):
-        raise BadInput("networks", expected="different names", got=", ".join(names))
+    refuse_namesakes("networks", networks)
     rows: dict[tuple[str, float], dict[str, list[float]]] = {
         (kind, size): {} for kind, sizes in kinds.items() for size in sizes
     }

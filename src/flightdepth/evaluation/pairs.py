@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -17,6 +18,17 @@ from flightdepth.weights.card import NetworkCard
 
 Image = NDArray[np.uint8]
 Maps = NDArray[np.float32]
+
+
+def refuse_namesakes(what: str, networks: Sequence[Network]) -> None:
+    """Networks that stand side by side are told apart by name alone.
+
+    Raises:
+        BadInput: two have the same; `what` was to name them.
+    """
+    names = [network.card.name for network in networks]
+    if len(set(names)) < len(names):
+        raise BadInput(what, expected="networks of different names", got=", ".join(names))
 
 
 class TruePair(Protocol):

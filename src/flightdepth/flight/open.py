@@ -19,7 +19,7 @@ from flightdepth.flight.cameras import ChosenCamera, assumed_camera, choose_came
 from flightdepth.flight.constant_speed import forward_velocity
 from flightdepth.flight.gimbal import looking, with_fixed_camera
 from flightdepth.flight.gpmf_telemetry import read_gpmf
-from flightdepth.flight.offset import ClockOffset, estimate_offset
+from flightdepth.flight.offset import GAP_S, ClockOffset, estimate_offset
 from flightdepth.flight.own_track import disagreements
 from flightdepth.flight.records import (
     NS_PER_S,
@@ -44,7 +44,6 @@ BODY_ONLY = (
 AUTO: Literal["auto"] = "auto"
 WATCHED_S = 120.0  # of the video, to estimate an offset
 SELDOM_NS = 5 * NS_PER_S  # between velocities: what lies in the middle of such a gap is known to nobody
-BRIDGED_NS = NS_PER_S * 3 // 2  # what an estimator takes for known between two (`ranges.attitude.MAX_GAP_S`)
 NO_TELEMETRY = "Give --telemetry LOG or --speed M_S."
 # What a log's name may end in, where its content is not known; those that are known need no ending.
 LOG_SUFFIXES = frozenset(
@@ -312,11 +311,11 @@ def velocities_apart_ns(log: Telemetry) -> int:
 def seldom_told(log: Telemetry) -> tuple[str, ...]:
     """A line where so much time lies between two velocities that nobody knows how the drone flew meanwhile."""
     apart_ns = velocities_apart_ns(log)
-    if apart_ns <= BRIDGED_NS:
+    if apart_ns <= GAP_S * NS_PER_S:
         return ()
     return (
         f"the log tells a velocity every {apart_ns / NS_PER_S:.1f} s only, and more than "
-        f"{BRIDGED_NS / NS_PER_S:g} s between two are not bridged: most frames will have no depth; log it more often",
+        f"{GAP_S:g} s between two are not bridged: most frames will have no depth; log it more often",
     )
 
 

@@ -38,10 +38,8 @@ FINE, COARSE = 512, 128  # segments round a sphere: for comparisons, for picture
 SKY_M = 1e9  # Blender writes 1e10 where a ray meets nothing
 FRAME_TIMEOUT_S = 600.0
 
-_SHARING, _SHARED = (
-    threading.Lock(),
-    list["Blender"](),
-)  # the one process that all threads use, if there is one
+_SHARED: list[Blender] = []  # the one process that all threads use, if there is one
+_SHARING = threading.Lock()  # held to look at it or to change it
 
 
 class Blender:

@@ -105,10 +105,8 @@ class _Run:
     def to_end(self, progress: Progress, path: Path, every_s: float) -> Progress:
         """Train from `progress` to the stage's last sample, or until told to stop."""
         share = self.learner.share
-        if progress.sample and progress.parts not in (
-            0,
-            share.parts,
-        ):  # it would see some pairs again, others never
+        # In another number of parts it would see some pairs again, and others never.
+        if progress.sample and progress.parts not in (0, share.parts):
             mend = "Go on as it began: `accumulate` of the recipe, or processes, whichever is more."
             raise BadInput(
                 "--resume", expected=f"pairs in {progress.parts} parts", got=f"{share.parts}", mend=mend
