@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from flightdepth.camera import Camera
 from flightdepth.processor import cpu_name
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
+from flightdepth.stillbox.engines import usable_cores
 
 SEED = 5
 WIDTHS = (64, 128, 256, 512)
@@ -32,11 +32,6 @@ class Rate:
 
     clock: float
     processor: float
-
-
-def usable_cores() -> int:
-    """Cores that this process may run on."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def raycast_rate(

@@ -10,7 +10,6 @@ import argparse
 import itertools
 import json
 import math
-import os
 import statistics
 import time
 from collections.abc import Callable, Iterator
@@ -23,6 +22,7 @@ from flightdepth.processor import cpu_name
 from flightdepth.renderers.raycast import VERSION
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import Batch, PairStream
+from flightdepth.stillbox.engines import usable_cores
 from flightdepth.stillbox.stream import CHUNK
 from flightdepth.training import Recipe, Stage, load_recipe
 from flightdepth.training.freed_memory import keep_freed_memory
@@ -81,7 +81,7 @@ def main() -> None:
     parser.add_argument("--recipes", nargs="+", default=["depthnet-256", "tiny-clamped-256"])
     parser.add_argument("--stages", nargs="+", default=["64", "256"])
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--threads", type=int, default=usable_cores())
     parser.add_argument("--return-memory", action="store_true", help="as the C library does, not as `train`")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from contextlib import ExitStack, nullcontext, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -108,6 +107,7 @@ def run(
     """Train with a progress bar, until the end, Ctrl-C or SIGTERM."""
     from accelerate import PartialState
 
+    from flightdepth.stillbox.engines import usable_cores
     from flightdepth.training.freed_memory import keep_freed_memory
     from flightdepth.training.loop import train as train_on
 
@@ -129,7 +129,7 @@ def run(
             shipped=shipped,
             sets=sets,
             stop=stop.is_set,
-            threads=max(1, (os.cpu_count() or 1) // state.num_processes),
+            threads=max(1, usable_cores() // state.num_processes),
             **options,
         )
 

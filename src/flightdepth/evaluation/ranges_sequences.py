@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -20,6 +19,7 @@ from flightdepth.files import file_in_progress
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures, chance
 from flightdepth.scenes.config import SET_VERSION
+from flightdepth.stillbox.engines import usable_cores
 from flightdepth.stillbox.sets import SceneSet, changed
 
 Images = NDArray[np.uint8]
@@ -68,7 +68,7 @@ class Sequences:
         """All frames, on every core that this process may use."""
         drawn = SceneSet(self.config(noise_rad), self.width, self.width, self.seed)
         scene = drawn.scene(number, len(textures))
-        with ThreadPoolExecutor(cores()) as executor:
+        with ThreadPoolExecutor(usable_cores()) as executor:
             rendered = render(scene, textures, drawn.camera, executor=executor)
         shape = (self.width // 4, self.width // 4)
         truth_m = np.stack([pooled(depth_m, shape) for depth_m in rendered.depth_m])
@@ -137,12 +137,6 @@ class KeptSequences:
         with np.load(path) as kept:
             found = self._sequences.empty(number, noise_rad)
             return replace(found, images=kept["images"], truth_m=kept["truth_m"])
-
-
-def cores() -> int:
-    """How many this process may use."""
-    affinity = getattr(os, "sched_getaffinity", None)  # Linux only
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def log_of(sequence: Sequence, rate_hz: float, noise_m_s: float, bias: float) -> list[tuple[int, Vector]]:

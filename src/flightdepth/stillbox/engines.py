@@ -16,11 +16,17 @@ from flightdepth.stillbox.encoding import EncodedScene, Source
 SCENES_PER_TASK = 4
 
 
+def usable_cores() -> int:
+    """Those that this process may run on: fewer than the machine's where a container or `taskset` keeps it to some."""
+    affinity = getattr(os, "sched_getaffinity", None)  # Linux only
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
 def on_threads(
     source: Source, textures: Textures, numbers: range, threads: int | None = None
 ) -> Generator[EncodedScene]:
     """Scenes `numbers`, a core each; only a few wait to be taken."""
-    count = threads or os.cpu_count() or 1
+    count = threads or usable_cores()
     with ThreadPoolExecutor(count, thread_name_prefix="render") as executor:
         try:
             waiting = ahead(
