@@ -71,6 +71,25 @@ def test_another_video_of_the_same_name_is_run(run, work):
     assert len(FlightFolder(work / "out/one").rows) == 10
 
 
+@pytest.mark.slow
+def test_another_log_beside_a_video_is_another_flight(run, work):
+    def write(speed):
+        lines = [f"{time},{speed},0,0" for time in (0, 5)]
+        (work / "one.csv").write_text("\n".join(["time_s,vn_m_s,ve_m_s,vd_m_s", *lines]))
+
+    def fly():
+        options = ["--hfov", "90", "--network", str(work / "difference.onnx"), "--out", str(work / "logged")]
+        return main(["run", str(work / "one.mp4"), str(work / "two.mp4"), *options])
+
+    write(3)
+    (work / "two.csv").write_text((work / "one.csv").read_text())
+    assert fly() == 0
+    before = (work / "logged/one/flight.json").stat().st_mtime_ns
+    write(4)
+    assert fly() == 0
+    assert (work / "logged/one/flight.json").stat().st_mtime_ns > before
+
+
 def test_a_flight_that_fails_is_counted_and_does_not_stop_the_others(run, work):
     (work / "two.mp4").write_bytes(b"")
     code, stdout, stderr = run(flights=("two.mp4", "one.mp4"))

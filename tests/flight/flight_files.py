@@ -11,19 +11,28 @@ IDENTITY = (0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 0x40000000)
 
 
 def make_video(
-    path: Path, stamps_ms, *, width=96, height=64, codec="libx264", colour=lambda index: index, options=None
+    path: Path,
+    stamps_ms,
+    *,
+    width=96,
+    height=64,
+    codec="libx264",
+    colour=lambda index: index,
+    options=None,
+    stream_options=None,
+    rate=None,
 ):
     """One plain picture for each time; its grey value is `colour(index)`."""
     with av.open(str(path), "w", options=options or {}) as container:
-        stream = container.add_stream(codec, rate=30)
+        stream = container.add_stream(codec, rate=rate or 30, options=stream_options or {})
         stream.width, stream.height = width, height
         stream.pix_fmt = "rgb24" if codec == "png" else "yuv420p"
-        stream.codec_context.time_base = Fraction(1, 1000)
+        stream.codec_context.time_base = Fraction(1, rate or 1000)
         for index, stamp in enumerate(stamps_ms):
             image = np.full((height, width, 3), colour(index), np.uint8)
             image[: height // 4, : width // 4] = 250  # a mark in the top left corner
             frame = av.VideoFrame.from_ndarray(image, format="rgb24")
-            frame.pts, frame.time_base = stamp, Fraction(1, 1000)
+            frame.pts, frame.time_base = stamp * (rate or 1000) // 1000, stream.codec_context.time_base
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
     return path
@@ -125,18 +134,34 @@ def full_box(kind: str, *parts: bytes) -> bytes:
     return box(kind, bytes(4), *parts)
 
 
-def add_gpmf(path: Path, payloads, duration_ms=1000) -> Path:
-    """Append a GPMF track to an MP4 whose index is its last box; each payload lasts `duration_ms`."""
+def trimmed(path: Path, out: Path, start_ms: int) -> Path:
+    """A lossless cut, as `ffmpeg -ss -c copy` makes it: all from the key frame before on, hidden by an edit list."""
+    with av.open(str(path)) as whole, av.open(str(out), "w") as part:
+        stream = whole.streams.video[0]
+        copied = part.add_stream_from_template(stream)
+        later = int(Fraction(start_ms, 1000) / stream.time_base)
+        for packet in whole.demux(stream):
+            if packet.size:
+                packet.pts, packet.dts, packet.stream = packet.pts - later, packet.dts - later, copied
+                part.mux(packet)
+    return out
+
+
+def add_gpmf(path: Path, payloads, duration_ms=1000, *, begins_ms=None) -> Path:
+    """Append a GPMF track to an MP4 whose index is its last box; each payload lasts `duration_ms`.
+
+    `begins_ms`: an edit list says that so much of the track lies before the video's start.
+    """
     data = path.read_bytes()
     moov = data.rindex(b"moov") - 4
     assert moov + int.from_bytes(data[moov : moov + 4], "big") == len(data)
-    shift = len(_trak(payloads, 0, duration_ms))
-    trak = _trak(payloads, len(data) + shift + 8, duration_ms)
+    shift = len(_trak(payloads, 0, duration_ms, begins_ms))
+    trak = _trak(payloads, len(data) + shift + 8, duration_ms, begins_ms)
     path.write_bytes(data[:moov] + box("moov", data[moov + 8 :], trak) + box("mdat", *payloads))
     return path
 
 
-def _trak(payloads, offset, duration_ms) -> bytes:
+def _trak(payloads, offset, duration_ms, begins_ms) -> bytes:
     total, count = duration_ms * len(payloads), len(payloads)
     matrix = struct.pack(">9L", *IDENTITY)
     tkhd = full_box("tkhd", struct.pack(">5L", 0, 0, 9, 0, total), bytes(16), matrix, bytes(8))
@@ -149,7 +174,9 @@ def _trak(payloads, offset, duration_ms) -> bytes:
     stsz = full_box("stsz", struct.pack(f">{count + 2}L", 0, count, *map(len, payloads)))
     stco = full_box("stco", struct.pack(">2L", 1, offset))
     stbl = box("stbl", stsd, stts, stsc, stsz, stco)
-    return box("trak", tkhd, box("mdia", mdhd, hdlr, box("minf", full_box("nmhd"), dinf, stbl)))
+    elst = full_box("elst", struct.pack(">4L", 1, total, begins_ms or 0, 0x10000))
+    edits = [] if begins_ms is None else [box("edts", elst)]
+    return box("trak", tkhd, *edits, box("mdia", mdhd, hdlr, box("minf", full_box("nmhd"), dinf, stbl)))
 
 
 def turn_video(path: Path) -> Path:

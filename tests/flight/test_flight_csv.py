@@ -34,7 +34,8 @@ def test_a_log_that_a_spreadsheet_wrote_is_one(tmp_path, text):
     ("data", "said"),
     [
         (GOOD.replace(",", ";").encode(), "got a table with semicolons"),
-        (b"\0\0\0\x20ftypisom" + bytes(50), "got a video; what a GoPro wrote"),
+        (GOOD.replace(",", "\t").encode(), "got a table with tabs"),
+        (GOOD.encode("utf-16"), "UTF-16: save it as UTF-8"),
         (b"hello world\n", "got something else"),
     ],
 )
@@ -45,7 +46,13 @@ def test_what_is_no_log_is_told_as_what_it_is(tmp_path, data, said):
         read_telemetry(path)
 
 
-number = st.floats(-100, 100)
+def test_a_velocity_that_no_drone_has_is_refused(tmp_path):
+    """Most likely all of the log is in cm/s."""
+    with pytest.raises(BadInput, match=r"line 3: expected at most 150 m/s, got 877.*in m/s"):
+        read(tmp_path, WORLD + "0,100,0,0\n0.5,400,500,600\n")
+
+
+number = st.floats(-80, 80)
 
 
 @given(

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from flight_files import add_gpmf, gyro_payload, lned_payload, make_video
+from flight_files import add_gpmf, gyro_payload, lned_payload, make_video, trimmed
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.gpmf_telemetry import payloads, read_gpmf
@@ -28,6 +28,13 @@ def test_payloads_come_with_their_time(plain):
         (2000, 3000),
     ]
     assert [data for _, data in found] == karma_like()
+
+
+def test_payloads_of_a_trimmed_video_keep_their_place(plain, tmp_path):
+    """The cut lies within the first payload: it began so long before the first picture that is shown."""
+    part = add_gpmf(trimmed(plain, tmp_path / "part.mp4", 640), karma_like(), begins_ms=640)
+    starts = [interval.start_ns // MS for interval, _ in payloads(part)]
+    assert starts == [-640, 360, 1360]
 
 
 def test_the_video_is_still_readable(plain):

@@ -211,6 +211,17 @@ def test_a_log_beside_the_video_that_is_not_known_is_named(video):
         open_flight(video, table, hfov_deg=60)
 
 
+def test_a_video_that_lost_its_track_takes_that_of_another_copy(video, tmp_path):
+    original = add_gpmf(
+        make_video(tmp_path / "original.mp4", range(0, 2000, 40)),
+        [lned_payload([(0, 1.0, 2.0, 3.0)] * 4)] * 2,
+    )
+    with open_flight(video, original, hfov_deg=60) as flight:
+        assert "GPMF in the video" in flight.telemetry_name
+    with pytest.raises(BadInput, match="a video without telemetry inside"):
+        open_flight(original, video, hfov_deg=60)
+
+
 def test_a_log_of_another_time_is_refused_with_both_spans(video, tmp_path):
     with pytest.raises(BadInput, match=r"0\.000 s to (1\.9|2\.0).*got 5\.000 s to 6\.000 s"):
         open_flight(video, log(tmp_path, [5000, 6000]), hfov_deg=60)

@@ -2,7 +2,7 @@ import random
 
 import numpy as np
 import pytest
-from flight_files import make_sound, make_video, turn_video
+from flight_files import make_sound, make_video, trimmed, turn_video
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.video import Video
@@ -59,6 +59,44 @@ def test_a_sideways_video_is_turned_upright(tmp_path):
     assert image.shape == (96, 64, 3)
     assert image[4, -4].min() > 200  # clockwise: the mark moves from top left to top right
     assert image[4, 4].max() < 100
+
+
+def pictures_of(path, shown, **part):
+    """Time in steps of 40 ms and number of each picture, by its grey value, `shown(number)`."""
+    values = np.array([shown(number) for number in range(50)])
+    return [
+        (frame.stamp_ns / 40_000_000, int(np.abs(values - frame.image[40:, 40:].mean()).argmin()))
+        for frame in read(path, **part)
+    ]
+
+
+@pytest.mark.parametrize("b_frames", ["0", "2"])
+def test_a_losslessly_trimmed_video_has_all_that_its_edit_list_shows(tmp_path, b_frames):
+    """Its key frame lies before the start, so that a player decodes it and does not show it."""
+    whole = make_video(
+        tmp_path / "v.mp4", range(0, 2000, 40), colour=lambda k: 4 * k, stream_options={"bf": b_frames}
+    )
+    part = trimmed(whole, tmp_path / "part.mp4", 800)
+    with Video(part) as video:
+        assert len(list(video.frames())) == 30
+        assert dict(video.counts) == {}
+    assert pictures_of(part, lambda k: 4 * k) == [(k, 20 + k) for k in range(30)]
+    assert pictures_of(part, lambda k: 4 * k, start_s=0.8) == [(k, 20 + k) for k in range(20, 30)]
+
+
+def test_pictures_of_an_avi_are_at_their_own_place(tmp_path):
+    """It numbers packets as they lie, which is not how they are shown."""
+    path = make_video(
+        tmp_path / "v.avi", range(0, 2000, 40), colour=lambda k: 4 * k, stream_options={"bf": "3"}, rate=25
+    )
+    assert pictures_of(path, lambda k: 4 * k) == [(k, k) for k in range(50)]
+    assert pictures_of(path, lambda k: 4 * k, start_s=1.2) == [(k, k) for k in range(30, 50)]
+
+
+@pytest.mark.parametrize("part", [{}, {"end_s": 0.4}])
+def test_a_raw_stream_is_told_from_a_broken_video(tmp_path, part):
+    with pytest.raises(BadInput, match="raw stream without a container"):
+        Video(make_video(tmp_path / "v.h264", range(0, 2000, 40)), **part)
 
 
 def test_duration_and_count_are_hinted(tmp_path):

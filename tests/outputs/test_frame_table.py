@@ -36,6 +36,12 @@ def test_the_row_of_a_frame_with_depth():
     assert row.valid_fraction == 0.75
 
 
+def test_a_frame_of_nothing_but_bounds_says_so():
+    row = FrameRow.of(frame(), known(np.full((HEIGHT, WIDTH), np.nan)))
+    assert "no pixel has depth" in row.reason
+    assert row.shifts == (3, 7)
+
+
 def test_the_row_of_a_frame_without_depth_says_why():
     row = FrameRow.of(frame(), unknown("hovering"))
     assert (row.shifts, row.valid_fraction, row.reason) == ((), 0.0, "hovering")

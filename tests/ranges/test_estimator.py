@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from range_oracle import (
@@ -369,8 +371,9 @@ def test_outside_a_wide_lens_nothing_is_claimed() -> None:
     np.testing.assert_array_equal(result.confidence == 0, unknown)
 
 
-def test_depth_and_bounds_exclude_each_other() -> None:
-    camera = Camera.from_fov(300, 200, 80)
+@pytest.mark.parametrize("distortion", [(), (-0.3, 0.1, 0.0, 0.0)])
+def test_depth_and_bounds_exclude_each_other(distortion: tuple[float, ...]) -> None:
+    camera = replace(Camera.from_fov(300, 200, 80), distortion=distortion)
     oracle = Oracle(ground_and_sky(10.0), straight(SIDEWAYS))
     result = fly(MultiRangeEstimator(oracle, camera, ranges=2), SIDEWAYS, range(60), camera)[-1]
     assert not (np.isfinite(result.depth_m) & np.isfinite(result.farther_than_m)).any()

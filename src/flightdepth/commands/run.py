@@ -298,6 +298,7 @@ def source_of(name: str, flight: Flight, network: Network, settings: RunSettings
         flight=name,
         video_bytes=flight.video_bytes,
         telemetry=flight.telemetry_name,
+        telemetry_digest=flight.telemetry_digest,
         camera=flight.camera,
         camera_source=flight.camera_source,
         clock=flight.clock,

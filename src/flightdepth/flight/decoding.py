@@ -43,9 +43,12 @@ class SoundPictures:
             decoder.options = {"err_detect": "explode"}
 
     def __iter__(self) -> Iterator[tuple[Any, bool]]:
-        read = given = 0
+        read = hidden = given = 0
         for packet in self._packets():
             read += packet.size > 0
+            if packet.is_discard:  # decoded, not shown: an MP4's edit list begins later
+                hidden += packet.size > 0
+                self._waiting &= not packet.is_keyframe
             self._leaning |= packet.size > 0 and not packet.is_keyframe
             if packet.is_corrupt:
                 self._ahead_pts = packet.pts if self._ahead_pts is None else self._ahead_pts
@@ -60,7 +63,7 @@ class SoundPictures:
                 yield from self._judged(picture)
         yield from self._held
         if self._whole:  # after a seek, packets may rightly give no picture
-            self._count_lost(read, given)
+            self._count_lost(read, read - hidden - given)
 
     def _judged(self, picture: Any) -> Iterator[tuple[Any, bool]]:
         if None not in (self._ahead_pts, picture.pts) and picture.pts >= self._ahead_pts:
@@ -94,8 +97,8 @@ class SoundPictures:
         if pts is not None:
             self._damage_pts = pts if self._damage_pts is None else max(self._damage_pts, pts)
 
-    def _count_lost(self, read: int, given: int) -> None:
-        lost = read - given - self._counts.get("damaged video packets", 0)
+    def _count_lost(self, read: int, lost: int) -> None:
+        lost -= self._counts.get("damaged video packets", 0)
         if lost > 0:
             self._counts["video packets that gave no picture"] = lost
         # FFmpeg ends a cut MP4 without a word, but the index at its front tells how much there should be.

@@ -24,6 +24,8 @@ from flightdepth.flight.video import open_container
 
 TimedStream = tuple[Interval, Stream]
 GYROSCOPE = "GYRO"
+# A trimmed video's edit list says where each track begins; FFmpeg cuts pictures there, and a track of data it moves.
+WHOLE_TRACKS = {"advanced_editlist": "0"}
 
 
 def read_gpmf(path: Path) -> Telemetry | None:
@@ -48,12 +50,13 @@ def read_gpmf(path: Path) -> Telemetry | None:
 def payloads(path: Path) -> Iterator[tuple[Interval, bytes]]:
     """The payloads of the first GPMF track, with the time each spans since the first picture."""
     with open_container(path) as container:
+        videos = container.streams.video
+        zero = videos[0].start_time * videos[0].time_base if videos and videos[0].start_time else Fraction(0)
+    with open_container(path, WHOLE_TRACKS) as container:
         tracks = [stream for stream in container.streams if stream.type == "data"]
         for stream in container.streams:
             if stream not in tracks:
                 stream.discard = Discard.all  # the pictures are skipped, not read
-        videos = container.streams.video
-        zero = videos[0].start_time * videos[0].time_base if videos and videos[0].start_time else Fraction(0)
         chosen = None
         for packet in _packets(container, tracks):
             data = bytes(packet)

@@ -132,6 +132,11 @@ class Flight:
         return f"constant speed of {self._speed_m_s:g} m/s, any direction"
 
     @property
+    def telemetry_digest(self) -> str | None:
+        """Tells the log from another one; None where there is none."""
+        return None if self._telemetry is None else self._telemetry.digest
+
+    @property
     def gyroscope(self) -> GyroscopeTrack | None:
         """The camera's own gyroscope, where the file holds one."""
         return None if self._telemetry is None else self._telemetry.gyroscope

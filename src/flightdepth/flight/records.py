@@ -5,6 +5,7 @@ Every `stamp_ns` is int nanoseconds since the first picture of the video.
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -167,6 +168,15 @@ class Telemetry:
             )
         if not any(isinstance(sample, VelocitySample) for sample in self.samples):
             raise BadInput(f"telemetry {self.name}", expected="at least one velocity", got="none")
+
+    @property
+    def digest(self) -> str:
+        """Tells this log from another one: the first digits of SHA-256 over all its samples."""
+        told = hashlib.sha256()
+        for sample in self.samples:
+            what = sample.velocity if isinstance(sample, VelocitySample) else sample.world_from_camera
+            told.update(np.int64(sample.stamp_ns).tobytes() + what.tobytes())
+        return told.hexdigest()[:16]
 
     def later_by(self, offset_ns: int) -> Telemetry:
         """The same telemetry with `offset_ns` added to all its times."""

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from flightdepth.errors import BadInput
 from flightdepth.flight.dataflash import looks_like_dataflash, read_dataflash
 from flightdepth.flight.dji_srt import looks_like_dji_srt, read_dji_srt
+from flightdepth.flight.gpmf_telemetry import read_gpmf
 from flightdepth.flight.parrot import looks_like_parrot, read_parrot
 from flightdepth.flight.records import Telemetry
 from flightdepth.flight.ros import looks_like_ros, read_ros
@@ -48,6 +49,8 @@ def read_telemetry(path: Path) -> Telemetry:
     log_format = _format_of(head, path)
     if log_format is not None:
         return log_format.read(path)
+    if head[4:8] == b"ftyp" and (inside := read_gpmf(path)) is not None:
+        return inside  # of another copy of the video, which has lost it
     known = ", ".join(log_format.name for log_format in FORMATS)
     got = _described(head) if head or path.is_dir() else "an empty file"
     raise BadInput(f"telemetry {path}", expected=f"one of {known}", got=got)
@@ -56,10 +59,13 @@ def read_telemetry(path: Path) -> Telemetry:
 def _described(head: bytes) -> str:
     """What a file seems to be that is no log."""
     if head[4:8] == b"ftyp":
-        return "a video; what a GoPro wrote into it is read without --telemetry"
+        return "a video without telemetry inside that is known"
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "a text in UTF-16: save it as UTF-8"
     line = head.split(b"\n", 1)[0].strip().decode("utf-8-sig", "replace")
-    if line.isprintable() and ";" in line:
-        return "a table with semicolons: a CSV log has commas between its columns, and points in its numbers"
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+        if separator in line and line.replace("\t", " ").isprintable():
+            return f"a table with {name}: a CSV log has commas between its columns, and points in its numbers"
     return "something else"
 
 

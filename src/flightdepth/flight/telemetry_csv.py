@@ -29,6 +29,7 @@ from flightdepth.errors import BadInput
 from flightdepth.files import write_atomic
 from flightdepth.flight.order import rising
 from flightdepth.flight.records import (
+    FASTEST_M_S,
     NS_PER_S,
     AttitudeSample,
     Sample,
@@ -160,6 +161,10 @@ def _cells(where: str, header: Sequence[str], row: Sequence[str]) -> dict[str, s
 def _samples(where: str, columns: Columns, cells: dict[str, str]) -> list[Sample]:
     stamp_ns = _stamp(where, columns.time, cells)
     velocity = _numbers(where, cells, VELOCITY[columns.frame])
+    if (speed := float(np.linalg.norm(velocity))) > FASTEST_M_S:
+        raise BadInput(
+            where, expected=f"at most {FASTEST_M_S:g} m/s", got=f"{speed:.0f}", mend="Velocities are in m/s."
+        )
     sigma = _number(where, cells, SIGMA) if columns.sigma and cells[SIGMA].strip() else None
     try:
         samples: list[Sample] = [VelocitySample(stamp_ns, velocity, columns.frame, sigma)]

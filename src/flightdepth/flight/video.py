@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import av
 import numpy as np
 from av.error import FFmpegError
+from av.format import Flags
 from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
@@ -25,11 +26,11 @@ SNIFFED_BYTES = 4096
 LEAST_MISSING_NS = NS_PER_S  # at the end of a file that is read from its middle on
 
 
-def open_container(path: Path) -> Any:
-    """Open a video file with FFmpeg; what cannot be one is refused with the reason."""
+def open_container(path: Path, options: dict[str, str] | None = None) -> Any:
+    """Open a video file with FFmpeg, and options of its reader; what cannot be one is refused with the reason."""
     refuse_non_video(path)
     try:
-        return av.open(str(path))
+        return av.open(str(path), options=options or {})
     except (FFmpegError, OSError, ValueError) as error:
         raise BadInput(f"video {path}", expected=VIDEO_EXPECTED, **_explain(path, error)) from error
 
@@ -83,8 +84,18 @@ class Video:
         if not self._container.streams.video:
             self.close()
             raise BadInput(f"video {path}", expected="a video stream", got="only sound or data")
+        if self._container.format.flags & Flags.no_timestamps.value:
+            self.close()
+            raise BadInput(
+                f"video {path}",
+                expected="pictures with times",
+                got="a raw stream without a container",
+                mend="Tell its rate and give it one: ffmpeg -r 30 -i IN -c copy OUT.mp4",
+            )
         self._stream = self._container.streams.video[0]
         self._stream.thread_type = "AUTO"
+        # AVI has no times: FFmpeg numbers packets as they lie, and the one that brought a picture out tells its place.
+        self._by_packet = self._container.format.name == "avi"
         self._origin = self._find_origin()
         self.duration_ns = self._find_duration_ns()
         self.frame_count_hint = self._guess_frame_count()
@@ -168,14 +179,14 @@ class Video:
 
     def _pictures(self) -> Iterator[_Picture]:
         """Sound pictures with strictly rising times, from the key frame before the start on."""
-        last_ns, damaged = -1, False
+        last_ns, ticks, damaged = -1, None, False
         self._seek()
         whole = self.start_ns == 0
         for picture, after_damage in SoundPictures(self._container, self._stream, self.counts, whole=whole):
             damaged |= after_damage
-            if picture.pts is None:
+            if (ticks := self._ticks(picture, ticks)) is None:
                 self.counts["frames without a time"] += 1
-            elif (stamp_ns := self._nanoseconds(picture.pts - self._origin)) <= last_ns:
+            elif (stamp_ns := self._nanoseconds(ticks - self._origin)) <= last_ns:
                 self.counts["frames not later than the one before"] += 1
             else:
                 yield _Picture(stamp_ns, picture, damaged)
@@ -185,15 +196,27 @@ class Video:
             self.counts["seconds missing at the end of the file"] = round(missing_ns / NS_PER_S)
 
     def _find_origin(self) -> int:
-        """Time of the first picture, ticks; some containers tell it only with the first packet."""
-        if self._stream.start_time is not None:
+        """Time of the first picture, ticks; some containers tell it only with the first packet or picture."""
+        if self._stream.start_time is not None and not self._by_packet:
             return int(self._stream.start_time)
         try:
-            packet = next(self._container.demux(self._stream))
+            first = next(
+                self._container.decode(self._stream)
+                if self._by_packet
+                else self._container.demux(self._stream)
+            )
             self._container.seek(0)
-        except FFmpegError:
+        except (FFmpegError, StopIteration):
             return 0
-        return int(packet.pts or 0)
+        return self._ticks(first) or 0
+
+    def _ticks(self, picture: Any, before: int | None = None) -> int | None:
+        """Time of a picture, ticks; `before` of the one before it."""
+        if not self._by_packet:
+            return picture.pts  # type: ignore[no-any-return]
+        if picture.dts is None and before is not None:
+            return before + 1  # the last ones come out when there are no packets left; a tick is a picture
+        return picture.dts  # type: ignore[no-any-return]
 
     def _seek(self) -> None:
         if self.start_ns == 0:

@@ -17,6 +17,9 @@ COLUMNS = (
 )
 
 
+ONLY_BOUNDS = "no pixel has depth; what is known is farther or nearer than a bound"
+
+
 @dataclass(frozen=True)
 class FrameRow:
     """One frame.
@@ -28,8 +31,8 @@ class FrameRow:
     centroids_m      depths that chose the pairs; NaN where none was known yet
     valid_fraction   share of the pixels with depth, 0..1
     latency_ms       time that the depth took
-    reason           why there is no depth; empty where there is
-    network          which one gave the depth; empty where there is none, and in tables of older versions
+    reason           why no pixel has depth; empty where one has
+    network          which one gave depth or bounds; empty where none did, and in tables of older versions
     """
 
     index: int
@@ -45,15 +48,16 @@ class FrameRow:
     @classmethod
     def of(cls, frame: Frame, result: RangedDepth) -> FrameRow:
         """The row of a frame and its result."""
+        known = np.isfinite(result.depth_m)
         return cls(
             index=frame.index,
             stamp_ns=frame.stamp_ns,
             shifts=tuple(int(shift) for shift in result.shifts),
             displacements_m=tuple(float(length) for length in result.displacements_m),
             centroids_m=tuple(float(depth) for depth in result.centroids_m),
-            valid_fraction=float(np.isfinite(result.depth_m).mean()),
+            valid_fraction=float(known.mean()),
             latency_ms=result.latency_ms,
-            reason=result.reason or "",
+            reason=result.reason or ("" if known.any() else ONLY_BOUNDS),
             network=result.network,
         )
 

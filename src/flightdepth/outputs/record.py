@@ -29,6 +29,7 @@ class Source(BaseModel):
     flight: str = Field(description="name of the video")
     video_bytes: int | None = Field(default=None, description="size of the video's file")
     telemetry: str = Field(description="where the velocity comes from")
+    telemetry_digest: str | None = Field(default=None, description="of its samples: another log has another")
     camera: Camera
     camera_source: str = Field(default="", description="where the camera comes from, and how sure it is")
     clock: ClockOffset | None = Field(

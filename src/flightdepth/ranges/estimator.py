@@ -387,7 +387,7 @@ def _bound(bound_m: Map, at_source: AtSource) -> Map:
     """A bound at the source's size; it is one value over wide areas, and known only where depth is not."""
     if not np.isfinite(bound_m).any():
         return np.full_like(at_source.depth_m, np.nan)
-    return at_source.marks(bound_m)
+    return np.where(np.isfinite(at_source.depth_m), np.float32(np.nan), at_source.marks(bound_m))
 
 
 def undirected(pairs: Sequence[Pair]) -> tuple[Pair, ...]:
