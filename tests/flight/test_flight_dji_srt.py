@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 
@@ -33,6 +35,22 @@ def test_a_constant_velocity_comes_back_from_each_layout(tmp_path, layout):
     assert np.abs(np.median(found, axis=0) - VELOCITY).max() < 0.05
     assert np.abs(found - VELOCITY)[2:-2].max() < 0.3
     assert telemetry.counts == {}
+
+
+@pytest.mark.parametrize(
+    ("focal_len", "degrees"), [("24.00", 71.6), ("240", 71.6), ("162.00", 12.2), ("24", 71.6), ("1620", 12.2)]
+)
+def test_a_focal_length_in_tenths_has_no_decimals(tmp_path, focal_len, degrees):
+    text = cues(VELOCITY, mavic_3, seconds=3, rate=30, fixes_per_s=5).replace("24.00", focal_len)
+    assert read(tmp_path, text).view.horizontal_deg == pytest.approx(degrees, abs=0.1)
+
+
+def test_a_first_fix_that_is_stale_changes_no_scale(tmp_path):
+    """Metres per degree of longitude follow from the latitude."""
+    text = cues(VELOCITY, mavic_3, seconds=20, rate=30, fixes_per_s=5)
+    first = re.search(r"latitude: *([-0-9.]+)", text)[1]
+    found = velocity_table(read(tmp_path, text.replace(first, "10.000000", 1)))
+    assert np.abs(np.median(found, axis=0) - VELOCITY).max() < 0.05
 
 
 def test_times_are_those_of_the_cues_at_which_the_position_changed(tmp_path):

@@ -24,7 +24,7 @@ def test_a_level_gimbal_that_looks_north():
     assert axes(camera_attitude(GimbalAttitude((1, 0, 0, 0), NORTH), None)) == pytest.approx(NED_FROM_CAMERA)
 
 
-@pytest.mark.parametrize("yaw", [-3.0, -0.4, 0.0, 1.2])
+@pytest.mark.parametrize("yaw", [-3.0, -0.4, 1.2])
 def test_yaw_from_the_vehicle_is_yaw_from_north_turned_by_the_heading(yaw):
     for roll, pitch in ((0, 0), (0.1, -0.7)):
         relative = quaternion_from_rotation(rotation_from_euler(roll, pitch, 0.3))
@@ -34,6 +34,15 @@ def test_yaw_from_the_vehicle_is_yaw_from_north_turned_by_the_heading(yaw):
         c = axes(camera_attitude(GimbalAttitude(absolute, NORTH), None))
         np.testing.assert_allclose(a, c, atol=1e-12)
         np.testing.assert_allclose(b, c, atol=1e-12)
+
+
+def test_a_heading_of_exactly_0_was_not_told():
+    """Who does not know the field leaves it so."""
+    gimbal = GimbalAttitude((1, 0, 0, 0), VEHICLE, 0.0)
+    assert camera_attitude(gimbal, None) is None
+    np.testing.assert_array_equal(
+        camera_attitude(gimbal, 1.2), camera_attitude(gimbal._replace(delta_yaw_rad=math.nan), 1.2)
+    )
 
 
 def test_no_heading_no_attitude():

@@ -57,6 +57,14 @@ def test_an_attitude_with_the_velocitys_stamp_comes_before_the_frame():
     assert order(merged(iter([frame(1)]), samples)) == [("V", 3), ("A", 3), ("F", 1)]
 
 
+def test_each_frame_follows_the_first_attitude_after_it_that_is_no_gap_away():
+    level, far = [1, 0, 0, 0], round((MAX_GAP_S + 1) * 1e9)
+    samples = (AttitudeSample(1, level), velocity(3), AttitudeSample(5, level), velocity(8))
+    samples += (velocity(11), AttitudeSample(far, level))
+    found = merged(iter([frame(2), frame(10)]), samples)
+    assert order(found) == [("A", 1), ("V", 3), ("A", 5), ("F", 2), ("V", 8), ("V", 11), ("F", 10)]
+
+
 def test_frames_after_the_last_velocity_still_come():
     assert order(merged(iter([frame(1), frame(9)]), (velocity(3),))) == [("V", 3), ("F", 1), ("F", 9)]
 

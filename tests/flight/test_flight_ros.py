@@ -71,6 +71,24 @@ def test_a_twist_in_a_map_is_enu(tmp_path, frame):
     assert np.allclose(samples(path)[0].velocity, (1, 4, 2))
 
 
+def test_mavros_names_the_body_over_a_velocity_of_the_map(tmp_path):
+    path = recorded(
+        tmp_path,
+        ("/mavros/local_position/pose", MADE.pose_stamped(0.0, YAW_90)),
+        ("/mavros/local_position/velocity_local", MADE.twist_stamped(0.05, (5, 0, 1), "base_link")),
+    )
+    assert np.allclose(samples(path)[0].velocity, (0, 5, -1))
+
+
+def test_mavros_global_odometry_is_taken_last_and_not_turned(tmp_path):
+    """It is east, north, down in the map, though it says base_link."""
+    topic = "/mavros/global_position/local"
+    alone = [(topic, MADE.odometry(index / 20, (5, 0, -1), YAW_90)) for index in range(4)]
+    assert np.allclose(samples(recorded(tmp_path, *alone))[0].velocity, (0, 5, -1))
+    local = ("/mavros/local_position/odom", MADE.odometry(0.2, (1, 0, 0), YAW_90))
+    assert "of /mavros/local_position/odom" in read_ros(recorded(tmp_path, *alone, local)).name
+
+
 def test_a_twist_of_the_body_is_turned_by_the_pose_of_that_time(tmp_path):
     path = recorded(
         tmp_path,

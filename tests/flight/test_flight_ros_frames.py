@@ -79,6 +79,13 @@ def test_telemetry_and_pictures_share_a_clock(tmp_path):
     assert [frame.stamp_ns for frame in ros_frames(path)] == [0]
 
 
+def test_a_second_camera_is_on_the_same_clock(tmp_path):
+    pictures = [("/most", MADE.image(0.3 + i / 10, RED, "rgb8")) for i in range(3)]
+    later = ("/later", MADE.image(0.7, RED, "rgb8"))
+    [frame] = ros_frames(recorded(tmp_path, *pictures, later), "/later")
+    assert frame.stamp_ns == 400_000_000
+
+
 def test_damaged_pictures_are_counted(tmp_path):
     kind, short = MADE.image(0.05, RED, "rgb8")
     short.height = 2**31

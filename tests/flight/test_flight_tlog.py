@@ -172,6 +172,7 @@ HALF_TURN_EAST = (math.cos(math.pi / 4), 0, 0, math.sin(math.pi / 4))
         (0, math.pi, (0, 1, 0)),  # an old gimbal's delta_yaw is void
         (16, math.nan, (1, 0, 0)),  # yaw lock: from north
         (32, math.nan, (0, 1, 0)),
+        (32, 0.0, (0, 1, 0)),  # not told: PX4 leaves it so
         (32, math.pi, (-1, 0, 0)),  # the gimbal knows the heading better
         (32 | 16, -math.pi / 2, (0, -1, 0)),  # the frame's flag stands above the lock
         (64, math.pi, (1, 0, 0)),
@@ -192,6 +193,22 @@ def test_what_a_gimbals_yaw_counts_from(tmp_path, flags, delta_yaw, looks):
     cameras = [s for s in read(tmp_path, *parts).samples if isinstance(s, AttitudeSample)]
     assert [c.stamp_ns for c in cameras] == [i * 100_000_000 for i in range(5)]
     np.testing.assert_allclose([forward(c) for c in cameras], [looks] * 5, atol=1e-6)
+
+
+def test_of_two_gimbals_behind_one_autopilot_the_first_carries_the_camera(tmp_path):
+    parts, down = [], (math.cos(math.pi / 4), 0, -math.sin(math.pi / 4), 0)
+    for i in range(5):
+        now = RECEIVED_US + i * 100_000
+        parts.append(tlog_part(now, ned_message(5000 + i * 100, velocity(i))))
+        for device, looks in ((1, (1, 0, 0, 0)), (2, down)):
+            message = mavlink.MAVLink_gimbal_device_attitude_status_message(
+                0, 0, 5000 + i * 100 + device, 64, looks, 0, 0, 0, 0, 0, 0, device
+            )
+            parts.append(tlog_part(now, message))
+    telemetry = read(tmp_path, *parts)
+    cameras = [s for s in telemetry.samples if isinstance(s, AttitudeSample)]
+    np.testing.assert_allclose([forward(c) for c in cameras], [(1, 0, 0)] * 5, atol=1e-6)
+    assert telemetry.counts == {"attitudes of other gimbals": 5}
 
 
 def test_a_gimbal_without_any_heading_is_counted(tmp_path):

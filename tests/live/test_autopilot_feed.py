@@ -40,9 +40,9 @@ class Vehicle:
     def attitude(self, at_s, q=LEVEL):
         self.send(mavlink.MAVLink_attitude_quaternion_message(self.boot_ms(at_s), *q, 0, 0, 0), at_s)
 
-    def gimbal(self, at_s, q=LEVEL, flags=64):
+    def gimbal(self, at_s, q=LEVEL, flags=64, device=0):
         message = mavlink.MAVLink_gimbal_device_attitude_status_message(
-            0, 0, self.boot_ms(at_s), flags, q, 0, 0, 0, 0
+            0, 0, self.boot_ms(at_s), flags, q, 0, 0, 0, 0, gimbal_device_id=device
         )
         assert message.get_type() == GIMBAL
         self.send(message, at_s)
@@ -133,7 +133,8 @@ def test_a_gimbal_tells_the_camera_on_its_own_clock(vehicle, feed, store):
 def test_a_second_gimbal_does_not_mix_in(vehicle, feed):
     Vehicle(feed, component=154).gimbal(100)
     Vehicle(feed, component=171).gimbal(100.1)
-    assert feed.counts["attitudes of other gimbals"] == 1
+    Vehicle(feed, component=154).gimbal(100.2, device=2)
+    assert feed.counts["attitudes of other gimbals"] == 2
 
 
 def test_a_fixed_camera_follows_the_body(heard):

@@ -145,7 +145,7 @@ def _cue(mark: re.Match[str], body: str) -> Cue:
         fields.setdefault(field[1].lower().replace("longt", "long"), _number(field[2]))
     gps = GPS.search(body)
     inside = gps[1] if gps else ""
-    hfov_deg = _hfov_deg({name.lower(): _number(value) for name, value in ZOOM.findall(body)})
+    hfov_deg = _hfov_deg({name.lower(): value for name, value in ZOOM.findall(body)})
     return Cue(stamp_ns, fields, _pair(inside), "m" in inside.lower(), _gimbal(fields, body), hfov_deg)
 
 
@@ -167,10 +167,10 @@ def _gimbal(fields: dict[str, float], body: str) -> tuple[float, float, float] |
     return (_number(match[3]), _number(match[1]), _number(match[2])) if match else None
 
 
-def _hfov_deg(told: dict[str, float]) -> float | None:
-    """Field of view of the whole sensor's width: focal_len is mm or tenths of mm, dzoom_ratio 1 or 10000."""
-    focal_mm, zoom = told.get("focal_len", 0.0), told.get("dzoom_ratio", 1.0)
-    focal_mm *= 0.1 if focal_mm >= 100 else 1
+def _hfov_deg(told: dict[str, str]) -> float | None:
+    """Field of view of the sensor's width: focal_len is mm, or tenths without decimals, dzoom_ratio 1 or 10000."""
+    focal_mm, zoom = _number(told.get("focal_len", "0")), _number(told.get("dzoom_ratio", "1"))
+    focal_mm *= 0.1 if focal_mm >= 100 and told["focal_len"].isdigit() else 1
     focal_mm *= zoom / 10_000 if zoom >= 1000 else zoom
     return fov_of_equivalent_deg(focal_mm) if 5 < focal_mm < 2000 else None
 

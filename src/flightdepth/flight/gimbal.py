@@ -37,12 +37,15 @@ class GimbalAttitude(NamedTuple):
 
     quaternion     (w, x, y, z): roll and pitch against the horizon; yaw against north or the body's heading
     flags          bits of GimbalFlags
-    delta_yaw_rad  the body's heading, if it is known: q_earth = q_delta_yaw * q_vehicle
+    delta_yaw_rad  the body's heading, if it is known: q_earth = q_delta_yaw * q_vehicle. 0 is not: a sender that does
+                   not know the field leaves it so (PX4's and others)
+    device         number of the gimbal behind a component that reports several
     """
 
     quaternion: Sequence[float]
     flags: int
     delta_yaw_rad: float = math.nan
+    device: int = 0
 
 
 def camera_attitude(gimbal: GimbalAttitude, heading_rad: float | None) -> Vector | None:
@@ -55,7 +58,7 @@ def camera_attitude(gimbal: GimbalAttitude, heading_rad: float | None) -> Vector
     explicit = flags & (GimbalFlags.YAW_IN_VEHICLE_FRAME | GimbalFlags.YAW_IN_EARTH_FRAME)
     from_north = GimbalFlags.YAW_IN_EARTH_FRAME if explicit else GimbalFlags.YAW_LOCK
     if not flags & from_north:
-        told = bool(explicit) and math.isfinite(gimbal.delta_yaw_rad)
+        told = bool(explicit) and math.isfinite(gimbal.delta_yaw_rad) and gimbal.delta_yaw_rad != 0
         yaw_rad = gimbal.delta_yaw_rad if told else heading_rad
         if yaw_rad is None:
             return None

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -54,9 +55,10 @@ LOG_SUFFIXES = frozenset(
 class Flight:
     """Frames, velocities and attitudes of one flight in time order; iterate once, inside `with`.
 
-    Order rule: before each frame come all samples up to the first velocity at or after the frame's stamp,
-    if there is one, so that whoever integrates the velocity knows it on both sides of the frame. A sample may
-    thus be ahead of the next frame, by one velocity's spacing at most. Later samples are left out.
+    Order rule: before each frame come all samples up to the first velocity and, where it is no gap away, the first
+    attitude at or after the frame's stamp, if there is one, so that whoever integrates or interpolates knows it on
+    both sides of the frame. A sample may thus be ahead of the next frame, by one spacing at most. Later samples are
+    left out.
     """
 
     def __init__(
@@ -338,19 +340,24 @@ def mounted(log: Telemetry | None, pitch_deg: float | None) -> Telemetry | None:
 
 def merged(frames: Iterator[Frame], samples: tuple[Sample, ...]) -> Iterator[Frame | Sample]:
     """Frames and samples by the order rule of `Flight`."""
-    given, ahead_ns = 0, None
+    given, end_ns = 0, samples[-1].stamp_ns
+    velocities = [sample.stamp_ns for sample in samples if isinstance(sample, VelocitySample)]
+    attitudes = [sample.stamp_ns for sample in samples if isinstance(sample, AttitudeSample)]
     for frame in frames:
-        while given < len(samples) and (ahead_ns is None or ahead_ns < frame.stamp_ns):
-            sample = samples[given]
-            if isinstance(sample, VelocitySample):
-                ahead_ns = sample.stamp_ns
-            yield sample
-            given += 1
-        # An attitude may share the stamp of the velocity before it.
-        while given < len(samples) and ahead_ns is not None and samples[given].stamp_ns <= ahead_ns:
+        until_ns = _next(velocities, frame.stamp_ns, end_ns)
+        turned_ns = _next(attitudes, frame.stamp_ns, until_ns)
+        if turned_ns - frame.stamp_ns <= GAP_S * NS_PER_S:
+            until_ns = max(until_ns, turned_ns)
+        while given < len(samples) and samples[given].stamp_ns <= until_ns:
             yield samples[given]
             given += 1
         yield frame
+
+
+def _next(stamps_ns: Sequence[int], stamp_ns: int, otherwise_ns: int) -> int:
+    """The first of rising stamps at or after a time."""
+    index = bisect_left(stamps_ns, stamp_ns)
+    return stamps_ns[index] if index < len(stamps_ns) else otherwise_ns
 
 
 def with_speed(frames: Iterator[Frame], speed_m_s: float) -> Iterator[Frame | Sample]:

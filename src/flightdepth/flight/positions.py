@@ -48,12 +48,14 @@ def local_ned(latitude_deg: Vector, longitude_deg: Vector, height_m: Vector) -> 
     """Metres north, east, down [n, 3] of the first position, for flights of some 10 km.
 
     North = M d(latitude), east = N cos(latitude) d(longitude), with the radii of curvature of WGS 84 at the
-    first position: M = a (1 - e^2) / (1 - e^2 sin^2)^1.5 and N = a / (1 - e^2 sin^2)^0.5.
+    median latitude, since the first may be wrong: M = a (1 - e^2) / (1 - e^2 sin^2)^1.5 and
+    N = a / (1 - e^2 sin^2)^0.5.
     """
     latitude, longitude = np.deg2rad(latitude_deg), np.deg2rad(longitude_deg)
-    flattened = 1 - EARTH_ECCENTRICITY_SQUARED * np.sin(latitude[0]) ** 2
+    middle = np.median(latitude)
+    flattened = 1 - EARTH_ECCENTRICITY_SQUARED * np.sin(middle) ** 2
     meridian_m = EARTH_RADIUS_M * (1 - EARTH_ECCENTRICITY_SQUARED) / flattened**1.5
-    parallel_m = EARTH_RADIUS_M / np.sqrt(flattened) * np.cos(latitude[0])
+    parallel_m = EARTH_RADIUS_M / np.sqrt(flattened) * np.cos(middle)
     east_rad = (longitude - longitude[0] + np.pi) % (2 * np.pi) - np.pi  # across the date line too
     return np.stack([meridian_m * (latitude - latitude[0]), parallel_m * east_rad, -height_m], axis=1)
 

@@ -35,6 +35,7 @@ from flightdepth.flight.ros_messages import (
     FRD_FROM_FLU,
     IMAGE_KINDS,
     IMU,
+    MAVROS_GLOBAL,
     ORIENTATION_KINDS,
     VELOCITY_KINDS,
     Orientation,
@@ -144,7 +145,12 @@ def _take(message: RosMessage, topic: Topic, counts: Counter[str]) -> None:
 def _choose(path: Path, topics: Sequence[Topic], kinds: dict[str, str], name: str | None) -> Topic:
     fit = [known for known in topics if known.twists and name in (None, known.name)]
     if fit:
-        return min(fit, key=lambda known: (VELOCITY_KINDS.index(known.kind), -len(known.twists), known.name))
+
+        def rank(known: Topic) -> tuple[bool, int, int, str]:
+            last = known.name.endswith(MAVROS_GLOBAL)
+            return last, VELOCITY_KINDS.index(known.kind), -len(known.twists), known.name
+
+        return min(fit, key=rank)
     listed = ", ".join(f"{known} ({kind})" if kind else known for known, kind in sorted(kinds.items()))
     expected = f"a velocity in {name}" if name else f"a topic with a velocity ({', '.join(VELOCITY_KINDS)})"
     raise BadInput(f"telemetry {path}", expected=expected, got=(listed or "no message")[:1000])

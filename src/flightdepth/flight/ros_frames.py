@@ -48,28 +48,29 @@ def image_topics(path: Path) -> dict[str, int]:
 
 
 def ros_frames(path: Path, topic: str | None = None, counts: Counter[str] | None = None) -> Iterator[Frame]:
-    """The pictures of `topic` (default: the topic with most), times in ns since the first of them.
+    """The pictures of `topic` (default: the topic with most), times in ns since the first of the topic with most.
 
     What is left out is added to `counts`: damaged pictures, those of unknown encodings, times that do not rise.
     """
     counts = Counter() if counts is None else counts
     known = image_topics(path)
-    chosen = topic or next(iter(known), None)
+    most = next(iter(known), None)
+    chosen = topic or most
     if chosen not in known:
         got = ", ".join(known) or "no pictures"
         raise BadInput(f"recording {path}", expected=f"pictures{f' in {topic}' if topic else ''}", got=got)
-    return _frames(path, chosen, counts)
+    zero_ns = next((each.stamp_ns for each in _frames(path, most, Counter(), 0)), 0)
+    return _frames(path, chosen, counts, zero_ns)
 
 
-def _frames(path: Path, topic: str | None, counts: Counter[str]) -> Iterator[Frame]:
-    index, zero_ns, last_ns = 0, None, None
+def _frames(path: Path, topic: str | None, counts: Counter[str], zero_ns: int) -> Iterator[Frame]:
+    index, last_ns = 0, None
     for message in ros_messages(path, lambda kind: kind in IMAGE_KINDS, counts):
         if message.topic != topic:
             continue
         try:
             content = decoded(message)
             stamp_ns = stamp_of(content.header, message.log_ns)
-            zero_ns = stamp_ns if zero_ns is None else zero_ns
             image = picture(message, content)
         except DamagedError:
             counts["damaged pictures"] += 1

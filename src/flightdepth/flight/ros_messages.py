@@ -39,6 +39,10 @@ IMAGE_KINDS = (IMAGE, COMPRESSED_IMAGE)
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
 FLU_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 MAP_NAMES = ("map", "odom", "world", "earth", "enu", "ned", "local_origin")
+# MAVROS turns these two to the map, and names the body over them. The second has the vertical velocity downward (its
+# versions before the middle of 2026; upward since, which no message tells).
+MAVROS_LOCAL, MAVROS_GLOBAL, MAP = "/velocity_local", "/global_position/local", "map"
+NED_FROM_END = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 BODY_NAMES = ("base", "body", "fcu", "imu", "vehicle", "drone", "uav", "frd", "flu")
 
 
@@ -110,7 +114,7 @@ def twist_of(message: RosMessage, content: Any) -> Twist | None:
         return _odometry_twist(message, content)
     inner = content.twist.twist if message.kind == TWIST_WITH_COVARIANCE else content.twist
     covariance = content.twist.covariance if message.kind == TWIST_WITH_COVARIANCE else None
-    name = content.header.frame_id
+    name = MAP if message.topic.endswith(MAVROS_LOCAL) else content.header.frame_id
     axes = axes_of(name)
     turn = {"world": ned_from_map(name), "body": flu_from_body(name), "camera": np.eye(3)}.get(axes)
     if turn is None:
@@ -120,6 +124,9 @@ def twist_of(message: RosMessage, content: Any) -> Twist | None:
 
 def _odometry_twist(message: RosMessage, content: Any) -> Twist:
     frame, child = content.header.frame_id, content.child_frame_id
+    if message.topic.endswith(MAVROS_GLOBAL):
+        velocity = NED_FROM_END @ speed_of(content.twist.twist.linear)
+        return _twist(message, content, velocity, "world", content.twist.covariance)
     ned_from_twist = ned_from_map(frame)
     if child and child != frame:
         ned_from_twist = ned_from_twist @ rotation_of(content.pose.pose.orientation)

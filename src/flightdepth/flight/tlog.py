@@ -33,6 +33,7 @@ MAVLINK_1 = 0xFE
 SIGNED = 1  # bit of MAVLink 2's incompatibility flags; a signature makes the message longer
 HEARTBEAT = "HEARTBEAT"
 NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: the sender of this heartbeat flies nothing
+OTHER_GIMBALS = "attitudes of other gimbals"
 # MAV_FRAME of ODOMETRY's pose and velocity.
 LOCAL_NED, BODY_NED, BODY_FRD = 1, 8, 12
 # Time in `time_usec` beyond a year is since 1970, so on a clock that other messages do not share.
@@ -97,11 +98,16 @@ def telemetry_of(name: str, source: Source, found: Found, counts: Counter[str]) 
     wanted = {(velocity, Velocity), (attitude, BodyAttitude)}
     own = [record for kind, record in found[source] if (kind, type(record.value)) in wanted]
     records = placed_boots(own, counts)
-    for device in sorted(found):
-        gimbals = [record for kind, record in found[device] if kind == GIMBAL]
-        if device.system == source.system and gimbals:
-            records += placed_boots(gimbals, counts)
-            break  # the first gimbal carries the camera
+    for sender in sorted(found):
+        gimbals: dict[int, list[Record]] = defaultdict(list)
+        for _, record in found[sender]:
+            if isinstance(record.value, GimbalAttitude):
+                gimbals[record.value.device].append(record)
+        if sender.system == source.system and gimbals:
+            first, *others = gimbals.values()  # the first one carries the camera
+            counts[OTHER_GIMBALS] += sum(map(len, others))
+            records += placed_boots(first, counts)
+            break
     return autopilot_telemetry(f"tlog {name}, {velocity} of vehicle {source.system}", records, counts)
 
 
@@ -214,7 +220,7 @@ def attitude(message: Message, counts: Counter[str]) -> Iterator[tuple[int, Body
 
 def gimbal(message: Message, counts: Counter[str]) -> Iterator[tuple[int, GimbalAttitude]]:
     """GIMBAL_DEVICE_ATTITUDE_STATUS, as it stands."""
-    value = GimbalAttitude(message.q, message.flags, message.delta_yaw)
+    value = GimbalAttitude(message.q, message.flags, message.delta_yaw, message.gimbal_device_id)
     yield message.time_boot_ms * 10**6, value
 
 

@@ -14,7 +14,16 @@ from typing import Any
 
 from flightdepth.flight.autopilot import REBOOT_GAP_NS, SHORTEST_RUN, STEP_NS, Gate, Velocity
 from flightdepth.flight.records import NS_PER_S, BodyAttitudeSample, Sample, VelocitySample
-from flightdepth.flight.tlog import ATTITUDES, GIMBAL, HEARTBEAT, KINDS, NO_AUTOPILOT, VELOCITIES, Source
+from flightdepth.flight.tlog import (
+    ATTITUDES,
+    GIMBAL,
+    HEARTBEAT,
+    KINDS,
+    NO_AUTOPILOT,
+    OTHER_GIMBALS,
+    VELOCITIES,
+    Source,
+)
 from flightdepth.live.clock import RemoteClock
 from flightdepth.live.motion_store import MotionStore
 
@@ -46,7 +55,7 @@ class AutopilotFeed:
         self.counts: Counter[str] = Counter()
         self._store, self._listener = store, listener
         self._gate = Gate(self.counts)
-        self._gimbal: Source | None = None
+        self._gimbal: tuple[Source, int] | None = None
         self._gimbal_clock = RemoteClock()
         self._seen: dict[str, int] = {}
         self._offset_ns: int | None = None  # a copy of the clock's, for other threads
@@ -96,9 +105,10 @@ class AutopilotFeed:
 
     def _take_gimbal(self, message: Message, source: Source, now_ns: int) -> None:
         """A gimbal has a clock of its own; the first one that reports carries the camera."""
-        self._gimbal = source if self._gimbal is None else self._gimbal
-        if source != self._gimbal:
-            self.counts["attitudes of other gimbals"] += 1
+        gimbal = source, message.gimbal_device_id
+        self._gimbal = gimbal if self._gimbal is None else self._gimbal
+        if gimbal != self._gimbal:
+            self.counts[OTHER_GIMBALS] += 1
             return
         for boot_ns, value in KINDS[GIMBAL](message, self.counts):
             self._gimbal_clock.arrived(boot_ns, now_ns)
