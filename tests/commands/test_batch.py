@@ -9,7 +9,7 @@ import pytest
 from command_flights import FRAMES, make_video
 
 from flightdepth.cli import main
-from flightdepth.commands.batch import Job, here
+from flightdepth.commands.batch import Job, here, jobs_of
 from flightdepth.errors import FlightDepthError
 from flightdepth.outputs import FlightFolder
 
@@ -45,6 +45,11 @@ def test_a_finished_flight_is_skipped_and_said_to_be(run, work):
     assert "one.mp4: finished before, skipped" in stdout
     assert "2 flights: 2 finished before" in stdout
     assert written(work, "one") == before
+
+
+def test_no_two_flights_share_a_folder():
+    jobs = jobs_of([Path("1/a.mp4"), Path("a-2.mp4"), Path("2/a.mp4"), Path("3/a.mp4")], Path("out"))
+    assert [job.target.name for job in jobs] == ["a", "a-2", "a-3", "a-4"]
 
 
 def test_an_unfinished_flight_is_done(run, work):

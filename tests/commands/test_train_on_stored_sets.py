@@ -72,6 +72,11 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(monkeypatch):
     assert ends[0] == ends[1]
 
 
+def test_photos_beside_a_set_would_dress_nothing(capsys):
+    assert cli.main([*TRAIN, "--textures", "photos"]) == 2
+    assert "--set: expected no --textures beside it" in capsys.readouterr().err
+
+
 def test_another_set_is_another_run(capsys):
     cli.main([*TRAIN])
     cli.main(["render", "64", "--scenes", "10", "--seed", "2", "--procedural", "2", "--out", "other"])

@@ -14,6 +14,7 @@ import pytest
 import torch
 
 from flightdepth import cli
+from flightdepth.commands.signals import stop_request
 from flightdepth.scenes.config import SET_VERSION
 from flightdepth.stillbox import PairStream
 from flightdepth.training import Recipe, loop
@@ -86,7 +87,9 @@ def test_samples_scale_the_recipe():
     assert read_progress("runs/small/checkpoint.safetensors").seen == 24
 
 
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "sigterm"])
+@pytest.mark.parametrize(
+    "sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=["ctrl-c", "sigterm", "sighup"]
+)
 def test_a_signal_saves_and_resume_ends_as_if_nothing_had_been(sent, monkeypatch, capsys):
     assert cli.main([*TRAIN, "--runs", "whole"]) == 0
     step, pressed = loop.Learner.step, []
@@ -104,6 +107,17 @@ def test_a_signal_saves_and_resume_ends_as_if_nothing_had_been(sent, monkeypatch
     assert cli.main([*TRAIN, "--resume"]) == 0
     ends = [Path(runs, "small", "checkpoint.safetensors").read_bytes() for runs in ("whole", "runs")]
     assert ends[0] == ends[1]
+
+
+def test_a_lost_terminal_that_is_ignored_stays_ignored(monkeypatch):
+    """As `nohup` has it."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with stop_request() as stop:
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert not stop.is_set()
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_ctrl_c_is_ctrl_c_again_after_training():

@@ -97,6 +97,17 @@ def test_a_picture_becomes_a_result():
     assert status.age_from == "sender"
 
 
+def test_a_line_that_nobody_can_read_ends_nothing():
+    def refuse(text):
+        raise OSError("no space left on device")
+
+    run = engine(say=refuse)
+    run.on_link_error("no route to host")
+    run.on_reboot(1)
+    run.run(threading.Event())
+    assert run.status().frames.used == 1
+
+
 def test_the_state_asks_what_the_sinks_lack():
     run = engine()
     asked = []

@@ -71,6 +71,15 @@ def test_a_camera_comes_back_from_its_info(conversion, camera):
     assert back == camera
 
 
+def test_a_region_of_interest_that_is_the_whole_picture_is_none(conversion):
+    info = info_message(conversion.info_fields(Camera(64, 48, 50, 50, 31.5, 23.5)))
+    info.roi.width, info.roi.height = 64, 48
+    assert conversion.camera_of(info).width == 64
+    info.roi.width = 32
+    with pytest.raises(BadInput, match="region of interest"):
+        conversion.camera_of(info)
+
+
 @pytest.mark.parametrize(("name", "value"), [("binning_x", 2), ("distortion_model", "thin_prism")])
 def test_what_is_not_the_whole_picture_is_refused(conversion, name, value):
     fields = conversion.info_fields(Camera(64, 48, 50, 50, 31.5, 23.5)) | {name: value}

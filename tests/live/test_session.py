@@ -96,6 +96,12 @@ def test_a_stream_has_no_log_of_its_own(session):
         played_log(stream, video_address(stream.video))
 
 
+def test_a_log_is_not_played_beside_a_stream(session):
+    stream = replace(session.settings, mavlink=None, telemetry=LOG)
+    with pytest.raises(BadInput, match="--telemetry: expected a video file beside it"):
+        played_log(stream, video_address(stream.video))
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

@@ -27,6 +27,16 @@ def opened(stored, *, picture=WHOLE, config=SOURCE.scenes.config, threads=2, see
     )
 
 
+def test_a_set_whose_camera_turns_is_not_one_of_steady_flights(tmp_path):
+    turning = small_source(orientation_noise_rad=0.3)
+    render_small(tmp_path / "turning", source=turning)
+    stored = open_stored_set(tmp_path / "turning")
+    with pytest.raises(BadInput, match="expected a camera that does not turn"):
+        opened(stored)
+    with opened(stored, config=turning.scenes.config) as stream:
+        assert len(stream.stored) == 7
+
+
 def same(one, other):
     arrays = ("pairs", "target_m", "displacement")
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in arrays)

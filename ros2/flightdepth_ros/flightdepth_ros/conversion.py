@@ -48,7 +48,8 @@ def camera_of(info: Any) -> Camera:
     """The camera of a sensor_msgs/CameraInfo, of the raw picture; binning and a region of interest are refused."""
     if info.distortion_model not in MODELS:
         raise BadInput("camera info", expected=f"a model of {list(MODELS)}", got=repr(info.distortion_model))
-    if max(info.binning_x, info.binning_y) > 1 or info.roi.width or info.roi.height:
+    roi = (info.roi.x_offset, info.roi.y_offset, info.roi.width, info.roi.height)
+    if max(info.binning_x, info.binning_y) > 1 or roi not in {(0, 0, 0, 0), (0, 0, info.width, info.height)}:
         raise BadInput("camera info", expected="the whole picture", got="binning or a region of interest")
     fx, _, cx, _, fy, cy = (float(value) for value in info.k[:6])
     distortion = tuple(float(value) for value in info.d) if any(info.d) else ()

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import chain, count
 from pathlib import Path
 
 from flightdepth.commands.terminal import report, say
@@ -48,13 +49,12 @@ Attempt = Outcome | FlightDepthError
 
 def jobs_of(flights: Sequence[Path], out: Path) -> list[Job]:
     """A folder in `out` for each flight, named after it; the second of a name gets -2, and so on."""
-    seen: Counter[str] = Counter()
-    jobs = []
+    jobs: dict[str, Job] = {}
     for flight in flights:
-        seen[flight.stem] += 1
-        number = seen[flight.stem]
-        jobs.append(Job(flight, out / (flight.stem if number == 1 else f"{flight.stem}-{number}")))
-    return jobs
+        numbered = (f"{flight.stem}-{number}" for number in count(2))
+        name = next(name for name in chain([flight.stem], numbered) if name not in jobs)
+        jobs[name] = Job(flight, out / name)
+    return list(jobs.values())
 
 
 def run_jobs(jobs: Sequence[Job], run: Run, engine: Engine, address: str | None) -> int:

@@ -85,7 +85,8 @@ def evaluate_network_command(
     opened = load_network(network, "openvino", precision="f32")
     own = None if textures is None else textures_from_folder(textures)
     if outdoor and (own is not None or fov != 90):
-        raise BadInput("--outdoor", expected="no --textures and no --fov beside it", got="both")
+        got = f"--fov {fov:g}" if own is None else "--textures"
+        raise BadInput("--outdoor", expected="neither --textures nor --fov beside it", got=got)
     pairs = (
         outdoor_set(opened.card, scenes=scenes)
         if outdoor

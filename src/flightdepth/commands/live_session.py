@@ -179,6 +179,13 @@ def played_log(settings: LiveSettings, address: VideoAddress) -> Telemetry | Non
     if settings.mavlink is not None:
         return None
     if settings.telemetry is not None:
+        if not address.paced:
+            raise BadInput(
+                "--telemetry",
+                expected="a video file beside it",
+                got=address.name,
+                mend="A stream's velocity comes by --mavlink.",
+            )
         log = read_telemetry(settings.telemetry)
     elif address.paced:
         log, _ = own_telemetry(Path(address.target), mend="Give --telemetry LOG or --mavlink LINK.")

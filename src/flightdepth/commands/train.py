@@ -89,6 +89,10 @@ def train(
             refuse_to_overwrite(folder, resume=resume)
         start = read_network(wanted.name) if shipped else None
         introduce(wanted, folder, shipped=shipped)
+        if sets and textures is not None:
+            raise BadInput(
+                "--set", expected="no --textures beside it", got=f"{textures}: its scenes are dressed"
+            )
         stored = opened_sets(sets or [], wanted)
         dressed = Textures.from_images([]) if stored else gathered_textures(textures, procedural)
         run(wanted, dressed, folder, resume=resume, shipped=start, sets=stored)

@@ -10,6 +10,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol
@@ -68,7 +69,7 @@ class LiveEngine:
     def __init__(
         self, parts: Parts, *, say: Callable[[str], None] = lambda text: None, limits: Limits | None = None
     ) -> None:
-        self._stage, self._store, self._parts, self._say = parts.stage, parts.store, parts, say
+        self._stage, self._store, self._parts, self._tell = parts.stage, parts.store, parts, say
         self._lock = threading.Lock()
         self._start_ns = time.monotonic_ns()
         self._monitor = HealthMonitor(self._start_ns, limits)
@@ -143,6 +144,11 @@ class LiveEngine:
                 telemetry_dropped=self._parts.telemetry_dropped(),
                 lens=lens,
             )
+
+    def _say(self, text: str) -> None:
+        """Nobody may listen, as when the terminal is gone or a log's disk is full: no reason to stop."""
+        with suppress(OSError, SystemExit):
+            self._tell(text)
 
     def on_velocity(self, now_ns: int) -> None:
         """A velocity came; called on the telemetry's thread."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 from contextlib import ExitStack
 from pathlib import Path
+from threading import Lock
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import Frame
@@ -12,6 +14,9 @@ from flightdepth.outputs.preview import Preview
 from flightdepth.outputs.record import Source
 from flightdepth.outputs.writer import FlightWriter, check_target
 from flightdepth.weights.card import NetworkCard
+
+LEAST_FREE_BYTES = 500 * 10**6  # to finish a recording before nothing fits any more
+NO_ROOM = "all that came when the disk was nearly full"
 
 
 class Recorder:
@@ -27,10 +32,24 @@ class Recorder:
         self._size = (0, 0)
         self._first_ns = 0
         self._count = 0
+        self._over = False
+        self._lock = Lock()  # `close` may come while a slow disk still takes a result
 
     def __call__(self, result: LiveResult) -> None:
-        """Write one result."""
+        """Write one result; none after the end. On a disk that is nearly full the folder is finished."""
+        with self._lock:
+            if not self._over:
+                self._write(result)
+
+    def _write(self, result: LiveResult) -> None:
         writer = self._writer or self._begin(result)
+        free = shutil.disk_usage(self._target.parent).free
+        if free < LEAST_FREE_BYTES:
+            self._finish({NO_ROOM: 1})
+            expected = f"{LEAST_FREE_BYTES // 10**6} MB free on its disk"
+            raise BadInput(
+                f"recording {self._target}", expected=expected, got=f"{free // 10**6} MB: it ends here"
+            )
         size = (result.camera.width, result.camera.height)
         if size != self._size:
             raise BadInput("recording", expected=f"pictures of {self._size}", got=str(size))
@@ -40,6 +59,12 @@ class Recorder:
 
     def close(self, dropped: dict[str, int]) -> None:
         """Finish the folder; `dropped`: pictures that are missing from it, by reason."""
+        with self._lock:
+            if not self._over:
+                self._finish(dropped)
+
+    def _finish(self, dropped: dict[str, int]) -> None:
+        self._over = True
         if self._writer is not None:
             self._writer.note_dropped(dropped)
         self._stack.close()

@@ -10,6 +10,8 @@ from av.error import FFmpegError
 
 from flightdepth.flight.decoding import BUILT_ON_DAMAGE, NO_KEY_FRAME_YET, STOP_AT_DAMAGE
 
+IN_DECODER_S = 2  # a picture that a decoder still held when news of damage came is not older
+
 
 class SoundDecoder:
     """A codec context and what is known of damage; what is left out is counted in `counts`.
@@ -60,6 +62,11 @@ class SoundDecoder:
         return False
 
     def _begins_afresh(self, decoded: Any) -> bool:
-        """Whether it is a key frame from after the damage: one may be damaged itself."""
-        later = self._damage_pts is None or decoded.pts is None or decoded.pts > self._damage_pts
-        return bool(decoded.key_frame) and later
+        """Whether it is a key frame from after the damage: one may be damaged itself.
+
+        One that is long before it, by its stamp, is after it too: the sender began again.
+        """
+        if self._damage_pts is None or decoded.pts is None:
+            return bool(decoded.key_frame)
+        early_s = (self._damage_pts - decoded.pts) * decoded.time_base
+        return bool(decoded.key_frame) and not 0 <= early_s <= IN_DECODER_S

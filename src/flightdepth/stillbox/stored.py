@@ -84,6 +84,11 @@ class StoredSet:
         facts = [(place.name, scene) for place, scene in self.entries]
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 
+    @property
+    def turns(self) -> bool:
+        """Whether the camera turns from picture to picture."""
+        return any(facts.get("orientation") for _, facts in self.entries)
+
     def __iter__(self) -> Iterator[StoredScene]:
         return (self.scene(number) for number in range(len(self)))
 

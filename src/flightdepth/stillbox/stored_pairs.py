@@ -46,6 +46,12 @@ class StoredPairs(PairStream):
             got_px = f"{self.stored.height} px"
             expected_px = f"at least {self.picture.height} px"
             raise BadInput(f"set {self.stored.folder}, height", expected=expected_px, got=got_px)
+        if self.stored.turns and not self.config.orientation_noise_rad:
+            raise BadInput(
+                f"set {self.stored.folder}",
+                expected="a camera that does not turn",
+                got="orientations that differ",
+            )
         step_m = self.stored.step_m
         if abs(step_m - self.config.step_m) > STEP_TOLERANCE * self.config.step_m:
             expected_m = f"{self.config.step_m:.3f} m"
