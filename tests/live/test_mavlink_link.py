@@ -9,7 +9,7 @@ from live_peers import Autopilot, Listening, free_port, until
 from pymavlink.dialects.v20 import common as mavlink
 
 from flightdepth.errors import BadInput
-from flightdepth.live.mavlink_link import check_address
+from flightdepth.live.mavlink_link import check_address, open_transport
 
 
 def test_udp_rates_are_asked_for_and_timesync_goes_both_ways():
@@ -26,6 +26,18 @@ def test_udp_rates_are_asked_for_and_timesync_goes_both_ways():
     kinds = {message.get_type() for message in autopilot.heard}
     assert {"HEARTBEAT", "COMMAND_LONG", "TIMESYNC"} <= kinds
     assert {m.get_srcSystem() for m in autopilot.heard if m.get_type() == "COMMAND_LONG"} == {7}
+
+
+def test_a_tcp_peer_that_reads_nothing_is_found_out():
+    """What waits in the connection is an old obstacle when it arrives."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        transport = open_transport(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        peer, _ = server.accept()
+        with peer, pytest.raises(OSError):
+            for _ in range(1000):
+                transport.write(bytes(200))
+        transport.close()
 
 
 def test_each_message_has_the_next_number():

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+import socket
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from flightdepth.errors import BadInput, MissingExtra
@@ -21,6 +23,8 @@ DEFAULT_BAUD = 921600
 # Who we are: MAV_COMP_ID_ONBOARD_COMPUTER, in the vehicle's own system.
 COMPONENT = 191
 SELECT_S, LOCK_S, WRITE_S = 0.05, 0.05, 0.05
+SILENT_S = 10  # after which a UDP peer that came to us hears no more from us
+WAITING_BYTES = 4096  # in a TCP connection: what waits there is old when it arrives
 HEARTBEAT_NS = TIMESYNC_NS = NS_PER_S
 ASK_AGAIN_NS = 5 * NS_PER_S
 # Rates asked for, Hz; a link that gives half of the velocities is left in peace.
@@ -43,7 +47,11 @@ def open_transport(address: str) -> Any:
     except ModuleNotFoundError as error:
         raise MissingExtra("a MAVLink connection", "live") from error
     if NETWORK.fullmatch(address):
-        return mavutil.mavlink_connection(address, retries=1)
+        transport = mavutil.mavlink_connection(address, retries=1, udp_timeout=SILENT_S)
+        if address.startswith("tcp:"):
+            transport.port.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)
+            transport.write = partial(_send_whole, transport.port)
+        return transport
     device, baud = check_address(address)
     try:
         transport = mavutil.mavlink_connection(device, baud=baud or DEFAULT_BAUD)
@@ -53,6 +61,12 @@ def open_transport(address: str) -> Any:
     transport.port.write_timeout = WRITE_S
     transport.write = transport.port.write
     return transport
+
+
+def _send_whole(port: socket.socket, data: bytes) -> None:
+    """Send a message or raise OSError. pymavlink would lose what a connection has no room for, and raise nothing."""
+    if port.send(data) < len(data):
+        raise BlockingIOError("the peer takes no more")
 
 
 def check_address(address: str) -> tuple[str, int | None]:
