@@ -100,7 +100,7 @@ def test_the_table_names_the_network_of_each_frame(run, work):
     assert run()[0] == 0
     rows = FlightFolder(work / "made/out").rows
     assert {row.network for row in rows if not row.reason} == {"difference"}
-    assert {row.network for row in rows if row.reason} == {""}
+    assert {row.network for row in rows if not row.shifts} == {""}
 
 
 def test_a_fallback_takes_the_frames_without_a_direction(run, work, monkeypatch, save_difference_network):

@@ -87,10 +87,18 @@ def test_samples_scale_the_recipe():
     assert read_progress("runs/small/checkpoint.safetensors").seen == 24
 
 
+@pytest.fixture
+def minded():
+    """A lost terminal counts, as it would not where the tests run under `nohup`."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 @pytest.mark.parametrize(
     "sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=["ctrl-c", "sigterm", "sighup"]
 )
-def test_a_signal_saves_and_resume_ends_as_if_nothing_had_been(sent, monkeypatch, capsys):
+def test_a_signal_saves_and_resume_ends_as_if_nothing_had_been(sent, monkeypatch, capsys, minded):
     assert cli.main([*TRAIN, "--runs", "whole"]) == 0
     step, pressed = loop.Learner.step, []
 
