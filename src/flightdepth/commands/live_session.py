@@ -13,7 +13,7 @@ from pathlib import Path
 from flightdepth.camera import Camera
 from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.signals import stop_request
-from flightdepth.commands.terminal import say, warn
+from flightdepth.commands.terminal import mention, say, warn
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.cameras import Recording
 from flightdepth.flight.gimbal import looking
@@ -208,7 +208,7 @@ def told(engine: LiveEngine) -> Iterator[None]:
             health = (status.health.state, (status.health.reason or "").split(":")[0])
             if health != said or time.monotonic() >= line_at:
                 said, line_at = health, time.monotonic() + LINE_EVERY_S
-                say(line(status))
+                mention(line(status))
 
     thread = threading.Thread(target=watch, name="status", daemon=True)
     thread.start()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
-from flightdepth.commands.terminal import say
+from flightdepth.commands.terminal import mention
 
 
 @contextmanager
@@ -26,8 +26,7 @@ def stop_request(told: str | None = None, *, insist: bool = True) -> Iterator[th
             return
         stop.set()
         if told is not None:
-            with suppress(OSError, SystemExit):  # the terminal may be gone
-                say(told)
+            mention(told)
 
     numbers = [signal.SIGINT, signal.SIGTERM]
     lost = getattr(signal, "SIGHUP", None)  # not on Windows

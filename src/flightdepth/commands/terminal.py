@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Sized
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rich.console import Console
@@ -90,6 +90,12 @@ class ToldProgress(Progress):
 def say(text: str) -> None:
     """One line of result."""
     Console().print(text, soft_wrap=True, markup=False, highlight=False)
+
+
+def mention(text: str) -> None:
+    """One line that nobody need read: no reason to stop where the terminal is gone, or the disk of a log is full."""
+    with suppress(OSError, SystemExit):
+        say(text)
 
 
 def show_table(table: Table) -> None:

@@ -98,12 +98,12 @@ def telemetry_of(name: str, source: Source, found: Found, counts: Counter[str]) 
     wanted = {(velocity, Velocity), (attitude, BodyAttitude)}
     own = [record for kind, record in found[source] if (kind, type(record.value)) in wanted]
     records = placed_boots(own, counts)
-    for sender in sorted(found):
+    for sender in sorted(sender for sender in found if sender.system == source.system):
         gimbals: dict[int, list[Record]] = defaultdict(list)
         for _, record in found[sender]:
             if isinstance(record.value, GimbalAttitude):
                 gimbals[record.value.device].append(record)
-        if sender.system == source.system and gimbals:
+        if gimbals:
             first, *others = gimbals.values()  # the first one carries the camera
             counts[OTHER_GIMBALS] += sum(map(len, others))
             records += placed_boots(first, counts)
