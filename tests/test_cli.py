@@ -88,6 +88,26 @@ def test_the_help_of_run_has_examples(capsys):
     assert "flightdepth run flight.mp4" in examples
 
 
+def every_command(command, words=()):
+    """The words of each command, and its parameters."""
+    if not isinstance(command, typer.core.TyperGroup):
+        return {words: command.params}
+    parts = (every_command(part, (*words, name)) for name, part in command.commands.items())
+    return {name: parameters for part in parts for name, parameters in part.items()}
+
+
+COMMANDS = every_command(typer.main.get_command(cli.app))
+
+
+@pytest.mark.parametrize("words", [words for words in COMMANDS if words != ("live",)], ids=" ".join)
+def test_help_says_all_in_80_columns(words, monkeypatch, capsys):
+    """Names of options were cut short, and --start of an evaluation said nothing but S."""
+    monkeypatch.setenv("COLUMNS", "80")
+    assert cli.main([*words, "--help"]) == 0
+    assert "\N{HORIZONTAL ELLIPSIS}" not in capsys.readouterr().out
+    assert [parameter.name for parameter in COMMANDS[words] if not parameter.help] == []
+
+
 def test_an_unknown_option_is_2(capsys):
     assert cli.main(["run", "flight.mp4", "--frobnicate"]) == 2
 

@@ -87,6 +87,7 @@ DATAFLASH = {
     "GPS": (0x85, "QBBfff", "TimeUS,I,Status,Spd,GCrs,VZ"),
     "GPA": (0x86, "QBC", "TimeUS,I,SAcc"),
     "IMU": (0x87, "QBfff", "TimeUS,I,GyrX,GyrY,GyrZ"),
+    "MNT": (0x88, "QBffffffff", "TimeUS,I,DesRoll,Roll,DesPitch,Pitch,DesYawB,YawB,DesYawE,YawE"),
 }
 
 

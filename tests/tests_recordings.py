@@ -47,6 +47,8 @@ def cues(velocity, body, *, seconds=6.0, rate=30.0, fixes_per_s=5.0, newline="\n
             lon=longitude,
             height=50 - down * fixed,
             down=down,
+            north=north,
+            east=east,
             speed=np.hypot(north, east),
         )
         parts += [str(index + 1), f"{clock(time)} --> {clock((index + 1) / rate)}", *body(drone), ""]
@@ -98,6 +100,30 @@ def phantom_4_rtk(drone):
     ]
 
 
+def mini_2(drone):
+    return [
+        f"F/2.8, SS 206.14, ISO 150, EV 0, DZOOM 1.000, GPS ({drone.lon:.4f}, {drone.lat:.4f}, 15), D 13.69m, "
+        f"H {drone.height:.2f}m, H.S {drone.speed:.2f}m/s, V.S {-drone.down:.2f}m/s "
+    ]
+
+
+def matrice_30(drone):
+    return [
+        f'<font size="28">FrameCnt: {drone.index + 1}, DiffTime: 33ms',
+        "2024-02-27 22:30:45.395",
+        "[fnum: 1.0] [focal_len: 58.00] [dzoom: 1.00] ",
+        f"[latitude: {drone.lat:.6f}] [longitude: {drone.lon:.6f}] "
+        f"[rel_alt: {drone.height:.3f} abs_alt: {drone.height + 60:.3f}] ",
+        f"[drone_speedx: {drone.east:.1f} drone_speedy: {drone.north:.1f} drone_speedz: {drone.down:.1f}] ",
+        "[drone_yaw: -20.4 drone_pitch: 2.4 drone_roll: -2.1] ",
+        "[gb_yaw: 90.0 gb_pitch: -30.0 gb_roll: 0.0] ",
+        "",
+        "0",
+        "[dzoom_ratio: 10000, delta:0] [color_md : default] ",
+        "</font>",
+    ]
+
+
 # Layout to (its subtitles, cues a second, fixes a second).
 DJI_LAYOUTS = {
     "Mavic 3": (mavic_3, 30.0, 5.0),
@@ -107,6 +133,7 @@ DJI_LAYOUTS = {
     "Mavic Pro, comma decimals": (mavic_pro_commas, 1.0, 1.0),
     "Matrice 300": (matrice_300, 10.0, 5.0),
     "Phantom 4 RTK": (phantom_4_rtk, 1.0, 1.0),
+    "Matrice 30": (matrice_30, 30.0, 5.0),
 }
 
 PARROT_V3 = (

@@ -1,5 +1,6 @@
 """Several flights: what stands is skipped, what failed or was cut short is done again; on a Ray cluster too."""
 
+import signal
 import subprocess
 import sys
 import time
@@ -128,8 +129,9 @@ def test_what_a_single_flight_replaces_of_another_is_told(run):
     assert "out holds the result of one.mp4, which this one replaces when it is done" in stderr
 
 
-def test_sigterm_clears_away_what_was_begun(work):
-    """As systemd, Slurm, `timeout` and `docker stop` send it."""
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
+def test_a_signal_clears_away_what_was_begun(work, number):
+    """As systemd, Slurm, `timeout` and `docker stop` send SIGTERM, and a terminal that is closed SIGHUP."""
     make_video(work / "long.mp4", frames=2000)
     options = ["--hfov", "90", "--speed", "3", "--network", "difference.onnx", "--out", "out"]
     command = [sys.executable, "-m", "flightdepth", "run", "long.mp4", *options]
@@ -137,11 +139,18 @@ def test_sigterm_clears_away_what_was_begun(work):
         while not list(work.glob(".out.partial*/depth/*.png")):
             assert running.poll() is None
             time.sleep(0.05)
-        running.terminate()
+        running.send_signal(number)
         _, stderr = running.communicate(timeout=60)
     assert running.returncode == 130
     assert "nothing of this flight was written" in stderr
     assert not list(work.glob("*out*"))
+
+
+def test_the_process_keeps_its_own_handlers_of_signals(run):
+    """Who calls `run` from a program of their own was left with Ctrl-C for SIGTERM."""
+    before = [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)]
+    assert run(flights=("two.mp4",))[0] == 0
+    assert [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)] == before
 
 
 def test_an_address_without_ray(run):

@@ -49,6 +49,12 @@ def test_a_hundred_scenes_where_nothing_is_said():
     assert len(open_stored_set(Path("set"))) == 100
 
 
+def test_the_number_of_scenes_may_stand_in_the_config():
+    Path("short.toml").write_text("frames = 2\nscenes = 4\n")
+    assert render() == 0
+    assert len(open_stored_set(Path("set"))) == 4
+
+
 def test_all_is_what_the_set_has():
     Path("short.toml").write_text("frames = 2\nscenes = 4\n")  # instead of 80,000
     assert render("--scenes", "all") == 0

@@ -10,9 +10,12 @@ import torch
 
 from flightdepth import cli
 from flightdepth.commands.export import card_of
+from flightdepth.errors import BadInput
+from flightdepth.scenes import Textures
+from flightdepth.stillbox.stored import open_stored_set
 from flightdepth.stillbox.stored_pairs import StoredPairs
 from flightdepth.training import loop
-from flightdepth.training.run_folder import read_trained
+from flightdepth.training.run_folder import keep_sets, keep_textures, read_trained
 from tests_recipes import recipe_text, stage_text
 
 RECIPE = recipe_text(stage_text("square", 12), loss="l1")
@@ -87,7 +90,24 @@ def test_another_set_is_another_run(capsys):
 def test_drawn_scenes_are_another_run(capsys):
     cli.main([*TRAIN])
     assert cli.main(["train", "small.toml", "--procedural", "2", "--resume"]) == 2
-    assert "textures of run runs/small: expected the 0 that it began with" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "stored sets of run runs/small: expected those that it began with (sets.json), got none" in error
+
+
+def test_a_run_of_drawn_scenes_does_not_go_on_with_a_set(tmp_path):
+    textures = Textures.from_images([])  # as beside a set
+    keep_sets(tmp_path, {})
+    keep_textures(tmp_path, textures)
+    keep_sets(tmp_path, {})
+    with pytest.raises(BadInput, match=r"stored sets of run .*: expected none, as it began, got stillbox"):
+        keep_sets(tmp_path, {64: open_stored_set(Path("stillbox"))})
+
+
+def test_a_set_too_small_to_be_parted_is_one_line(capsys):
+    """Four fifths of one scene are none."""
+    cli.main(["render", "64", "--scenes", "1", "--procedural", "2", "--out", "one"])
+    assert cli.main(["train", "small.toml", "--set", "one"]) == 2
+    assert "set one: expected a scene to learn from, got none" in capsys.readouterr().err
 
 
 def test_a_stage_without_a_set_is_one_line(capsys):

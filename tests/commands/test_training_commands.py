@@ -82,6 +82,11 @@ def test_a_run_is_not_overwritten(capsys):
     assert Path("runs/small/checkpoint.safetensors").stat().st_mtime_ns == before
 
 
+def test_resume_says_where_there_is_nothing_to_resume(capsys):
+    assert cli.main([*TRAIN, "--resume"]) == 0
+    assert "no checkpoint in runs/small to resume: the run begins" in capsys.readouterr().out
+
+
 def test_samples_scale_the_recipe():
     assert cli.main([*TRAIN, "--samples", "24"]) == 0
     assert read_progress("runs/small/checkpoint.safetensors").seen == 24
@@ -149,6 +154,8 @@ def test_photos_are_counted(tmp_path, capsys):
         (["train", "small.toml", "--procedural", "0"], "--procedural: expected at least 1"),
         (["export", "nowhere"], "checkpoint nowhere"),
         (["export", "small.toml"], "expected a checkpoint of flightdepth train"),
+        (["export", "runs/small", "--name", "a/b"], "--name: expected a name without /"),
+        (["export", "runs/small", "--name", ""], "--name: expected a name without /"),
         (["evaluate", "network", "nothing"], "network: expected a path to an ONNX file"),
         (["render", "64", "--out", "."], "--out: expected a new or empty folder"),
     ],

@@ -12,7 +12,8 @@ from flightdepth.camera import Camera
 from flightdepth.evaluation.baseline_methods import Answer, PeerMethod
 from flightdepth.evaluation.baseline_pairs import BaselinePairs, Witness
 from flightdepth.evaluation.baseline_sheets import SheetSights, sheet
-from flightdepth.evaluation.baselines import CONSTANT, BaselineStudy, agreement, interval
+from flightdepth.evaluation.baselines import CONSTANT, BaselineStudy, agreement
+from flightdepth.evaluation.bootstrap import interval
 from flightdepth.evaluation.warping import WarpedPair
 from flightdepth.flight import Frame, VelocitySample
 from flightdepth.motion import NED_FROM_CAMERA

@@ -14,10 +14,10 @@ from rich.console import Console
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.evaluation.network import evaluate_network, relative_cost
+from flightdepth.evaluation.network_tables import tables
 from flightdepth.evaluation.pairs import Task
 from flightdepth.evaluation.pictures import error_picture, sheet, write_sheets
 from flightdepth.evaluation.provenance import source_commit
-from flightdepth.evaluation.tables import tables
 from flightdepth.files import write_json
 from flightdepth.runtimes.network import Network
 from tests_networks import difference_card

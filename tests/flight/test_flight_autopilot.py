@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flightdepth.flight.autopilot import (
+    HEADING_AGE_NS,
     REBOOT_GAP_NS,
     STEP_NS,
     BodyAttitude,
@@ -17,6 +18,9 @@ from flightdepth.flight.autopilot import (
     longest_boot,
     placed_boots,
 )
+from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags
+from flightdepth.flight.records import NS_PER_S, AttitudeSample
+from flightdepth.motion import rotation_from_quaternion
 
 STAMPS = st.lists(st.integers(0, 100 * STEP_NS), max_size=60)
 
@@ -100,3 +104,37 @@ def test_attitudes_that_are_no_rotation_are_counted(bad):
     telemetry = autopilot_telemetry("log", records, Counter())
     assert telemetry.body_attitudes == ()
     assert telemetry.counts == {"attitudes that are no rotation": 1}
+
+
+def heading(degrees):
+    """Quaternion of a level body that heads there."""
+    return np.cos(np.radians(degrees) / 2), 0.0, 0.0, np.sin(np.radians(degrees) / 2)
+
+
+def seen_by_a_gimbal(at_s, turn_deg_s=40.0, start_deg=160.0):
+    """Headings, degrees, of a camera that looks ahead of a body that turns, whose attitude comes at 4 Hz."""
+    ahead = GimbalAttitude((1.0, 0.0, 0.0, 0.0), GimbalFlags.YAW_IN_VEHICLE_FRAME)
+    records = [Record(0, Velocity((0, 0, 0)))]
+    for k in range(9):
+        records.append(Record(k * NS_PER_S // 4, BodyAttitude(heading(start_deg + turn_deg_s * k / 4))))
+    records += [Record(round(at * NS_PER_S), ahead) for at in at_s]
+    telemetry = autopilot_telemetry("log", records, counts := Counter())
+    looks = [
+        rotation_from_quaternion(s.world_from_camera)[:, 2]
+        for s in telemetry.samples
+        if isinstance(s, AttitudeSample)
+    ]
+    return [float(np.degrees(np.arctan2(east, north))) % 360 for north, east, _ in looks], counts
+
+
+def test_a_gimbals_heading_is_that_of_its_own_time():
+    """It was that of the last attitude before, here up to a quarter of a second and 10 degrees old."""
+    at_s = np.arange(1, 40) * 0.05
+    found, _ = seen_by_a_gimbal(at_s)
+    np.testing.assert_allclose(found, 160 + 40 * at_s, atol=0.01)  # through 180, where yaw starts again
+
+
+def test_past_the_last_attitude_its_heading_holds_for_a_while():
+    found, counts = seen_by_a_gimbal([2.3, 2.0 + HEADING_AGE_NS / NS_PER_S + 0.1])
+    assert found == pytest.approx([240.0])
+    assert +counts == {"gimbal attitudes without a heading": 1}

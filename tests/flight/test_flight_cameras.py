@@ -16,6 +16,7 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight import AttitudeSample, Frame, VelocitySample, open_flight
 from flightdepth.flight.cameras import choose_camera
+from flightdepth.flight.records import Telemetry, ViewTrack
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.video import Video
 from tests_recordings import cues, mavic_3, parrot_json
@@ -240,7 +241,8 @@ def test_the_table_counts_along_the_sensor_of_a_portrait_video(tmp_path):
     assert 2 * math.degrees(math.atan(96 / chosen.fy)) == pytest.approx(71.6, abs=0.05)
 
 
-def test_pixels_that_are_not_square(tmp_path):
+def anamorphic(tmp_path):
+    """Pictures of 144x108 px whose pixels are 4/3 as wide as high, so 16:9."""
     path = tmp_path / "v.mp4"
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=25)
@@ -251,9 +253,32 @@ def test_pixels_that_are_not_square(tmp_path):
                 stream.encode(av.VideoFrame.from_ndarray(np.zeros((108, 144, 3), np.uint8), "rgb24"))
             )
         container.mux(stream.encode(None))
-    camera = choose(path, hfov_deg=90).camera
+    return path
+
+
+def test_pixels_that_are_not_square(tmp_path):
+    camera = choose(anamorphic(tmp_path), hfov_deg=90).camera
     assert camera.fx == pytest.approx(72)
     assert camera.fy == pytest.approx(96)  # a pixel is 4/3 as wide as high, so more of them lie in the height
+
+
+def test_a_lens_of_the_table_and_a_photograph_have_square_pixels(tmp_path):
+    path = anamorphic(tmp_path)
+    wide = photograph(tmp_path / "wide.jpg", 26)
+    for given, focal_over_width in (("dji-mini-2", 0.5 / math.tan(math.radians(71.6) / 2)), (wide, None)):
+        camera = choose(path, given).camera
+        assert (camera.width, camera.height) == (144, 108)
+        assert camera.fy == pytest.approx(camera.fx * 4 / 3)
+        assert focal_over_width is None or camera.fx == pytest.approx(144 * focal_over_width, rel=1e-3)
+    with pytest.raises(BadInput, match="192x108 or its shape"):
+        choose(path, photograph(tmp_path / "high.jpg", 26, size=(192, 144)))  # the shape of 144x108
+
+
+def test_fields_of_view_of_a_log_hold_for_pixels_that_are_not_square(tmp_path):
+    view = ViewTrack(np.zeros(1, np.int64), np.array([90.0]))
+    log = Telemetry("log", (VelocitySample(0, np.ones(3)),), view=view)
+    camera = choose(anamorphic(tmp_path), log=log).camera
+    assert (camera.fx, camera.fy) == pytest.approx((72, 96))
 
 
 # A camera that is screwed to the drone

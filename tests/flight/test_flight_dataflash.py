@@ -5,6 +5,7 @@ import pytest
 from pymavlink.DFReader import DFReader_binary
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.records import AttitudeSample, VelocitySample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
 from tests_logs import (
@@ -26,7 +27,7 @@ def read(tmp_path, data):
 
 
 def velocities(telemetry):
-    return [tuple(s.velocity) for s in telemetry.samples]
+    return [tuple(s.velocity) for s in telemetry.samples if isinstance(s, VelocitySample)]
 
 
 def test_what_was_written_is_read(tmp_path):
@@ -96,6 +97,41 @@ def test_gps_as_a_last_resort(tmp_path):
     np.testing.assert_allclose(velocities(telemetry), expected, atol=1e-9)
     assert [s.sigma for s in telemetry.samples] == pytest.approx([0.45] * 4)
     assert telemetry.counts == {"velocities without a 3D fix": 1}
+
+
+def test_a_receiver_without_a_fix_does_not_hide_another(tmp_path):
+    parts = [dataflash_head()]
+    for i in range(5):
+        parts.append(dataflash_record("GPS", START_US + i, 0, 3 if i == 2 else 1, 99, 0, 0))
+        parts.append(dataflash_record("GPS", START_US + i, 1, 4, 5 + i, 0, 0.5))
+    assert velocities(read(tmp_path, b"".join(parts))) == [(5 + i, 0, 0.5) for i in range(5)]
+
+
+def test_the_core_that_flies_is_followed_before_the_log_says_which(tmp_path):
+    parts = [dataflash_head()]
+    for i in range(3):
+        parts += [xkf1(START_US + i * 10, (core, i + 1, 0), core=core) for core in (0, 1)]
+        parts.append(dataflash_record("XKF4", START_US + i * 10, 0, 7, 1))
+    telemetry = read(tmp_path, b"".join(parts))
+    assert velocities(telemetry) == [(1, i + 1, 0) for i in range(3)]
+    assert telemetry.counts == {}
+
+
+def test_a_gimbal_carries_the_camera(tmp_path):
+    # Down by 30 degrees towards the east, whatever the drone does; the other gimbal and one without angles are left.
+    parts = [dataflash_head()]
+    for i in range(3):
+        parts.append(xkf1(START_US + i * 10, velocity(i)))
+        parts.append(dataflash_record("MNT", START_US + i * 10, 0, 0, 0, -10, -30, 5, 7, 80, 90))
+        parts.append(dataflash_record("MNT", START_US + i * 10, 1, 0, 0, 0, 0, 0, 0, 0, 0))
+    parts.append(dataflash_record("MNT", START_US + 30, 0, *[math.nan] * 8))
+    telemetry = read(tmp_path, b"".join(parts))
+    cameras = [s for s in telemetry.samples if isinstance(s, AttitudeSample)]
+    assert [s.stamp_ns for s in cameras] == [0, 10_000, 20_000]
+    axes = rotation_from_quaternion(cameras[0].world_from_camera)
+    np.testing.assert_allclose(axes[:, 0], [-1, 0, 0], atol=1e-9)  # its right is south
+    np.testing.assert_allclose(axes[:, 2], [0, math.sqrt(3) / 2, 0.5], atol=1e-9)
+    assert telemetry.counts == {"attitudes of other gimbals": 3, "attitudes that are no rotation": 1}
 
 
 def test_a_reboot_inside_a_log(tmp_path):

@@ -8,7 +8,7 @@ from flightdepth.flight.dji_srt import read_dji_srt
 from flightdepth.flight.records import AttitudeSample, VelocitySample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
-from tests_recordings import DJI_LAYOUTS, cues, mavic_3, mavic_pro, phantom_4_rtk
+from tests_recordings import DJI_LAYOUTS, clock, cues, matrice_30, mavic_3, mavic_pro, mini_2, phantom_4_rtk
 
 VELOCITY = (3.0, -4.0, 0.5)
 
@@ -85,6 +85,33 @@ def test_the_drone_s_own_speeds_are_used(tmp_path):
     found = velocity_table(read(tmp_path, cues(VELOCITY, coarse, seconds=60, rate=1, fixes_per_s=1)))
     assert np.allclose(np.linalg.norm(found[:, :2], axis=1), 5.0, atol=0.01)
     assert np.allclose(found[:, 2], 0.5)
+
+
+def test_speeds_along_two_axes_are_used_whichever_is_north(tmp_path):
+    text = cues(VELOCITY, matrice_30, seconds=10)
+    found = velocity_table(read(tmp_path, text))
+    assert np.linalg.norm(found[:, :2], axis=1) == pytest.approx(5.0, abs=1e-9)
+    assert found[:, 2] == pytest.approx(0.5)
+    assert np.abs(found - VELOCITY).max() < 0.5  # the directions are those of the positions
+
+
+def test_positions_that_seldom_change_leave_no_gaps(tmp_path):
+    """A Mini 2 rounds to 11 m: most frames of such a flight had no velocity within 1.5 s."""
+    found = of_kind(read(tmp_path, cues((3.0, -1.0, 0.0), mini_2, seconds=60, rate=1)), VelocitySample)
+    assert np.diff([sample.stamp_ns for sample in found]).max() <= 1.25e9
+    assert found[-1].stamp_ns - found[0].stamp_ns > 50e9
+    errors = np.array([sample.velocity for sample in found])[5:-5] - (3.0, -1.0, 0.0)
+    assert np.sqrt((errors**2).sum(axis=1).mean()) < 0.5
+
+
+def test_a_slow_drone_whose_rounded_position_stands_still_keeps_its_speed(tmp_path):
+    text = cues((3.0, -4.0, 0.0), mini_2, seconds=30, rate=1)
+    slow = re.sub(r"H\.S [\d.]+", "H.S 0.80", text.rstrip().splitlines()[-1])
+    text += "".join(f"{i + 1}\n{clock(i)} --> {clock(i + 1)}\n{slow}\n\n" for i in range(30, 42))
+    found = of_kind(read(tmp_path, text), VelocitySample)
+    late = np.array([sample.velocity for sample in found if sample.stamp_ns > 36e9])
+    assert len(late) >= 4
+    assert np.linalg.norm(late, axis=1) == pytest.approx(0.8)
 
 
 @pytest.mark.parametrize("sign", [1, -1])

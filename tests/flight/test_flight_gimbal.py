@@ -45,6 +45,19 @@ def test_a_heading_of_exactly_0_was_not_told():
     )
 
 
+def test_a_neutral_gimbal_looks_ahead_of_the_vehicle_though_it_says_locked():
+    """What PX4 1.13 and 1.14 write of gimbals that are servos: NEUTRAL and all locks, always."""
+    px4, ahead = 2 | 4 | 8 | 16, (1, 0, 0, 0)
+    np.testing.assert_array_equal(
+        camera_attitude(GimbalAttitude(ahead, px4), 1.2), camera_attitude(GimbalAttitude(ahead, VEHICLE), 1.2)
+    )
+    assert camera_attitude(GimbalAttitude(ahead, px4), None) is None
+    np.testing.assert_array_equal(
+        camera_attitude(GimbalAttitude(ahead, px4 | NORTH), 1.2),
+        camera_attitude(GimbalAttitude(ahead, NORTH), None),
+    )
+
+
 def test_no_heading_no_attitude():
     assert camera_attitude(GimbalAttitude((1, 0, 0, 0), VEHICLE), None) is None
 

@@ -75,6 +75,16 @@ def test_no_sample_comes_twice_or_is_left_out():
     assert [item for item in found if isinstance(item, VelocitySample)] == list(samples[:14])
 
 
+def test_what_a_log_tells_long_before_the_first_frame_is_left_out():
+    """Of an hour before it the estimator kept what it could and counted the rest as dropped."""
+    second = 10**9
+    samples = tuple(velocity(k * second) for k in range(4000))
+    found = order(merged(iter([frame(3600 * second), frame(3602 * second)]), samples))
+    early = [("V", k * second) for k in range(3595, 3601)]
+    later = [("V", 3601 * second), ("V", 3602 * second)]
+    assert found == [*early, ("F", 3600 * second), *later, ("F", 3602 * second)]
+
+
 def test_a_flight_with_a_log(video, tmp_path):
     with open_flight(video, log(tmp_path, range(0, 2100, 100), attitude=True), hfov_deg=60) as flight:
         items = list(flight)

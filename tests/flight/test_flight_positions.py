@@ -3,6 +3,7 @@ import pytest
 
 from flightdepth.flight.positions import (
     decimal_step,
+    filled,
     fixes,
     line_slopes,
     local_ned,
@@ -67,6 +68,15 @@ def test_a_hovering_drone_has_fixes_too():
     stamps = (times_s * 1e9).astype(np.int64)
     hover = velocities(stamps, np.repeat(values, 3, 1), steps_m=(0.1, 0.1)).velocity_ned[-1]
     assert np.allclose(hover, 0, atol=1e-12)
+
+
+def test_between_seldom_fixes_velocities_are_told_where_there_are_positions():
+    times_s = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 20, 21], dtype=float)
+    found = filled(times_s, np.array([0, 1, 3, 8, 9, 10]))
+    assert found.tolist() == list(range(11))  # none in the gap of 12 s
+    often_s = np.arange(300) / 30
+    every_second = np.arange(0, 300, 30)
+    assert filled(often_s, every_second).tolist() == every_second.tolist()
 
 
 @pytest.mark.parametrize(("noise", "rounding"), [(0.3, 0.0), (0.0, 0.11), (0.2, 0.11), (0.02, 1.1)])

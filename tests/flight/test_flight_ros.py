@@ -100,6 +100,20 @@ def test_a_twist_of_the_body_is_turned_by_the_pose_of_that_time(tmp_path):
     assert np.allclose(sample.velocity, (4, -1, 0))
 
 
+def test_a_twist_between_two_poses_is_turned_by_what_lies_between(tmp_path):
+    """A body that turns by 40 degrees a second, its pose 6 times a second: the nearest was off by up to 3 degrees."""
+    timed = []
+    for k in range(7):
+        half = np.radians(40 * k / 6) / 2  # about up, anticlockwise from east
+        timed.append(("/pose", k / 6, MADE.pose_stamped(k / 6, (np.cos(half), 0, 0, np.sin(half)))))
+    at_s = np.arange(1, 19) / 20
+    timed += [("/twist", at, MADE.twist_stamped(at, (5.0, 0.0, 0.0), "base_link")) for at in at_s]
+    found = [sample.velocity for sample in samples(write_mcap(tmp_path / "flight.mcap", timed))]
+    course = np.radians(40 * at_s)
+    expected = np.stack([5 * np.sin(course), 5 * np.cos(course), 0 * course], axis=1)
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
 def test_a_twist_of_the_body_alone_is_that_of_a_camera_that_looks_forward(tmp_path):
     path = recorded(tmp_path, ("/velocity", MADE.twist_stamped(0, (4, 1, -0.5), "base_link")))
     [sample] = samples(path)

@@ -211,6 +211,22 @@ def test_of_two_gimbals_behind_one_autopilot_the_first_carries_the_camera(tmp_pa
     assert telemetry.counts == {"attitudes of other gimbals": 5}
 
 
+def test_a_gimbal_without_a_clock_is_placed_by_its_arrival(tmp_path):
+    """Its time is always 0: all reports but the first were dropped as not later than the one before."""
+    parts = []
+    for i in range(5):
+        now = RECEIVED_US + i * 100_000
+        parts.append(tlog_part(now, ned_message(5000 + i * 100, velocity(i))))
+        message = mavlink.MAVLink_gimbal_device_attitude_status_message(
+            0, 0, 0, 64, (1, 0, 0, 0), 0, 0, 0, 0, 0
+        )
+        parts.append(tlog_part(now + 30_000, message, (1, 154)))
+    telemetry = read(tmp_path, *parts)
+    cameras = [s for s in telemetry.samples if isinstance(s, AttitudeSample)]
+    assert [c.stamp_ns for c in cameras] == [30_000_000 + i * 100_000_000 for i in range(5)]
+    assert telemetry.counts == {}
+
+
 def test_a_gimbal_without_any_heading_is_counted(tmp_path):
     message = mavlink.MAVLink_gimbal_device_attitude_status_message(
         0, 0, 5000, 32, (1, 0, 0, 0), 0, 0, 0, 0, math.nan

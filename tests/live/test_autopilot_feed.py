@@ -130,6 +130,16 @@ def test_a_gimbal_tells_the_camera_on_its_own_clock(vehicle, feed, store):
     np.testing.assert_allclose(rotation_from_quaternion(camera), NED_FROM_CAMERA, atol=1e-6)
 
 
+def test_a_gimbal_whose_time_stays_0_tells_the_camera_when_it_is_heard(feed, store):
+    """All but one of its attitudes were left out: not later than the one before."""
+    Vehicle(feed).heartbeat(99.9)
+    for i in range(5):
+        Vehicle(feed, component=154, zero_s=100 + i / 10).gimbal(100 + i / 10)
+    stamps, _ = store.cameras_after(0)
+    assert np.allclose(np.diff(stamps), 100 * MS) and stamps[-1] == round(100.42 * S)
+    assert len(stamps) == 5 and not feed.counts.total()
+
+
 def test_a_second_gimbal_does_not_mix_in(vehicle, feed):
     Vehicle(feed, component=154).gimbal(100)
     Vehicle(feed, component=171).gimbal(100.1)

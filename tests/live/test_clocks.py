@@ -129,6 +129,27 @@ def test_pictures_by_arrival_lose_the_cameras_delay():
     assert clock.stamp(FRAME) == (5 * S + FRAME - 40 * MS, "reception")
 
 
+@pytest.mark.parametrize("step", [-10 * S, -1500 * MS, -600 * MS, 700 * MS, 5 * S])
+def test_a_stream_whose_time_jumps_is_followed_at_once(step):
+    """Back by less than 2 s, its pictures were stamped that much too early for ten seconds."""
+    clock = PictureClock(0)
+    for i in range(300):
+        own, now = 100 * S + i * FRAME + (step if i >= 200 else 0), 5 * S + i * FRAME
+        clock.packet(own, now)
+        assert clock.stamp(own) == (now, "reception")
+
+
+def test_packets_in_the_order_of_decoding_are_no_jump():
+    """B frames come after the picture that they lean on, which is shown later."""
+    clock = PictureClock(0)
+    for group in range(100):
+        for k, shown in enumerate((3, 1, 2)):
+            clock.packet(
+                (3 * group + shown) * FRAME, 5 * S + (3 * group + k + 3) * FRAME + (group % 4) * 9 * MS
+            )
+    assert clock.stamp(300 * FRAME) == (5 * S + 300 * FRAME, "reception")
+
+
 def test_a_kernel_stamp_on_our_clock_is_believed_less_the_cameras_delay():
     clock = PictureClock(40 * MS, same_clock=True)
     clock.packet(7 * S, 7 * S + 12 * MS)

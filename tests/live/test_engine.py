@@ -22,6 +22,7 @@ from flightdepth.live.status import State
 from flightdepth.live.video_address import VideoAddress
 from flightdepth.live.video_input import VideoInput, VideoListener
 from flightdepth.ranges.result import RangedDepth
+from flightdepth.weights.store import find_network, read_card
 
 CAMERA = Camera.from_fov(6, 4, 90)
 IMAGE = np.zeros((4, 6, 3), np.uint8)
@@ -33,6 +34,7 @@ class Stage:
 
     ranges = 1
     compiles = False
+    faster = ""
 
     def __init__(self, counts: Counter[str], errors: tuple[Exception, ...] = ()) -> None:
         self.counts, self.errors = counts, list(errors)
@@ -50,6 +52,7 @@ class Video:
     def __init__(self, pictures: int = 1) -> None:
         self.slot, self.ended, self.error = Pictures(pictures), threading.Event(), None
         self.received, self.reconnects, self.dropped, self.distrusted = pictures, 0, {}, None
+        self.instead = None
         self.ended.set()
 
     def start(self) -> None:
@@ -237,6 +240,23 @@ class SetClock:
 
     def close(self):
         pass
+
+
+@pytest.mark.parametrize(
+    ("name", "aligned", "faster"),
+    [
+        ("motion", True, " or --no-align or --network motion-tiny"),
+        ("motion-tiny", True, " or --no-align"),
+        ("motion-tiny", False, ""),
+        ("tiny-clamped-512", True, " or --network tiny-clamped-256"),
+        ("tiny-clamped-256", True, ""),
+    ],
+)
+def test_what_is_advised_to_a_slow_machine_is_not_what_runs_already(name, aligned, faster):
+    """It was --network motion-tiny while motion-tiny ran, and fewer ranges, of which only one was left."""
+    network = SimpleNamespace(card=read_card(find_network(name)), aligned=aligned)
+    stage = DepthStage(network, Lens(CAMERA), MotionStore(), ranges=2, fixed=True)
+    assert stage.faster == "smaller pictures from the camera" + faster
 
 
 def test_a_senders_clock_that_is_no_longer_followed_is_said_once_and_shown(monkeypatch):

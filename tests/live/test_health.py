@@ -26,7 +26,7 @@ class Flight:
 
     def __init__(self, start_s=100.0):
         self.now_s = start_s
-        self.monitor = HealthMonitor(ns(start_s))
+        self.monitor = HealthMonitor(ns(start_s), faster="--no-align")
 
     def fly(
         self,
@@ -98,6 +98,14 @@ def test_a_camera_that_does_not_answer_is_told_with_its_error():
     monitor = HealthMonitor(0)
     monitor.stream_failed("Connection refused")
     assert monitor.judge(ns(1)).reason == f"{STARTING}: Connection refused"
+
+
+def test_what_comes_instead_of_pictures_stands_in_the_reason(flight):
+    flight.monitor.came_instead("90 packets of another kind")
+    flight.monitor.stream_failed("nothing came in time")
+    assert flight.fly(3, pictures=False)[-1].reason == f"{SILENT}: 90 packets of another kind came"
+    flight.monitor.came_instead(None)
+    assert flight.fly(1, pictures=False)[-1].reason == f"{SILENT}: nothing came in time"
 
 
 def test_pictures_without_a_first_result_are_the_networks_preparation():
@@ -190,7 +198,8 @@ def test_since_holds_while_only_figures_change(flight):
 
 def test_a_slow_machine(flight):
     flight.monitor.rates(30.0, 3.0)
-    assert flight.fly(FRAME_S)[-1].reason.startswith(SLOW)
+    told = flight.fly(FRAME_S)[-1].reason
+    assert told == f"{SLOW}: 3.0 results a second of 30 pictures; --no-align take less time"
     flight.monitor.rates(4.0, 4.0)  # a slow camera is none
     assert flight.fly(1)[-1].state is State.OK
 

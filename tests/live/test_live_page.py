@@ -8,7 +8,8 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from contextlib import closing
+from contextlib import ExitStack, closing, suppress
+from http.client import HTTPConnection
 
 import cv2
 import numpy as np
@@ -20,7 +21,7 @@ from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live.obstacles import SECTORS
 from flightdepth.live.page import PageServer
-from flightdepth.live.page.server import MOST_REQUESTS, parsed
+from flightdepth.live.page.server import MOST_REQUESTS, Handler, parsed
 
 
 @pytest.fixture
@@ -117,26 +118,62 @@ def test_other_paths_and_names_are_refused(flying):
         refused.value.close()
 
 
+def trickling(server: PageServer) -> socket.socket:
+    """A connection whose request never ends."""
+    connection = socket.create_connection(server.server_address[:2], timeout=5)
+    connection.sendall(b"GET /depth.jpg HTTP/1.1\r\nHost: 127.0.0.1\r\n")
+    return connection
+
+
 def test_browsers_that_never_read_hold_up_nobody(flying):
-    """Idle connections take every place; results are still taken at once, and places come back."""
-    address = flying.server.server_address[:2]
-    idle = [socket.create_connection(address) for _ in range(MOST_REQUESTS + 4)]
-    for connection in idle:
-        connection.sendall(b"GET /depth.jpg HTTP/1.1\r\nHost: 127.0.0.1\r\n")  # never ends its request
-    started = time.monotonic()
-    for _ in range(8):
-        flying.fly()
-    assert time.monotonic() - started < 3.0
-    for connection in idle:
-        connection.close()
-    deadline = time.monotonic() + 5
-    while time.monotonic() < deadline:
-        try:
-            assert get(flying.server, "state.json")[0] == 200
-            return
-        except OSError:
+    """Idle connections took every place, and whoever came then was turned away; results are still taken at once."""
+    with ExitStack() as idle:
+        for _ in range(MOST_REQUESTS + 4):
+            idle.enter_context(trickling(flying.server))
+        started = time.monotonic()
+        for _ in range(8):
+            flying.fly()
+        assert time.monotonic() - started < 3.0
+        assert [get(flying.server, "state.json")[0] for _ in range(3)] == [200] * 3
+
+
+def test_a_browser_that_trickles_its_request_is_ended(flying, monkeypatch):
+    """Each byte gave it another five seconds, so it held a thread and a place for ever."""
+    monkeypatch.setattr("flightdepth.live.page.server.SOCKET_TIMEOUT_S", 0.3)
+    with trickling(flying.server) as connection, pytest.raises(OSError):
+        started = time.monotonic()
+        while time.monotonic() - started < 3:
+            connection.sendall(b"X")
             time.sleep(0.05)
-    pytest.fail("no place came back")
+
+
+def test_a_browser_that_never_takes_its_answers_is_ended(flying, monkeypatch):
+    monkeypatch.setattr(Handler, "timeout", 0.3)
+    flying.fly()
+    with socket.create_connection(flying.server.server_address[:2], timeout=5) as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        connection.setblocking(False)
+        with pytest.raises(ConnectionError):
+            started = time.monotonic()
+            while time.monotonic() - started < 3:
+                with suppress(BlockingIOError):
+                    connection.send(b"GET /depth.jpg HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" * 100)
+
+
+@pytest.mark.parametrize("path", ["", "depth.jpg", "state.json", "metrics", "nothing"])
+def test_head_is_answered_as_get_without_the_body(flying, path):
+    """It was refused: 501, which a monitor takes for a page that is down."""
+    flying.fly()
+    with closing(HTTPConnection(*flying.server.server_address[:2], timeout=5)) as connection:
+        lengths = []
+        for method in ("HEAD", "GET"):
+            connection.request(method, f"/{path}")
+            with connection.getresponse() as answer:
+                body = answer.read()
+                lengths.append((answer.status, answer.headers["Content-Length"]))
+                assert len(body) == (0 if method == "HEAD" else int(answer.headers["Content-Length"]))
+    if path != "state.json":  # its times are of another length
+        assert lengths[0] == lengths[1]
 
 
 def test_a_result_costs_nothing_while_nobody_looks(flying, monkeypatch):

@@ -17,6 +17,7 @@ def test_udp_rates_are_asked_for_and_timesync_goes_both_ways():
     with Listening(f"udpin:127.0.0.1:{port}") as ours, Autopilot(port) as autopilot:
         until(lambda: len(ours.velocities) > 10)
         until(lambda: autopilot.answers and {32, 31, 285} <= set(autopilot.asked))
+        until(lambda: any(m.get_type() == "HEARTBEAT" for m in autopilot.heard))  # the first went to nobody
         autopilot.send(mavlink.MAVLink_timesync_message(0, 987654321))
         until(lambda: any(m.get_type() == "TIMESYNC" and m.ts1 == 987654321 for m in autopilot.heard))
         answer = next(m for m in autopilot.heard if m.get_type() == "TIMESYNC" and m.ts1 == 987654321)
@@ -26,6 +27,44 @@ def test_udp_rates_are_asked_for_and_timesync_goes_both_ways():
     kinds = {message.get_type() for message in autopilot.heard}
     assert {"HEARTBEAT", "COMMAND_LONG", "TIMESYNC"} <= kinds
     assert {m.get_srcSystem() for m in autopilot.heard if m.get_type() == "COMMAND_LONG"} == {7}
+
+
+@pytest.mark.parametrize(
+    ("target", "answered"), [((), True), ((7, 191), True), ((7, 0), True), ((9, 0), False), ((7, 1), False)]
+)
+def test_a_timesync_question_is_answered_by_whom_it_is_for(target, answered):
+    """Every one was, also those to other vehicles and to the autopilot: then the asker takes our clock for theirs."""
+    port = free_port()
+    with Listening(f"udpin:127.0.0.1:{port}") as ours, Autopilot(port) as autopilot:
+        until(lambda: ours.velocities)  # by then it is known that the vehicle is number 7
+        autopilot.send(AddressedTimesync(target, ts1=1))
+        autopilot.send(mavlink.MAVLink_timesync_message(0, 2))  # as older ones ask: without a target
+        until(lambda: any(m.get_type() == "TIMESYNC" and m.ts1 == 2 for m in autopilot.heard))
+    assert answered == any(m.get_type() == "TIMESYNC" and m.ts1 == 1 for m in autopilot.heard)
+
+
+def test_an_answer_to_somebody_elses_timesync_question_tells_nothing():
+    """A camera that was powered up with us asks with nearly our time: its answers set the autopilot's clock."""
+    port = free_port()
+    with Listening(f"udpin:127.0.0.1:{port}") as ours, Autopilot(port) as autopilot:
+        until(lambda: ours.velocities and autopilot.answers)
+        for _ in range(20):
+            wrong_ns = autopilot.boot_ns() - 400_000_000
+            autopilot.send(mavlink.MAVLink_timesync_message(wrong_ns, time.monotonic_ns() - 1000))
+        seen = len(ours.velocities)
+        until(lambda: len(ours.velocities) > seen + 3)
+        assert not ours.feed.counts["jumps of the autopilot's clock"]
+
+
+class AddressedTimesync(mavlink.MAVLink_timesync_message):
+    """A question with the bytes of target_system and target_component, as newer senders pack it."""
+
+    def __init__(self, target, ts1):
+        super().__init__(0, ts1)
+        self._target = bytes(target)
+
+    def pack(self, mav):
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(0, self.ts1) + self._target)
 
 
 def test_a_tcp_peer_that_reads_nothing_is_found_out():
@@ -94,6 +133,14 @@ def test_tcp_is_connected_again_when_the_peer_restarts():
     # How a connection ends depends on what was under way.
     endings = ("closed", "refused", "reset", "broken pipe")
     assert any(ending in text.lower() for text in ours.errors for ending in endings), ours.errors
+
+
+def test_a_port_that_cannot_be_is_refused_before_it_is_opened():
+    """It was tried for ever: OverflowError."""
+    with pytest.raises(
+        BadInput, match=r"--mavlink: expected a port up to 65535, got 'udpin:0\.0\.0\.0:99999'"
+    ):
+        check_address("udpin:0.0.0.0:99999")
 
 
 @pytest.mark.parametrize("address", ["", "14550", "udp:0.0.0.0", "http://x:1", "udpin:0.0.0.0:x", "/tmp/x"])

@@ -1,5 +1,6 @@
 """Recordings that end before the flight does."""
 
+import json
 import shutil
 import threading
 from types import SimpleNamespace
@@ -40,6 +41,19 @@ def test_a_disk_that_is_nearly_full_ends_the_recording_and_keeps_it(recorder, tm
     recorder(fourth)
     recorder.close({})
     assert len(FlightFolder(tmp_path / "recording").rows) == 2
+
+
+def test_results_of_another_size_are_left_out_and_stand_in_the_folder(recorder, tmp_path):
+    """They were counted on the terminal alone; the folder looked whole."""
+    first, second = results(2)
+    recorder(first)
+    size = (second.camera.width // 2, second.camera.height // 2)
+    half = SimpleNamespace(camera=second.camera.resized(*size))
+    with pytest.raises(BadInput, match=r"expected pictures of \d+x\d+, as it began, got \d+x\d+: left out"):
+        recorder(half)
+    recorder.close({"a newer picture came first": 3})
+    told = json.loads((tmp_path / "recording" / "flight.json").read_text())["counts"]["dropped"]
+    assert told == {"a newer picture came first": 3, "of another size than the first": 1}
 
 
 def test_a_result_that_a_slow_disk_takes_at_the_end_is_whole(recorder, tmp_path, monkeypatch):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import math
 import sys
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -14,6 +16,8 @@ pytest.importorskip("rosbags")
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.motion import rotation_from_quaternion
+from flightdepth.ranges import MultiRangeEstimator
+from flightdepth.runtimes.network import load_network
 from tests_recordings import START_NS, STORES, Messages
 
 PACKAGE = Path(__file__).parents[2] / "ros2" / "flightdepth_ros"
@@ -121,6 +125,52 @@ def test_conversion_needs_no_ros(conversion):
     ]
     assert all(hasattr(conversion, name.name) for name in wanted.names)
     assert "rclpy" not in (PACKAGE / "flightdepth_ros" / "conversion.py").read_text().split('"""', 2)[2]
+
+
+class Logged:
+    """As much of rclpy's Node as DepthNode uses after its start."""
+
+    def __init__(self):
+        self.lines = []
+
+    def get_logger(self):
+        return SimpleNamespace(warning=lambda text, **how: self.lines.append(text))
+
+    def get_parameter(self, name):
+        return SimpleNamespace(value=math.nan)
+
+    now_ns = START_NS
+
+
+@pytest.fixture
+def node(conversion, monkeypatch):
+    """The node's class, with names in place of ROS, which is not here."""
+    names = {"rclpy": [], "rclpy.node": ["Node"], "rclpy.qos": ["QoSProfile", "ReliabilityPolicy"]}
+    names |= {"nav_msgs.msg": ["Odometry"], "sensor_msgs.msg": ["CameraInfo", "Image"]}
+    for module, held in names.items():
+        made = ModuleType(module)
+        for name in held:
+            setattr(made, name, type(name, (), {"BEST_EFFORT": 0, "__init__": lambda self, **_: None}))
+        monkeypatch.setitem(sys.modules, module, made)
+    monkeypatch.delitem(sys.modules, "flightdepth_ros.node", raising=False)
+    from flightdepth_ros.node import DepthNode
+
+    made = type(
+        "Node", (Logged,), dict(vars(DepthNode)) | {"__init__": Logged.__init__, "now_ns": START_NS}
+    )()
+    made.camera = Camera.from_fov(64, 48, 75)
+    made.estimator = MultiRangeEstimator(load_network("tiny-clamped-256"), made.camera, ranges=1)
+    yield made
+    sys.modules.pop("flightdepth_ros.node", None)
+
+
+def test_a_message_that_cannot_be_used_does_not_end_the_node(node):
+    """The NaN of a filter that has just begun did, and so did a picture of another size."""
+    node.on_odometry(MADE.odometry(0.0, (math.nan, 0.0, 0.0))[1])
+    node.on_image(MADE.image(0.5, np.zeros((9, 16, 3), np.uint8), "bgr8")[1])
+    assert [line.split(":")[0] for line in node.lines] == ["odometry left out", "image left out"]
+    node.on_odometry(MADE.odometry(0.1, (1.0, 0.0, 0.0))[1])
+    assert len(node.lines) == 2
 
 
 def test_the_package_is_named_alike_everywhere():

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from live_peers import encode, free_port
+from live_peers import encode, free_port, until
 
 from flightdepth.flight.decoding import BUILT_ON_DAMAGE
 from flightdepth.live.picture_clock import PictureClock
@@ -33,6 +33,8 @@ from flightdepth.live.rtp import (
     h265_parts,
 )
 from flightdepth.live.rtp_stream import RtpStream
+from flightdepth.live.video_address import video_address
+from flightdepth.live.video_input import VideoInput, VideoListener
 from flightdepth.live.video_stream import StreamEnded
 
 GAP = "gaps in the RTP packets"
@@ -256,6 +258,57 @@ def test_silence_and_another_sender_end_a_connection():
         with pytest.raises(StreamEnded):
             stream._is_ours(other, 800_000_000)
     assert counts == {"RTP packets of another sender": 1}
+
+
+def instead_of_pictures(datagrams):
+    """What a live input says that came, when these packets do."""
+    port = free_port()
+    video = VideoInput(video_address(f"rtp://127.0.0.1:{port}"), VideoListener(*[lambda told: None] * 3))
+    with closing(video), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        video.start()
+
+        def told():
+            for data in datagrams:
+                sender.sendto(data, ("127.0.0.1", port))
+            return video.instead
+
+        until(told)
+        return video.instead, video.received
+
+
+def test_why_no_picture_comes_though_packets_do_is_told(datagrams):
+    """Nothing was: no picture has come yet, or nothing came in time."""
+    numbered = [data[:1] + bytes([data[1] & 0x80 | 97]) + data[2:] for data in datagrams[:20]]
+    what, received = instead_of_pictures(numbered)
+    assert "RTP packets of payload type 97, not 96" in what and not received
+    bare = [
+        rtp(i, 6000 * i, marker=True, payload=b"\x41x" if i else b"\x65x") for i in range(8)
+    ]  # a key frame, and no parameter sets with it
+    what, received = instead_of_pictures(bare)
+    assert "before the first parameter sets" in what and "config-interval" in what and not received
+
+
+def test_what_came_instead_is_forgotten_with_the_next_picture(clip):
+    port = free_port()
+    video = VideoInput(video_address(f"rtp://127.0.0.1:{port}"), VideoListener(*[lambda told: None] * 3))
+    with closing(video), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        video.start()
+        until(lambda: sender.sendto(rtp(kind=97), ("127.0.0.1", port)) and video.instead)
+        send(clip, port)
+        until(lambda: video.received)
+        assert video.instead is None
+
+
+def test_a_port_that_another_program_reads_is_refused():
+    """The last one took all packets from those before it, which heard that nothing came."""
+    address = f"rtp://127.0.0.1:{free_port()}"
+    with closing(RtpStream(address, Counter())), pytest.raises(OSError, match="in use"):
+        RtpStream(address, Counter())
+
+
+def test_a_cameras_address_is_not_where_to_listen():
+    with pytest.raises(StreamEnded, match=r"192\.0\.2\.1 is no address of this machine"):
+        RtpStream(f"rtp://192.0.2.1:{free_port()}", Counter())
 
 
 NEWEST = RtpPacket.parse(rtp(65_000, 2**32 - 1000))

@@ -9,11 +9,12 @@ import pytest
 from live_peers import free_port
 
 from flightdepth.commands.demo import LOG, VIDEO
-from flightdepth.commands.live_session import Session, played_log
+from flightdepth.commands.live_session import Session, missing, played_log
 from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.precision_option import NetworkPrecision
 from flightdepth.errors import BadInput
 from flightdepth.flight.cameras import Recording
+from flightdepth.live.status import FrameCounts, Health, LiveStatus, SinkCounts, State
 from flightdepth.live.video_address import video_address
 
 
@@ -112,3 +113,28 @@ def test_a_log_is_not_played_beside_a_stream(session):
 def test_options_that_would_do_nothing_are_refused(session, changes, said):
     with pytest.raises(BadInput, match=said):
         replace(session.settings, **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"sender_clock": True, "video": "udp://127.0.0.1:5600"}, "--sender-clock: expected RTSP or RTP"),
+        ({"align": False}, "--no-align: expected a network whose depth is aligned.*, got"),
+    ],
+)
+def test_options_that_would_do_nothing_with_this_stream_or_network_are_refused(session, changes, said):
+    with pytest.raises(BadInput, match=said):
+        Session(replace(session.settings, **changes))
+
+
+def test_a_sender_of_rtp_reports_its_clock(session):
+    for video in ("rtsp://127.0.0.1/main", "rtp://127.0.0.1:5600"):
+        assert Session(replace(session.settings, sender_clock=True, video=video)).settings.sender_clock
+
+
+def test_what_a_busy_disk_missed_stands_in_the_recording():
+    """The folder of a run whose disk was too slow looked whole."""
+    counts = FrameCounts(9, 8, {"a newer picture came first": 1})
+    sinks = {"recorder": SinkCounts(taken=6, missed=2)}
+    status = LiveStatus(0, Health(State.OK, None, 0), frames=counts, sinks=sinks)
+    assert missing(status) == {"a newer picture came first": 1, "the disk was busy": 2}

@@ -1,10 +1,11 @@
 import math
+import pickle
 
 import pytest
 from output_samples import SOURCE
 
 from flightdepth.outputs.frame_table import FrameRow
-from flightdepth.outputs.record import Counts, DepthScaleNote, FlightRecord, Summary, grouped
+from flightdepth.outputs.record import Counts, DepthScaleNote, FlightRecord, ReasonTally, Summary
 
 
 def row(index, reason="", latency_ms=5.0, valid_fraction=0.5):
@@ -28,7 +29,14 @@ def test_reasons_that_differ_in_numbers_only_are_counted_together():
 
 def test_other_words_are_another_reason():
     reasons = ["hovering: flown 0.01 m", "hovering: flown 0.29 m", "gap of 2 s", "gap of 2 s", "hovering"]
-    assert grouped(reasons) == {"hovering: flown 0.01 to 0.29 m": 2, "gap of 2 s": 2, "hovering": 1}
+    counts = ReasonTally(reasons).counts()
+    assert counts == {"hovering: flown 0.01 to 0.29 m": 2, "gap of 2 s": 2, "hovering": 1}
+
+
+def test_a_tally_does_not_grow_with_the_frames():
+    """A note of each frame of an hour of flight was kept until its end."""
+    notes = [f"off by {i % 7} degrees" for i in range(250)]
+    assert len(pickle.dumps(ReasonTally(notes[:200]))) == len(pickle.dumps(ReasonTally(notes)))
 
 
 def test_each_frame_is_counted_once():

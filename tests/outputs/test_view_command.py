@@ -51,6 +51,13 @@ def test_a_recording_in_no_folder(folder, capsys):
     assert "an existing folder" in capsys.readouterr().err
 
 
+def test_a_recording_among_the_files_of_the_run_is_refused(folder, capsys):
+    """The next run there was refused for it."""
+    assert main(["view", str(folder), "--save", str(folder / "a.rrd")]) == 2
+    assert "a place outside" in capsys.readouterr().err
+    assert not (folder / "a.rrd").exists()
+
+
 def test_a_folder_that_is_none(tmp_path, capsys):
     assert main(["view", str(tmp_path)]) == 2
     assert "flightdepth run" in capsys.readouterr().err

@@ -156,6 +156,20 @@ def test_an_older_result_is_replaced(tmp_path):
     assert len(list((tmp_path / "out" / "depth").iterdir())) == 1
 
 
+@pytest.mark.parametrize("exists", [False, True])
+def test_a_link_stays_and_what_it_leads_to_is_written(tmp_path, exists):
+    """Where nothing was there yet the whole flight was lost at its end; else the link became a folder."""
+    disk, link = tmp_path / "disk", tmp_path / "out"
+    disk.mkdir()
+    if exists:
+        (disk / "depth").mkdir()
+    link.symlink_to(disk if exists else disk / "new")
+    write(link, [known(RAMP)])
+    assert link.is_symlink()
+    assert len(FlightFolder(disk if exists else disk / "new").rows) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "out"]
+
+
 def test_a_folder_with_something_else_in_it_is_refused(tmp_path):
     (tmp_path / "holiday.jpg").write_bytes(b"precious")
     with pytest.raises(BadInput, match=r"holiday\.jpg"):

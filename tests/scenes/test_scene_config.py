@@ -28,6 +28,7 @@ def test_focal_length_of_a_narrow_lens():
         ({"texture_ratio": 1.1}, "texture_ratio"),
         ({"horizontal_fov_deg": 180}, "horizontal_fov_deg"),
         ({"colour": "red"}, "colour"),
+        ({"distance_m": (1.0, math.inf)}, "finite number"),
     ],
 )
 def test_what_cannot_be_is_refused(change, said):

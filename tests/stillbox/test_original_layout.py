@@ -8,8 +8,11 @@ import pytest
 from small_sets import TEXTURES, small_source
 
 from flightdepth.errors import BadInput
+from flightdepth.scenes import StillBoxConfig
 from flightdepth.stillbox import original_layout
+from flightdepth.stillbox.encoding import Source
 from flightdepth.stillbox.original_layout import OriginalLayout
+from flightdepth.stillbox.sets import SceneSet
 
 SOURCE = small_source(frames=2)
 ARGUMENTS = SOURCE.arguments(TEXTURES)
@@ -98,3 +101,43 @@ def test_damaged_metadata_is_named(written):
     path.write_text('{"scenes"')
     with pytest.raises(BadInput, match=r"metadata .*metadata\.json: expected JSON with scenes"):
         OriginalLayout(written[0].parent, ARGUMENTS)
+
+
+def rotation(w, x, y, z):
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def test_as_the_docs_say_a_point_is_where_the_other_frame_sees_it(tmp_path):
+    """An empty room and a camera that turns, by the words of docs/stillbox-disk.md alone: right, up, forward."""
+    config = StillBoxConfig(frames=3, meshes=(0, 0), orientation_noise_rad=0.05, horizontal_fov_deg=70)
+    source = Source(SceneSet(config, 64, 48, seed=1))
+    with OriginalLayout(tmp_path, source.arguments(TEXTURES)) as layout:
+        layout.add(source.encoded(0, TEXTURES))
+    facts = metadata(tmp_path)
+    scene, (width, height) = facts["scenes"][0], facts["resolution"]
+    focal_px = width / 2 / np.tan(np.radians(facts["fov"]) / 2)
+    depth_m = [np.load(tmp_path / "00" / name).astype(float) for name in scene["depth"]]
+    turns = [rotation(*each) for each in scene["orientation"]]
+    places_m = np.arange(3)[:, None] * np.array(scene["speed"]) * scene["time_step"]
+    (v, u), cx, cy = np.mgrid[:height, :width], (width - 1) / 2, (height - 1) / 2
+    rays = np.stack([(u - cx) / focal_px, -(v - cy) / focal_px, np.ones_like(u)], axis=-1)
+
+    world = (rays * depth_m[2][..., None]) @ turns[2].T + places_m[2]
+    x, y, z = np.moveaxis((world - places_m[0]) @ turns[0], -1, 0)
+    x_px, y_px = x / z * focal_px + cx, -y / z * focal_px + cy
+    left, top = np.floor(x_px).astype(int), np.floor(y_px).astype(int)
+    seen = (left >= 0) & (left < width - 1) & (top >= 0) & (top < height - 1)
+    assert seen.mean() > 0.7
+    left, top, x_px, y_px, z = (each[seen] for each in (left, top, x_px, y_px, z))
+    inverse = sum(  # linear on a wall
+        (1 - abs(x_px - column)) * (1 - abs(y_px - row)) / depth_m[0][row, column]
+        for row in (top, top + 1)
+        for column in (left, left + 1)
+    )
+    assert np.percentile(abs(z * inverse - 1), 80) < 1e-6  # but along the edges of the room

@@ -1,5 +1,7 @@
 """Training pairs from a stored set."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small_sets import TEXTURES, render_small, small_source
@@ -94,7 +96,7 @@ def test_the_seed_decides(stored):
             {"config": small_source(horizontal_fov_deg=60).scenes.config},
             "field of view: expected 60.0, got 90.0",
         ),
-        ({"config": small_source(speed_m_s=2).scenes.config}, r"step: expected 0\.200 m, got 0\.100 m"),
+        ({"config": small_source(speed_m_s=2).scenes.config}, r"step: expected 0\.200 m .*, got 0\.100 m"),
         ({"picture": Picture(16, 12, 16, (55, 120))}, "a stage of one field of view, got"),
         ({"config": small_source(open_share=0.5).scenes.config}, "a stage of closed rooms, got 0.5"),
     ],
@@ -102,3 +104,36 @@ def test_the_seed_decides(stored):
 def test_a_set_of_another_kind_is_refused(stored, changes, said):
     with pytest.raises(BadInput, match=said):
         opened(stored, **changes)
+
+
+def test_a_set_without_a_scene_is_refused(stored):
+    with pytest.raises(BadInput, match="expected a scene to learn from, got none"):
+        opened(replace(stored, entries=()))
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [{"speed": [0.0, 0.0, 2.0]}, {"position": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.1, 0.2]]}],
+    ids=["faster", "bent"],
+)
+def test_one_scene_whose_steps_differ_would_have_wrong_targets(stored, odd):
+    place, facts = stored.entries[3]
+    entries = (*stored.entries[:3], (place, facts | odd), *stored.entries[4:])
+    with pytest.raises(BadInput, match=r"step: expected 0\.100 m everywhere, got 0\."):
+        opened(replace(stored, entries=entries))
+
+
+def test_what_was_clipped_is_as_far_as_can_be(tmp_path):
+    """A sky stands at 200 m in the files; nine steps apart it was taken for a wall at 200 * 3 / 9 = 67 m."""
+    source = small_source(open_share=1.0, frames=10)
+    render_small(tmp_path / "open", source=source, scenes=2)
+    stored = open_stored_set(tmp_path / "open")
+    closed = source.scenes.config.model_copy(update={"open_share": 0.0})
+    with opened(stored, config=closed) as stream:
+        scene, cut, _ = stream._render(0)
+    seen = stored.scene(stream._place(0)).depth_m
+    assert 0 < (seen == 200).mean() < 1
+    assert np.array_equal(np.isinf(cut.depth_m), seen == 200)
+    target_m = PairRule().target_m(cut.depth_m[9], 9, 8.0)
+    assert (target_m[seen[9] == 200] == 100).all()
+    assert scene.frames == 10

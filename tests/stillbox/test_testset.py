@@ -36,6 +36,11 @@ def test_a_pair_is_the_nominal_shift_in_the_middle_of_its_scene(rule):
     np.testing.assert_array_equal(pair.displacement, moved)
 
 
+def test_a_nominal_shift_longer_than_a_scene_has_a_longer_scene():
+    pair = TestSet(SMALL, PairRule(12), textures=BLANK).pair(11)
+    assert np.linalg.norm(pair.displacement) == pytest.approx(1.2)
+
+
 def test_with_orientation_noise_the_displacement_is_in_the_current_orientation():
     config = StillBoxConfig(orientation_noise_rad=0.1)
     pair = TestSet(SMALL, PairRule(), textures=BLANK, config=config).pair(11)

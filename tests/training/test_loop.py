@@ -16,14 +16,15 @@ from training_runs import BATCH, STEPS, small_recipe, small_stream, small_textur
 
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.files import write_json
-from flightdepth.training import learner, loop
+from flightdepth.stillbox.stored import StoredSet
+from flightdepth.training import learner, loop, precision
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.export import deployed, to_onnx, weights_of
 from flightdepth.training.learner import Learner, mixed_precision
 from flightdepth.training.loop import train
 from flightdepth.training.pictures import normalised
 from flightdepth.training.processes import Share
-from flightdepth.training.run_folder import CHECKPOINT, RECIPE, read_trained
+from flightdepth.training.run_folder import CHECKPOINT, RECIPE, SHIPPED, read_trained
 from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.card import Stage as CardStage
 from flightdepth.weights.store import StoredNetwork, read_network
@@ -91,10 +92,25 @@ def test_resume_is_exact_with_a_checkpoint_long_ago(whole, tmp_path):
 
 def test_resume_is_exact_after_a_kill(whole, tmp_path):
     script = Path(training_runs.__file__)
-    done = subprocess.run([sys.executable, str(script), str(tmp_path), "4"], check=False, timeout=240)
+    done = subprocess.run(
+        [sys.executable, str(script), str(tmp_path), "4", mixed_precision()], check=False, timeout=240
+    )
     assert done.returncode == -signal.SIGKILL
     run(tmp_path, resume=True)
     assert checkpoint(tmp_path) == checkpoint(whole[0])
+
+
+@pytest.mark.parametrize("begun_in", ["bf16", "no"])
+def test_a_run_goes_on_in_what_it_was_begun_in(tmp_path, monkeypatch, begun_in):
+    """Which is faster is timed: on a busy processor a resumed run went on in the other one, without a word."""
+    monkeypatch.setattr(precision, "cpu_runs_bf16", lambda: True)
+    monkeypatch.setattr(precision, "cpu_gains_by_bf16", lambda: begun_in == "bf16")
+    recipe = small_recipe(stages=[stage("a", 2)])
+    losses = run(tmp_path / "whole", recipe=recipe)
+    run(tmp_path / "cut", recipe=recipe, cut_after=1)
+    monkeypatch.setattr(precision, "cpu_gains_by_bf16", lambda: begun_in != "bf16")
+    assert run(tmp_path / "cut", recipe=recipe, resume=True) == losses
+    assert checkpoint(tmp_path / "cut") == checkpoint(tmp_path / "whole")
 
 
 def test_a_stop_saves_the_step_just_done(whole, tmp_path):
@@ -299,6 +315,22 @@ def test_a_shipped_network_starts_with_its_own_weights(whole, tmp_path):
             assert key.endswith("num_batches_tracked") or torch.equal(value, parent[key])
 
 
+def test_a_run_knows_what_it_began_from_before_its_first_step_is_saved(whole, tmp_path):
+    """Killed early and resumed without --shipped it began from random weights, and its card said otherwise."""
+    shipped = shipped_after(whole[0], [("a", 4 * BATCH)])
+    losses = run(tmp_path / "whole", shipped=shipped)
+    run(tmp_path / "cut", shipped=shipped, cut_after=1, checkpoint_every_s=1e9)
+    assert run(tmp_path / "cut", resume=True) == losses
+    assert checkpoint(tmp_path / "cut") == checkpoint(tmp_path / "whole")
+
+
+def test_a_run_that_begins_from_random_weights_names_no_shipped_network(whole, tmp_path):
+    shipped = shipped_after(whole[0], [("a", 4 * BATCH)])
+    write_json(tmp_path / SHIPPED, shipped.card.model_dump(mode="json"))  # killed before its first checkpoint
+    run(tmp_path, resume=True)
+    assert read_trained(tmp_path).shipped is None
+
+
 def test_a_shipped_network_of_other_stages_is_refused(whole, tmp_path):
     with pytest.raises(BadInput, match="first stages are the last of small's"):
         run(tmp_path, shipped=shipped_after(whole[0], [("a", 5 * BATCH)]))
@@ -308,6 +340,29 @@ def test_a_run_that_diverges_stops(tmp_path, monkeypatch):
     monkeypatch.setattr(learner, "loss_m", lambda *_: torch.tensor(math.nan, requires_grad=True))
     with pytest.raises(FlightDepthError, match="diverged at sample 0 of stage a"):
         run(tmp_path)
+
+
+def test_weights_that_are_no_numbers_leave_the_checkpoint_before(tmp_path):
+    wild = small_recipe(warmup_samples=0, stages=[stage("a", 2) | {"learning_rate": 1e39}])
+    with pytest.raises(FlightDepthError, match="diverged: weights that are no numbers after 4 pairs"):
+        run(tmp_path, recipe=wild)
+    assert read_progress(tmp_path / CHECKPOINT).seen == 0
+    assert all(
+        weights.isfinite().all() for weights in read_weights(tmp_path / CHECKPOINT, "network").values()
+    )
+
+
+def flown_set(width, speed_m_s):
+    """Steps of 0.1 s to the right; its pictures are nowhere."""
+    scene = {"imgs": ["1", "2", "3"], "speed": [speed_m_s, 0.0, 0.0], "time_step": 0.1}
+    return StoredSet(Path("nowhere"), width, width, 90.0, "unknown", ((Path("nowhere"), scene),))
+
+
+def test_what_the_last_stage_cannot_learn_from_is_told_before_the_first(tmp_path):
+    recipe = small_recipe(stages=[stage("a", 1), stage("b", 1) | {"full_width": 128}])
+    with pytest.raises(BadInput, match=r"set nowhere, step: expected 0\.100 m everywhere, got 0\.200 m"):
+        run(tmp_path, recipe=recipe, sets={64: flown_set(64, 1.0), 128: flown_set(128, 2.0)})
+    assert not any(tmp_path.iterdir())  # the same folder does for the right set
 
 
 @pytest.fixture
@@ -390,4 +445,4 @@ def test_a_stage_says_how_many_of_its_pairs_are_wide(tmp_path, monkeypatch):
 
     monkeypatch.setattr(loop, "PairStream", stream)
     run(tmp_path, recipe=small_recipe(stages=[stage("a", 1), stage("b", 1) | {"wide_share": 0.25}]))
-    assert shares == [0.0, 0.25]
+    assert shares == 2 * [0.0, 0.25]  # once to see whether it can be had

@@ -94,7 +94,7 @@ def test_parts_see_other_pairs_than_the_whole(two_accumulation_steps, tmp_path, 
     ],
 )
 def test_each_part_has_one_process(accumulate, processes, parts, shares):
-    recipe = small_recipe(accumulate=accumulate)
+    recipe = small_recipe(accumulate=accumulate, stages=[stage("a", 1) | {"batch": 8}])
     found = [Share.of(recipe, process, processes) for process in range(processes)]
     assert [list(share.mine) for share in found] == shares
     assert {share.parts for share in found} == {parts}
@@ -105,6 +105,7 @@ def test_each_part_has_one_process(accumulate, processes, parts, shares):
     [
         (1, 3, f"batch of stage a: expected a multiple of 3, got {BATCH}"),
         (4, 3, "accumulate: expected a multi"),
+        (4, 1, f"batch of stage a: expected at least 8: batch norm .*, got {BATCH}"),
     ],
 )
 def test_what_cannot_be_shared_is_refused(accumulate, processes, said):

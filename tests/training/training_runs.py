@@ -1,4 +1,4 @@
-"""Runs of a few steps. As a script, a run that kills itself: python training_runs.py FOLDER STEPS; or, of
+"""Runs of a few steps. As a script, a run that kills itself: python training_runs.py FOLDER STEPS PRECISION; or, of
 several processes, one that writes down its losses: python training_runs.py FOLDER.
 """
 
@@ -16,7 +16,7 @@ import torch
 
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import PairStream
-from flightdepth.training import Recipe, loop
+from flightdepth.training import Recipe, learner, loop
 
 BATCH, STEPS = 4, 6  # two stages, four steps and two
 
@@ -56,11 +56,13 @@ small_stream = partial(PairStream, pool_scenes=8)
 
 
 def main() -> None:
-    folder, *steps = sys.argv[1:]
+    folder, *rest = sys.argv[1:]
     torch.set_num_threads(1)  # as in the other runs: the number of threads decides how sums are rounded
     loop.PairStream = small_stream  # type: ignore[misc, assignment]
-    if steps:
-        killed_after(int(steps[0]), Path(folder))
+    if rest:
+        steps, computed_in = rest  # two processes that time the processor may decide differently
+        learner.mixed_precision = lambda _=None: computed_in  # type: ignore[assignment, return-value]
+        killed_after(int(steps), Path(folder))
     else:
         one_of_several(Path(folder))
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from array import array
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import rclpy
@@ -16,7 +18,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 
-from flightdepth.errors import FlightDepthError
+from flightdepth.errors import BadInput, FlightDepthError
+from flightdepth.flight.ros_records import DamagedError
 from flightdepth.motion import rotation_from_euler
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.runtimes.network import load_network, nearest_network
@@ -66,24 +69,34 @@ class DepthNode(Node):
         """Velocity, and the attitude of a camera that is screwed to the drone."""
         if self.estimator is None:
             return
-        stamp_ns, velocity, sigma = velocity_of(message, self.now_ns)
-        self.estimator.add_velocity(stamp_ns, velocity, sigma=sigma)
         pitch_deg = self.get_parameter("mount_pitch_deg").value
-        if not math.isnan(pitch_deg):
-            # Up in forward-left-up is a negative turn about the left axis.
-            mount = rotation_from_euler(0.0, -math.radians(pitch_deg), 0.0) @ FLU_FROM_FORWARD_CAMERA
-            self.estimator.add_attitude(*camera_attitude_of(message, self.now_ns, mount))
+        with self.left_out_if_bad("odometry"):
+            stamp_ns, velocity, sigma = velocity_of(message, self.now_ns)
+            self.estimator.add_velocity(stamp_ns, velocity, sigma=sigma)
+            if not math.isnan(pitch_deg):
+                # Up in forward-left-up is a negative turn about the left axis.
+                mount = rotation_from_euler(0.0, -math.radians(pitch_deg), 0.0) @ FLU_FROM_FORWARD_CAMERA
+                self.estimator.add_attitude(*camera_attitude_of(message, self.now_ns, mount))
 
     def on_image(self, message: Image) -> None:
         """Depth of each picture; where there is none, the log says why."""
         if self.estimator is None:
             return
-        stamp_ns, image = image_of(message, self.now_ns)
-        result = self.estimator.add_frame(stamp_ns, image)
-        if result.reason is not None:
-            self.get_logger().warning(f"no depth: {result.reason}", throttle_duration_sec=2.0)
-        self.publish(self.depth, Image(), message, depth_fields(result.depth_m))
-        self.publish(self.info, CameraInfo(), message, info_fields(self.camera))
+        with self.left_out_if_bad("image"):
+            stamp_ns, image = image_of(message, self.now_ns)
+            result = self.estimator.add_frame(stamp_ns, image)
+            if result.reason is not None:
+                self.get_logger().warning(f"no depth: {result.reason}", throttle_duration_sec=2.0)
+            self.publish(self.depth, Image(), message, depth_fields(result.depth_m))
+            self.publish(self.info, CameraInfo(), message, info_fields(self.camera))
+
+    @contextmanager
+    def left_out_if_bad(self, what: str) -> Iterator[None]:
+        """A message that cannot be used ends nothing, such as the NaN of a filter that has just begun."""
+        try:
+            yield
+        except (BadInput, DamagedError) as error:
+            self.get_logger().warning(f"{what} left out: {error}", throttle_duration_sec=2.0)
 
     @property
     def now_ns(self) -> int:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flightdepth.commands.flight_options import (
+    CameraOption,
+    EndOption,
+    HfovOption,
+    StartOption,
+    TelemetryOption,
+)
 from flightdepth.commands.terminal import progress_bar, say, show_table
 from flightdepth.errors import BadInput
 from flightdepth.files import check_parent, write_atomic, write_json
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from flightdepth.camera import Camera
     from flightdepth.evaluation.baseline_pairs import BaselinePairs
     from flightdepth.evaluation.baseline_sheets import SheetSights
@@ -30,19 +34,22 @@ SHEET_FRAMES = 3
 def baselines(
     flight: Annotated[Path, typer.Argument(metavar="FLIGHT", help="Stabilised video.")],
     *,
-    telemetry: Annotated[Path | None, typer.Option(metavar="LOG", help="Flight log.")] = None,
-    camera: Annotated[Path | None, typer.Option(metavar="FILE|NAME", help="As of `run`.")] = None,
-    hfov: Annotated[float | None, typer.Option(metavar="DEG", help="Instead of --camera.")] = None,
+    telemetry: TelemetryOption = None,
+    camera: CameraOption = None,
+    hfov: HfovOption = None,
+    start: StartOption = None,
+    end: EndOption = None,
     network: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Several stand side by side. Default: as `run`."),
+        typer.Option(
+            metavar="NAME",
+            help="As of `flightdepth run`; given several times, they stand side by side. Default: one for any lens.",
+        ),
     ] = None,
     baselines: Annotated[
         str, typer.Option(metavar="M,M,...", help="Metres flown between the two pictures of a pair.")
     ] = "0.5,1,2",
     every: Annotated[int, typer.Option(metavar="N", min=1, help="Ask for the depth of each N-th frame.")] = 3,
-    start: Annotated[float | None, typer.Option(metavar="S")] = None,
-    end: Annotated[float | None, typer.Option(metavar="S")] = None,
     json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure there.")] = None,
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a PNG of some frames there.")
@@ -151,90 +158,19 @@ def follow(flight: Flight, pairs: BaselinePairs, study: BaselineStudy, sights: S
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print the tables."""
-    from flightdepth.evaluation.baselines import MOVED_PX
+    """Print the tables, and what they were measured on."""
+    from flightdepth.evaluation.baseline_tables import tables
 
-    for title, cells in (
-        (
-            "difference after the warp, as a share of that without (1: plane at infinity), pixels measured",
-            photometric(result),
-        ),
-        ("median |log depth ratio| between baselines, pixels that both measure", agreements(result)),
-        ("the same, only where the classical peer measures twice", agreements_with_peer(result)),
-        ("slope of depth per metre flown, number of tracked points", slopes(result["slope"])),
-        (
-            f"the same, of points that moved by {MOVED_PX:g} px or more between the pictures",
-            slopes(result["slope_of_moved"]),
-        ),
-    ):
+    for title, table in tables(result):
         say(title)
-        show_table(table(cells))
+        show_table(table)
     say("+- half of the 95 % bootstrap interval, over frames (the slope's over points)")
     counted = ", ".join(f"{count} over {length} m" for length, count in result["frames_per_baseline"].items())
-    say(f"{result['frames']} frames, of each {result['every']}. the depth; pairs: {counted}")
+    say(f"{result['frames']} frames, one in {result['every']} measured; pairs: {counted}")
     for witness, count in result["directions_told_by"].items():
         say(f"  direction of {count} pairs told by {witness}")
     for cause, count in result["left_out"].items():
         say(f"  {count} left out: {cause}")
-
-
-def photometric(result: dict[str, Any]) -> dict[tuple[str, str], str]:
-    """Cells by method and baseline."""
-    cells = {}
-    for row in result["photometric"]:
-        measured = "" if math.isnan(row["pixels_measured"]) else f"{row['pixels_measured']:.0%}"
-        figure = spread(row["error_share"], row["error_share"]["mean"])
-        cells[row["method"], f"{row['baseline_m']:g} m"] = f"{figure}  {measured:>4}"
-    return cells
-
-
-def agreements(result: dict[str, Any]) -> dict[tuple[str, str], str]:
-    """Cells by method and pair of baselines."""
-    return {
-        (row["method"], " / ".join(f"{length:g}" for length in row["baselines_m"]) + " m"): (
-            f"{spread(row['median_log_ratio'], row['median_log_ratio']['mean'])}"
-            f"  {row['measured_by_both']['mean']:4.0%}"
-        )
-        for row in result["agreement"]
-    }
-
-
-def agreements_with_peer(result: dict[str, Any]) -> dict[tuple[str, str], str]:
-    """As `agreements`, on the peer's pixels."""
-    key = "median_log_ratio_where_peer_measures"
-    return {
-        (row["method"], " / ".join(f"{length:g}" for length in row["baselines_m"]) + " m"): spread(
-            row[key], row[key]["mean"]
-        )
-        for row in result["agreement"]
-    }
-
-
-def slopes(rows: list[dict[str, Any]]) -> dict[tuple[str, str], str]:
-    """Cells by method and baseline, the ideal first."""
-    cells = {("ideal", f"{row['baseline_m']:g} m"): f"{row['ideal']:.2f}" for row in rows}
-    for row in rows:
-        cells[row["method"], f"{row['baseline_m']:g} m"] = f"{spread(row, row['median'])}  {row['points']:4d}"
-    return cells
-
-
-def table(cells: dict[tuple[str, str], str]) -> Table:
-    """Cells by row and column, in the order they were given."""
-    from rich.table import Table
-
-    grid = Table(box=None)
-    columns = list(dict.fromkeys(column for _, column in cells))
-    grid.add_column("")
-    for column in columns:
-        grid.add_column(column, justify="right")
-    for name in dict.fromkeys(name for name, _ in cells):
-        grid.add_row(name, *(cells.get((name, column), "-") for column in columns))
-    return grid
-
-
-def spread(ends: dict[str, Any], middle: float) -> str:
-    """A figure and half of the interval from low to high; a dash where there is none."""
-    return "-" if math.isnan(middle) else f"{middle:.2f} +-{(ends['high'] - ends['low']) / 2:.2f}"
 
 
 def keep(result: dict[str, Any], target: Path | None) -> None:
@@ -248,13 +184,11 @@ def keep(result: dict[str, Any], target: Path | None) -> None:
 
 def draw(sights: SheetSights, valid: Any, target: Path) -> None:
     """Write the picture, if any pair was seen."""
-    import cv2
-
     from flightdepth.evaluation.baseline_sheets import sheet
+    from flightdepth.outputs.encoding import rgb_png
 
     if not sights.chosen:
         say("no picture: no frame has a pair of every baseline")
         return
-    rgb = sheet(sights.chosen, valid)
-    write_atomic(target, cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes())
+    write_atomic(target, rgb_png(sheet(sights.chosen, valid)))
     say(f"picture: {target}")

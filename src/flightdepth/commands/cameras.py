@@ -13,7 +13,7 @@ from flightdepth.errors import BadInput
 
 def cameras(
     video: Annotated[
-        Path | None, typer.Argument(metavar="[VIDEO]", help="Say what this video tells of its camera.")
+        Path | None, typer.Argument(metavar="VIDEO", help="Say what this video tells of its camera.")
     ] = None,
     *,
     telemetry: Annotated[

@@ -22,19 +22,23 @@ KINDS = (".ply", ".las", ".laz", RECORDING)
 
 def convert(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="What `flightdepth run` wrote.")],
-    file: Annotated[Path, typer.Argument(metavar="FILE", help=".ply, .las, .laz or .mcap")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A name that ends in .ply, .las, .laz or .mcap.")
+    ],
     *,
     min_confidence: Annotated[
-        float | None, typer.Option(metavar="0..1", help="Clouds: leave out what is less sure. Default 0.6.")
+        float | None, typer.Option(metavar="0..1", help="Clouds: leave out what is less sure. Default: 0.6.")
     ] = None,
     max_range: Annotated[
-        float | None, typer.Option(metavar="M", help="Clouds: leave out what is farther. Default 60.")
+        float | None,
+        typer.Option(metavar="M", help="Clouds: leave out what is farther, in metres. Default: 60."),
     ] = None,
     voxel: Annotated[
-        float | None, typer.Option(metavar="M", help="Clouds: one point a cube of this edge. Default 0.25.")
+        float | None,
+        typer.Option(metavar="M", help="Clouds: one point a cube of this edge, in metres. Default: 0.25."),
     ] = None,
     every: Annotated[
-        int | None, typer.Option(metavar="N", help="Clouds: use every N-th frame. Default 10.")
+        int | None, typer.Option(metavar="N", help="Clouds: use every N-th frame. Default: 10.")
     ] = None,
 ) -> None:
     """Turn a flight's depth into one file that other programs read. The name's end says which.

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flightdepth.commands.run import RunSettings, conclude, introduce, write_depth
+from flightdepth.commands.run_settings import RunSettings
+from flightdepth.commands.single_flight import conclude, introduce, write_depth
 from flightdepth.commands.terminal import progress_bar, say, show_table
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def demo(
     from flightdepth.flight import open_flight
     from flightdepth.runtimes.network import load_network, nearest_network
 
-    settings = sample_settings(network)
+    settings = RunSettings(telemetry=LOG, camera=CALIBRATION, network=network)  # as `flightdepth run` would
     with open_flight(VIDEO, settings.telemetry, settings.camera) as flight:
         loaded = load_network(network or nearest_network(flight.camera))
         introduce(VIDEO, flight, loaded)
@@ -64,23 +65,6 @@ def demo(
     say(f"over {len(witness.moments)} frames; share of the sky that was given a depth: {sky}")
     say(f"{PEER}: optical flow (DIS) and triangulation of the same frame pairs, with the true displacements")
     conclude(summary, elapsed_s, out)
-
-
-def sample_settings(network: str | None) -> RunSettings:
-    """How `flightdepth run` would be called on the sample."""
-    return RunSettings(
-        telemetry=LOG,
-        camera=CALIBRATION,
-        hfov=None,
-        network=network,
-        ranges=2,
-        speed=None,
-        start=None,
-        end=None,
-        depth_format="png",
-        preview_ranges=False,
-        fusion="saturation",
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,16 +61,23 @@ def evaluate_network_command(
         bool, typer.Option("--outdoor", help="Drone flights under a sky instead of rooms.")
     ] = False,
     fov: Annotated[
-        float, typer.Option(metavar="DEG", help="Another lens, for networks that know any.")
+        float,
+        typer.Option(
+            metavar="DEG",
+            help="Horizontal field of view in degrees; another lens for networks that know any.",
+        ),
     ] = 90.0,
 ) -> None:
     """Errors on the fixed test set, beside the best constant depth and the classical peer.
+
+    The rooms that the figures on a network's card are of:
 
       flightdepth evaluate network depthnet-256 --json depthnet-256.json
 
     Where no network was trained, and through another lens:
 
       flightdepth evaluate network motion --outdoor
+
       flightdepth evaluate network motion --fov 60
     """
     with extra_packages("flightdepth evaluate", "train"):
@@ -110,7 +117,7 @@ def evaluated(network: Network, pairs: TestSet | OutdoorTestSet) -> dict[str, An
 
 def show(result: dict[str, Any]) -> None:
     """Print the tables."""
-    from flightdepth.evaluation.tables import tables
+    from flightdepth.evaluation.network_tables import tables
 
     for table in tables(result):
         show_table(table)

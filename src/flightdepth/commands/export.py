@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -48,7 +49,10 @@ def export(
         ),
     ] = None,
     scenes: Annotated[
-        int, typer.Option(metavar="N", help="Scenes of the fixed test set that the card's errors are from.")
+        int,
+        typer.Option(
+            metavar="N", min=1, help="Scenes of the fixed test set that the card's errors are from."
+        ),
     ] = 300,
 ) -> None:
     """Write NAME.onnx and its card NAME.json from a training run.
@@ -66,10 +70,14 @@ def export(
     with extra_packages("flightdepth export", "train"):
         from flightdepth.evaluation.fixed_set import fixed_set
         from flightdepth.training.checkpoint import read_weights
+        from flightdepth.training.recipe import FILE_NAME, FILE_NAME_RULE
         from flightdepth.training.run_folder import read_trained
         from flightdepth.weights.store import read_network
+    if name is not None and not re.match(FILE_NAME, name):
+        raise BadInput("--name", expected=FILE_NAME_RULE, got=repr(name))
     run = read_trained(trained)
-    card, weights = card_of(run, name or run.recipe.name), read_weights(run.checkpoint, "averaged")
+    card = card_of(run, run.recipe.name if name is None else name)
+    weights = read_weights(run.checkpoint, "averaged")
     card = card.model_copy(update={"metrics": carried_over(run)})
     if mean_with is not None:
         other = read_network(mean_with)

@@ -34,10 +34,11 @@ from flightdepth.live.obstacle_sender import ObstacleFeed, ObstacleSender
 from flightdepth.live.obstacles import ObstacleSettings, Sight
 from flightdepth.live.page import Page, PageServer
 from flightdepth.live.recorder import Recorder
-from flightdepth.live.status import LiveStatus
+from flightdepth.live.status import LiveStatus, SinkCounts
 from flightdepth.live.video_address import VideoAddress, video_address
 from flightdepth.live.video_input import VideoInput, VideoListener
 from flightdepth.runtimes.network import Network, load_network, nearest_network
+from flightdepth.weights.card import NetworkCard
 
 # A file and a log begin so long after the start, so that both are open by then.
 LEAD_NS = 300_000_000
@@ -60,6 +61,7 @@ class Session:
             precision=settings.precision.chosen,
             aligned=settings.align,
         )
+        refuse_idle(settings, self.address, self.network.card)
         fixed = settings.mount is Mount.FIXED
         self.store = MotionStore(looking(math.radians(settings.mount_pitch or 0.0)) if fixed else None)
         # Obstacles join two results in a row, so with one range these look near and far in turn.
@@ -135,7 +137,7 @@ class Session:
             recorder = Recorder(
                 settings.out, self.network.card, settings.for_record | {"video": self.address.name}
             )
-            stack.callback(lambda: recorder.close(dict(self.engine.status().frames.dropped)))
+            stack.callback(lambda: recorder.close(missing(self.engine.status())))
             self.engine.add_sink("recorder", recorder)
 
     def _add_obstacles(self, stack: ExitStack) -> ObstacleFeed | None:
@@ -196,6 +198,16 @@ def played_log(settings: LiveSettings, address: VideoAddress) -> Telemetry | Non
     return log.later_by(round(settings.telemetry_offset * NS_PER_S))
 
 
+def refuse_idle(settings: LiveSettings, address: VideoAddress, card: NetworkCard) -> None:
+    """Refuse options that would do nothing with this stream or network."""
+    if settings.sender_clock and not address.reports_wall_clock:
+        expected = "RTSP or RTP, whose sender reports its clock"
+        raise BadInput("--sender-clock", expected=expected, got=address.name)
+    if not (settings.align or card.knows_direction):
+        expected = "a network whose depth is aligned: it knows the direction of motion"
+        raise BadInput("--no-align", expected=expected, got=card.name)
+
+
 @contextmanager
 def told(engine: LiveEngine) -> Iterator[None]:
     """A line when the health changes, and one each LINE_EVERY_S, from a thread of its own."""
@@ -217,6 +229,12 @@ def told(engine: LiveEngine) -> Iterator[None]:
     finally:
         over.set()
         thread.join()
+
+
+def missing(status: LiveStatus) -> dict[str, int]:
+    """Pictures that are not in the recording, by reason."""
+    missed = status.sinks.get("recorder", SinkCounts()).missed
+    return dict(status.frames.dropped) | ({"the disk was busy": missed} if missed else {})
 
 
 def line(status: LiveStatus) -> str:

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 def noise(
     networks: Annotated[
-        list[str], typer.Argument(metavar="NETWORK...", help="Shipped names, or ONNX files, side by side.")
+        list[str], typer.Argument(metavar="NETWORK", help="Shipped names, or ONNX files, side by side.")
     ],
     *,
     scenes: Annotated[int, typer.Option(metavar="N", help="Scenes of the test set.")] = 100,
     derotate: Annotated[
         bool,
         typer.Option(
-            "--derotate", help="Also with the rotation and direction that the pictures show mended."
+            "--derotate", help="Measure again with what the pictures show of rotation and direction mended."
         ),
     ] = False,
     json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure there.")] = None,

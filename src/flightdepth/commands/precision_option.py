@@ -28,7 +28,9 @@ class NetworkPrecision(StrEnum):
 PrecisionOption = Annotated[
     NetworkPrecision,
     typer.Option(
-        help="int8 is fastest on CPUs with VNNI; what it costs stands on the network's card. "
-        "auto: bf16 where the CPU is faster in it and it costs 1 % at most, else f32."
+        metavar="TYPE",
+        help="Numbers that the network computes in: f32, bf16, or int8, which is fastest on CPUs with VNNI (what it "
+        "costs stands on the network's card). auto: bf16 where the CPU is faster in it and it costs 1 % at most, "
+        "else f32.",
     ),
 ]

@@ -39,8 +39,10 @@ def ranges(
     sweep: Annotated[
         list[Sweep] | None,
         typer.Option(
-            help="What to vary beside the paper's figure: how pairs are chosen (shift), noise and bias of the "
-            "speed, rate of the telemetry, orientation noise, fusion, number of ranges. May be given several times."
+            metavar="WHAT",
+            help="What to vary beside the paper's figure; may be given several times. shift: how pairs are chosen; "
+            "noise: of the orientation; speed: its noise and bias; telemetry: its rate; fusion; ranges: their number; "
+            "all.",
         ),
     ] = None,
     scenes: Annotated[
@@ -48,7 +50,10 @@ def ranges(
     ] = None,
     frames: Annotated[
         int | None,
-        typer.Option(metavar="N", help=f"Of each, 0.033 m apart; {FRAMES}, or {QUICK_FRAMES} with --quick."),
+        typer.Option(
+            metavar="N",
+            help=f"Frames of a sequence, 0.033 m apart; {FRAMES}, or {QUICK_FRAMES} with --quick.",
+        ),
     ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer and shorter sequences, and fewer settings of each sweep.")

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from flightdepth.stillbox.encoding import EncodedScene, Renderer, Source
     from flightdepth.stillbox.sets import SceneSet
 
-SCENES = "100"
+SCENES = 100  # where nobody says how many
 
 
 class Engine(StrEnum):
@@ -40,8 +40,12 @@ def render(
     *,
     out: Annotated[Path, typer.Option(metavar="DIR", help="A new folder, or one to go on with.")],
     scenes: Annotated[
-        str, typer.Option(metavar="N|all", help="How many; all: as many as the original has.")
-    ] = SCENES,
+        str | None,
+        typer.Option(
+            metavar="N|all",
+            help=f"How many; all: as many as the original has. Default: {SCENES}, or what --config says.",
+        ),
+    ] = None,
     layout: Annotated[
         Literal["folder", "shards"],
         typer.Option("--format", help="folder: the original Still Box layout; shards: WebDataset tar files."),
@@ -92,7 +96,8 @@ def render(
     refuse_other_things(out)
     knobs = read_overrides(config) if config else {}
     wanted, original = named_set(name, **knobs | given(seed, size))
-    source, count = Source(wanted, chosen(renderer)), scene_count(scenes, original)
+    count = scene_count(scenes, knobs.get("scenes", SCENES), original)
+    source = Source(wanted, chosen(renderer))
     dressed = dressing(wanted, textures, procedural)
     with room_on_the_disk(out):
         target = open_set(out, Layout(layout), f"stillbox-{name}", source.arguments(dressed), count)
@@ -157,8 +162,10 @@ def given(seed: int | None, size: str | None) -> dict[str, Any]:
     return found
 
 
-def scene_count(text: str, original: int) -> int:
-    """The number that --scenes says."""
+def scene_count(text: str | None, default: int, original: int) -> int:
+    """The number that --scenes says, or else `default`."""
+    if text is None:
+        return default
     if text == "all":
         return original
     if not text.isdecimal() or int(text) < 1:

@@ -51,8 +51,8 @@ def paper_table(
 ) -> None:
     """The paper's L1 and RMSE for FlowNetS and DepthNet, chain by chain, ours beside the published ones.
 
-    Rows come from the runs folder; what was not trained is marked so. Errors, once
-    measured, are kept beside their checkpoint. Shipped networks stand below.
+    Rows come from the runs folder; what was not trained is marked so. Errors,
+    once measured, are kept beside their checkpoint. Shipped networks stand below.
 
       flightdepth evaluate table
 

@@ -7,6 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from flightdepth.commands.flight_options import (
+    CameraOption,
+    EndOption,
+    HfovOption,
+    StartOption,
+    TelemetryOption,
+)
 from flightdepth.commands.terminal import progress_bar, say
 
 if TYPE_CHECKING:
@@ -20,13 +27,17 @@ DEPTH_BINS = ((0.0, 15.0), (15.0, 30.0), (30.0, 60.0), (60.0, 120.0))
 def tracks(
     flight: Annotated[Path, typer.Argument(metavar="FLIGHT", help="Video of a flight straight ahead.")],
     *,
-    telemetry: Annotated[Path | None, typer.Option(metavar="LOG", help="Flight log.")] = None,
-    camera: Annotated[Path | None, typer.Option(metavar="FILE|NAME", help="As of `run`.")] = None,
-    hfov: Annotated[float | None, typer.Option(metavar="DEG", help="Instead of --camera.")] = None,
-    network: Annotated[str | None, typer.Option(metavar="NAME", help="Default: as `run`.")] = None,
-    ranges: Annotated[int, typer.Option(metavar="N")] = 2,
-    start: Annotated[float | None, typer.Option(metavar="S")] = None,
-    end: Annotated[float | None, typer.Option(metavar="S")] = None,
+    telemetry: TelemetryOption = None,
+    camera: CameraOption = None,
+    hfov: HfovOption = None,
+    start: StartOption = None,
+    end: EndOption = None,
+    network: Annotated[
+        str | None, typer.Option(metavar="NAME", help="As of `flightdepth run`. Default: one for any lens.")
+    ] = None,
+    ranges: Annotated[
+        int, typer.Option(metavar="N", help="Earlier pictures that each one is paired with, 1 to 4.")
+    ] = 2,
     least_span: Annotated[
         float, typer.Option(metavar="M", help="Metres flown over which a point must be seen.")
     ] = 3.0,

@@ -88,7 +88,7 @@ def train(
         if first:  # before long there are files of this run
             refuse_to_overwrite(folder, resume=resume)
         start = read_network(wanted.name) if shipped else None
-        introduce(wanted, folder, shipped=shipped)
+        introduce(wanted, folder, resume=resume, shipped=shipped)
         if sets and textures is not None:
             raise BadInput(
                 "--set", expected="no --textures beside it", got=f"{textures}: its scenes are dressed"
@@ -171,8 +171,9 @@ def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
     return {width: each.split()[0] for width, each in sets.items()}
 
 
-def introduce(recipe: Recipe, folder: Path, *, shipped: bool = False) -> None:
-    """Say what is about to run."""
+def introduce(recipe: Recipe, folder: Path, *, resume: bool = False, shipped: bool = False) -> None:
+    """Say what is about to run, and from where."""
+    from flightdepth.training.checkpoint import read_progress
     from flightdepth.training.run_folder import CHECKPOINT, parent_checkpoint
     from flightdepth.weights.store import shipped_networks
 
@@ -180,10 +181,13 @@ def introduce(recipe: Recipe, folder: Path, *, shipped: bool = False) -> None:
         f"{stage.name} ({stage.width}x{stage.height} px, {stage.samples:,})" for stage in recipe.stages
     )
     say(f"{recipe.name}: {recipe.samples:,} pairs in stages {stages}")
-    if recipe.starts_from is not None and not shipped and not (folder / CHECKPOINT).exists():
+    stands = (folder / CHECKPOINT).exists()
+    if resume and not stands:
+        say(f"no checkpoint in {folder} to resume: the run begins")
+    if recipe.starts_from is not None and not shipped and not stands:
         before = parent_checkpoint(folder.parent, recipe.starts_from)
         if before.exists():
-            say(f"goes on from {before}")
+            say(f"goes on from {before}: {read_progress(before).seen:,} pairs")
         elif recipe.starts_from in shipped_networks():
             say(f"goes on from {recipe.starts_from}, which ships")
     say(f"run folder: {folder}; curves: tensorboard --logdir {folder / 'tensorboard'}")

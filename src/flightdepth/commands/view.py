@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from flightdepth.commands.convert import check_outside
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.terminal import progress_bar, say
 from flightdepth.errors import BadInput, FlightDepthError
@@ -27,11 +28,14 @@ NO_DISPLAY = "could not open a window ({error}); try `flightdepth view {folder} 
 def view(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="What `flightdepth run` wrote.")],
     *,
-    web: Annotated[bool, typer.Option("--web", help="In the browser, until Ctrl-C.")] = False,
+    web: Annotated[bool, typer.Option("--web", help="Serve the viewer to a browser, until Ctrl-C.")] = False,
     port: Annotated[
-        int, typer.Option(metavar="N", min=1, max=65535, help="Of --web; the data goes over --data-port.")
+        int, typer.Option(metavar="N", min=1, max=65535, help="Port of the page, with --web.")
     ] = WEB_PORT,
-    data_port: Annotated[int, typer.Option(metavar="N", min=1, max=65535)] = DATA_PORT,
+    data_port: Annotated[
+        int,
+        typer.Option(metavar="N", min=1, max=65535, help="Port that the page has its data from, with --web."),
+    ] = DATA_PORT,
     save: Annotated[
         Path | None, typer.Option(metavar="FILE.rrd", help="Write a recording for `rerun FILE.rrd` instead.")
     ] = None,
@@ -40,6 +44,9 @@ def view(
     ] = 500,
 ) -> None:
     r"""Look at a flight: video, depth with metres under the cursor, confidence, graphs, and the cloud in 3D.
+
+    In the viewer's window, in a browser (as on a machine without a screen), or
+    as a file for later:
 
       flightdepth view out
 
@@ -72,6 +79,7 @@ def write(recording: RecordingStream, flight: FlightFolder, file: Path, pictures
     check_parent("--save", file)
     if file.suffix != ".rrd":
         raise BadInput("--save", expected="a file that ends in .rrd", got=str(file))
+    check_outside(flight.folder, file)
     stream = rerun.binary_stream(recording)
     send(recording, flight, pictures)
     write_atomic(file, stream.read(flush=True) or b"")

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.evaluation.baseline_methods import PEER, Answer, Method
 from flightdepth.evaluation.baseline_pairs import BaselinePair, Moment, Witness
-from flightdepth.evaluation.tracked_points import BOOTSTRAPS, TrackedPoints
+from flightdepth.evaluation.bootstrap import interval
+from flightdepth.evaluation.tracked_points import TrackedPoints
 from flightdepth.evaluation.warping import Match, WarpedPair
 from flightdepth.sweep import motion_field
 
@@ -184,16 +185,3 @@ def agreement(one: Answer, other: Answer, valid: Flags) -> tuple[float, float]:
         return float("nan"), 0.0
     ratio = np.abs(np.log(one.depth_m[both] / other.depth_m[both]))
     return float(np.median(ratio)), np.count_nonzero(both) / np.count_nonzero(valid)
-
-
-def interval(values: Sequence[float]) -> dict[str, float | int]:
-    """Mean of the finite values, one a frame, with its 95 % bootstrap interval over frames (seeded).
-
-    Frames that follow each other look alike, so the interval is somewhat too narrow.
-    """
-    known = np.array([value for value in values if np.isfinite(value)])
-    if not known.size:
-        return {"mean": float("nan"), "low": float("nan"), "high": float("nan"), "frames": 0}
-    drawn = np.random.default_rng(0).choice(known, (BOOTSTRAPS, known.size)).mean(axis=1)
-    low, high = np.percentile(drawn, [2.5, 97.5])
-    return {"mean": float(known.mean()), "low": float(low), "high": float(high), "frames": int(known.size)}

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from flightdepth.evaluation.tables import number
+from flightdepth.evaluation.network_tables import number
 
 Maps = NDArray[np.float32]
 

@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
-from flightdepth.evaluation.pairs import Task, TruePair
-from flightdepth.evaluation.pictures import ERROR_SHARE, Image, sheet
-from flightdepth.evaluation.tables import WHO, inside, number
+from flightdepth.evaluation.network_tables import PARTS, WHO, inside, number, part_rows
+from flightdepth.evaluation.pairs import TruePair
+from flightdepth.evaluation.pictures import ERROR_SHARE, Image, answered_sheet
 from flightdepth.files import write_atomic
+from flightdepth.outputs.encoding import jpeg
 from flightdepth.runtimes.network import Network
 from flightdepth.weights.card import NetworkCard
 
@@ -27,21 +27,14 @@ def write_page(
     """NAME.md and NAME.jpg in an existing folder, of `evaluate_network`'s result and some pairs to be shown."""
     name = network.card.name
     picture, page = folder / f"{name}.jpg", folder / f"{name}.md"
-    encoded = cv2.imencode(
-        ".jpg", cv2.cvtColor(sheets(network, pairs), cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, QUALITY]
-    )[1]
-    write_atomic(picture, encoded.tobytes())
+    write_atomic(picture, jpeg(sheets(network, pairs), QUALITY))
     write_atomic(page, page_text(network.card, result, picture.name).encode())
     return [page, picture]
 
 
 def sheets(network: Network, pairs: Iterable[TruePair]) -> Image:
     """RGB: for each pair input above truth, and beside them signed error above prediction; pairs side by side."""
-    tiles = []
-    for pair in pairs:
-        task = Task.of(pair, network.card)
-        prediction = task.ask(network, pair)
-        tiles.append(sheet(pair.current, task.truth_m, prediction.depth_m[0], task.card.depth_max_m))
+    tiles = [answered_sheet(network, pair) for pair in pairs]
     gap = np.full((tiles[0].shape[0], GAP_PX, 3), 255, np.uint8)
     return np.hstack([part for tile in tiles for part in (tile, gap)][:-1]).astype(np.uint8)
 
@@ -75,9 +68,9 @@ def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str) -> str
         f"## Errors\n\nOn {result['set']}, {result['pairs']} pairs:",
         errors_table(result),
         "By true depth, L1 in metres:",
-        parts_table(result, "depth_bins", "depth m", ("from_m", "to_m"), "pixels"),
+        parts_table(result, "depth_bins", "depth m"),
         "By the angle between the optical axis and the direction of travel (0 = forward), L1 in metres:",
-        parts_table(result, "travel_angles", "degrees", ("from_deg", "to_deg"), "pictures"),
+        parts_table(result, "travel_angles", "degrees"),
         *spread(result),
         pictures_text(card, picture),
         written_by(card, result),
@@ -113,17 +106,10 @@ def ratio(result: Mapping[str, Any], who: str) -> float | None:
     return None if value is None else float(value)
 
 
-def parts_table(result: Mapping[str, Any], key: str, heading: str, ends: tuple[str, str], count: str) -> str:
-    """L1 of the network and its peers in each part of a range."""
-    rows = [
-        (
-            f"{parts[0][ends[0]]:g}-{parts[0][ends[1]]:g}",
-            f"{parts[0][count]:,.0f}",
-            *(number(part["l1_m"], 2) for part in parts),
-        )
-        for parts in zip(*(result[who][key] for who in WHO), strict=True)
-    ]
-    return markdown((heading, count, *(NAMES[who] for who in WHO)), rows)
+def parts_table(result: Mapping[str, Any], parts: str, heading: str) -> str:
+    """L1 of the network and its peers in each of the PARTS."""
+    headings = (heading, PARTS[parts].counted, *(NAMES[who] for who in WHO))
+    return markdown(headings, part_rows(result, parts, joint="-"))
 
 
 def spread(result: Mapping[str, Any]) -> list[str]:

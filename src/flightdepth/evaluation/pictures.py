@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.files import write_atomic
+from flightdepth.outputs.encoding import rgb_png
 from flightdepth.runtimes.network import Network
 
 Image = NDArray[np.uint8]
@@ -50,14 +51,17 @@ def sheet(current: Image, truth_m: Maps, prediction_m: Maps, far_m: float) -> Im
     return np.vstack([np.hstack([current, error]), np.hstack([truth, prediction])]).astype(np.uint8)
 
 
+def answered_sheet(network: Network, pair: TruePair) -> Image:
+    """The sheet of what a network says of a pair."""
+    task = Task.of(pair, network.card)
+    prediction = task.ask(network, pair)
+    return sheet(pair.current, task.truth_m, prediction.depth_m[0], task.card.depth_max_m)
+
+
 def write_sheets(network: Network, pairs: Iterable[TruePair], folder: Path) -> list[Path]:
     """Write one sheet per pair as `000.png`, `001.png`, ... into an existing folder."""
     paths = []
     for number, pair in enumerate(pairs):
-        task = Task.of(pair, network.card)
-        prediction = task.ask(network, pair)
-        picture = sheet(pair.current, task.truth_m, prediction.depth_m[0], network.card.depth_max_m)
-        encoded = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1]
         paths.append(folder / f"{number:03d}.png")
-        write_atomic(paths[-1], encoded.tobytes())
+        write_atomic(paths[-1], rgb_png(answered_sheet(network, pair)))
     return paths

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from flightdepth.evaluation.baselines import interval
+from flightdepth.evaluation.bootstrap import interval
 from flightdepth.evaluation.ranges_trials import (
     CLAMPED,
     CONSTANT,

@@ -8,7 +8,6 @@ from collections.abc import Sequence as Several
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -21,7 +20,7 @@ from flightdepth.evaluation.ranges_peers import FixedShift, least_relative_m
 from flightdepth.evaluation.ranges_sequences import SPEED_M_S, STEP_S, Sequence, log_of
 from flightdepth.evaluation.ranges_trials import CONSTANT, Trial
 from flightdepth.flight.records import VelocityFrame
-from flightdepth.outputs.encoding import centimetres_from_depth, png
+from flightdepth.outputs.encoding import centimetres_from_depth, jpeg, png
 from flightdepth.ranges import DepthNetwork, FrameGrid, MultiRangeEstimator, RangedDepth
 from flightdepth.ranges.estimator import MAX_RANGES
 from flightdepth.ranges.memory_limit import MemoryLimit
@@ -225,9 +224,7 @@ def _median(values: list[float]) -> float:
 
 def _jpeg(image: Image) -> str:
     """An RGB picture as the text of a JPEG, for the report."""
-    done, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 90])
-    assert done
-    return base64.b64encode(data.tobytes()).decode()
+    return base64.b64encode(jpeg(image, 90)).decode()
 
 
 def _picture(depth_m: Maps | None) -> str | None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flightdepth.evaluation.baselines import interval
+from flightdepth.evaluation.bootstrap import interval
 from flightdepth.evaluation.network import without_nan
 from flightdepth.evaluation.ranges_claims import claims
 from flightdepth.evaluation.ranges_confidence import reliability

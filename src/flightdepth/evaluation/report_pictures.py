@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.outputs.encoding import centimetres_from_depth, depth_from_centimetres
+from flightdepth.outputs.encoding import centimetres_from_depth, depth_from_centimetres, rgb_png
 from flightdepth.outputs.legend import legend
 from flightdepth.outputs.palette import DepthScale, Palette
 
@@ -59,6 +59,4 @@ def _figure(label: str, source: str) -> str:
 
 
 def _source(picture: Image) -> str:
-    done, data = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-    assert done
-    return f"data:image/png;base64,{base64.b64encode(data.tobytes()).decode()}"
+    return f"data:image/png;base64,{base64.b64encode(rgb_png(picture)).decode()}"

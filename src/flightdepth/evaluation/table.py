@@ -16,7 +16,7 @@ from rich.table import Table
 
 from flightdepth import architectures
 from flightdepth.camera import Camera
-from flightdepth.evaluation.tables import number
+from flightdepth.evaluation.network_tables import number
 from flightdepth.runtimes.network import Network
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import PairRule, PairStream, Picture, TestPair, TestSet
@@ -175,11 +175,9 @@ def l1_table(rows: Sequence[tuple[Row, Mapping[str, Any] | None]]) -> Table:
     )
     for row, found in rows:
         paper = row.paper or UNPUBLISHED
-        train, test = figure(found, "train", "network", "l1_m"), figure(found, "test", "network", "l1_m")
-        cells = [(train, 2), (paper.l1_train_m, 2), (test, 2), (paper.l1_test_m, 2)]
+        train, test, *peers = errors(found, "l1_m")
         ratio = test / train if test and train else None
-        peers = [(figure(found, "test", peer, "l1_m"), 2) for peer in ("constant", "classical")]
-        add(table, row, found, [*cells, (row.later_m, 2), (ratio, 2), *peers])
+        add(table, row, found, [train, paper.l1_train_m, test, paper.l1_test_m, row.later_m, ratio, *peers])
     return table
 
 
@@ -188,10 +186,8 @@ def rmse_table(rows: Sequence[tuple[Row, Mapping[str, Any] | None]]) -> Table:
     table = headed("RMSE in metres", "train", "paper", "test", "paper", "constant", "classical")
     for row, found in rows:
         paper = row.paper or UNPUBLISHED
-        train, test = (figure(found, part, "network", "rmse_m") for part in ("train", "test"))
-        cells = [(train, 2), (paper.rmse_train_m, 2), (test, 2), (paper.rmse_test_m, 2)]
-        peers = [(figure(found, "test", peer, "rmse_m"), 2) for peer in ("constant", "classical")]
-        add(table, row, found, [*cells, *peers])
+        train, test, *peers = errors(found, "rmse_m")
+        add(table, row, found, [train, paper.rmse_train_m, test, paper.rmse_test_m, *peers])
     return table
 
 
@@ -215,18 +211,16 @@ def headed(title: str, *columns: str) -> Table:
     return table
 
 
-def add(
-    table: Table,
-    row: Row,
-    found: Mapping[str, Any] | None,
-    cells: Sequence[tuple[float | None, int]],
-) -> None:
+def add(table: Table, row: Row, found: Mapping[str, Any] | None, metres: Sequence[float | None]) -> None:
     """A row of figures, the first that of training scenes; one that was not trained says so."""
-    said = [number(value, digits) for value, digits in cells]
+    said = [number(value, 2) for value in metres]
     table.add_row(row.title, *([UNTRAINED, *said[1:]] if found is None else said))
 
 
-def figure(found: Mapping[str, Any] | None, part: str, who: str, key: str) -> float | None:
-    """One measured number, None where there is none."""
-    value = ((found or {}).get(part) or {}).get(who, {}).get(key)
-    return None if value is None else float(value)
+def errors(found: Mapping[str, Any] | None, metric: str) -> list[float | None]:
+    """Of the network on training and on test scenes, of the best constant and the classical peer on the latter, metres.
+
+    None where there is none.
+    """
+    columns = (("train", "network"), ("test", "network"), ("test", "constant"), ("test", "classical"))
+    return [((found or {}).get(part) or {}).get(who, {}).get(metric) for part, who in columns]

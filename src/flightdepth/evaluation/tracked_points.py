@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.evaluation.bootstrap import with_ends
+
 Image = NDArray[np.uint8]
 Map = NDArray[np.float32]
 Floats = NDArray[np.float64]
@@ -21,7 +23,6 @@ MOST_POINTS = 400
 LEAST_SAMPLES = 15
 PATCH_PX = 2  # depth is the median of a (2 * PATCH_PX + 1) square
 LARGEST_RETURN_PX = 0.7  # forward-backward error of a kept point
-BOOTSTRAPS = 2000
 
 
 @dataclass
@@ -55,13 +56,8 @@ class Slopes:
 
 
 def slopes_of(slopes: Floats, first_m: Floats, spans_m: Floats) -> Slopes:
-    """Median and interval of some tracks' slopes; the bootstrap is seeded."""
-    if len(slopes) == 0:
-        return Slopes(slopes, first_m, spans_m, np.nan, np.nan, np.nan)
-    rng = np.random.default_rng(0)
-    drawn = np.median(rng.choice(slopes, (BOOTSTRAPS, len(slopes))), axis=1)
-    low, high = np.percentile(drawn, [2.5, 97.5])
-    return Slopes(slopes, first_m, spans_m, float(np.median(slopes)), float(low), float(high))
+    """Median and interval of some tracks' slopes."""
+    return Slopes(slopes, first_m, spans_m, *with_ends(slopes, np.median))
 
 
 class PathLength:

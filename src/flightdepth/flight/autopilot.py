@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -115,7 +116,8 @@ def autopilot_telemetry(name: str, records: Sequence[Record], counts: Counter[st
     ordered = sorted(records, key=lambda record: record.stamp_ns)
     zero_ns = ordered[0].stamp_ns if ordered else 0
     gate = Gate(counts)
-    for stamp_ns, value, _ in ordered:
+    # The body's attitudes first: a gimbal's yaw counts from the heading between two of them.
+    for stamp_ns, value, _ in sorted(ordered, key=lambda record: not isinstance(record.value, BodyAttitude)):
         gate.take(stamp_ns - zero_ns, value)
     if not gate.velocities:
         why = ", ".join(f"{count} {reason}" for reason, count in (+counts).items())
@@ -134,7 +136,7 @@ def autopilot_telemetry(name: str, records: Sequence[Record], counts: Counter[st
 
 @dataclass
 class Gate:
-    """Takes records in time order, keeps the sound ones and counts the others."""
+    """Takes records, each kind in time order, keeps the sound ones and counts the others."""
 
     counts: Counter[str]
     velocities: list[VelocitySample] = field(default_factory=list)
@@ -184,10 +186,21 @@ class Gate:
         return later
 
     def _heading_rad(self, stamp_ns: int) -> float | None:
-        if not self.bodies or abs(stamp_ns - self.bodies[-1].stamp_ns) > HEADING_AGE_NS:
+        """The body's heading between its attitudes before and after; where these are far apart that of the near one."""
+        after = bisect_left(self.bodies, stamp_ns, key=lambda body: body.stamp_ns)
+        around = self.bodies[max(after - 1, 0) : after + 1]
+        if len(around) < 2 or around[1].stamp_ns - around[0].stamp_ns > 2 * HEADING_AGE_NS:
+            around = [body for body in around if abs(body.stamp_ns - stamp_ns) <= HEADING_AGE_NS]
+        if not around:
             return None
-        rotation = rotation_from_quaternion(self.bodies[-1].world_from_body)
-        return math.atan2(rotation[1, 0], rotation[0, 0])
+        headings_rad = np.unwrap([heading_rad(body) for body in around])
+        return float(np.interp(stamp_ns, [body.stamp_ns for body in around], headings_rad))
+
+
+def heading_rad(body: BodyAttitudeSample) -> float:
+    """Where a body's x points, from north clockwise."""
+    rotation = rotation_from_quaternion(body.world_from_body)
+    return math.atan2(rotation[1, 0], rotation[0, 0])
 
 
 def is_rotation(quaternion: Iterable[float]) -> bool:

@@ -83,14 +83,21 @@ class Recording:
         self.stabilisation: Stabilisation | None = find_stabilisation(self.tags, self.gopro)
 
     @property
-    def landscape(self) -> tuple[int, int]:
-        """Size of the pictures as the sensor took them, before they are turned upright."""
+    def shown(self) -> tuple[int, int]:
+        """Size of the upright pictures in square pixels."""
         width, height = self.video.size
+        return round(width * self.video.pixel_aspect), height
+
+    @property
+    def landscape(self) -> tuple[int, int]:
+        """Size of the pictures as the sensor took them, before they are turned upright, in square pixels."""
+        width, height = self.shown
         return (height, width) if self.video.quarter_turns % 2 else (width, height)
 
     def upright(self, camera: Camera) -> Camera:
-        """A camera of the sensor's pictures as that of the upright ones."""
-        return camera.turned(self.video.quarter_turns)
+        """A camera of the sensor's pictures as that of the upright ones, in their own pixels."""
+        turned = camera.turned(self.video.quarter_turns)
+        return turned if self.video.pixel_aspect == 1 else turned.resized(*self.video.size)
 
     def told(self) -> ChosenCamera | None:
         """The camera, where the log or the file tells it for certain."""
@@ -220,18 +227,21 @@ def from_user(recording: Recording, given: Camera | str | Path) -> ChosenCamera:
         return ChosenCamera(camera, f"{lens.name} in the table of lenses: {lens.camera}, {described(lens)}")
     if is_photograph(path):
         photograph = read_photograph(path)
-        camera = upright_calibration(photograph.camera, recording)
+        camera = upright_calibration(photograph.camera, recording, recording.shown)
         return ChosenCamera(camera, f"{photograph.source}, if the video is not cropped")
     return ChosenCamera(upright_calibration(read_camera(path), recording), f"calibration {path.name}")
 
 
-def upright_calibration(camera: Camera, recording: Recording) -> Camera:
-    """A calibration at the size of the upright pictures; one of the sensor's pictures is turned as they are."""
-    width, height = recording.video.size
+def upright_calibration(camera: Camera, recording: Recording, size: tuple[int, int] | None = None) -> Camera:
+    """A calibration at the size of the upright pictures; one of the sensor's pictures is turned as they are.
+
+    `size` is that of the upright pictures in the calibration's pixels; without it these are the video's.
+    """
+    width, height = size or recording.video.size
     sideways = recording.video.quarter_turns % 2 and not same_shape(camera, width, height)
     if sideways and same_shape(camera, height, width):
         return recording.upright(camera.resized(height, width))
-    return camera_of_size(camera, width, height)
+    return camera_of_size(camera, width, height).resized(*recording.video.size)
 
 
 def camera_of_size(known: Camera, width: int, height: int) -> Camera:

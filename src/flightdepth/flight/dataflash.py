@@ -1,4 +1,4 @@
-"""ArduPilot's DataFlash log (.bin): velocity of the EKF or, at worst, of the GPS; attitude of the body.
+"""ArduPilot's DataFlash log (.bin): velocity of the EKF or, at worst, of the GPS; attitude of the body and the gimbal.
 
 A log describes itself: each record is A3 95, a type, and fields that a record of type FMT has announced
 (https://ardupilot.org/copter/docs/logmessages.html). The meaning of the field letters comes from pymavlink.
@@ -24,7 +24,9 @@ from flightdepth.flight.autopilot import (
     autopilot_telemetry,
     longest_boot,
 )
+from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags
 from flightdepth.flight.records import Telemetry
+from flightdepth.flight.tlog import OTHER_GIMBALS
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
 
 MAGIC = b"\xa3\x95"
@@ -73,7 +75,7 @@ def read_dataflash(path: Path) -> Telemetry:
     names = {name for name, _ in rows}
     velocity = next((name for name in VELOCITIES if name in names), "")
     attitude = next((name for name in ATTITUDES if name in names), "")
-    selection = Selection(velocity, attitude, counts)
+    selection = Selection.of(velocity, attitude, rows, counts)
     records = []
     for name, fields in rows:
         try:
@@ -146,7 +148,7 @@ def announce(
 
 @dataclass
 class Selection:
-    """Turns rows into records: of the EKF core that ArduPilot flies by, or of the first GPS in the log.
+    """Turns rows into records: of the EKF core that ArduPilot flies by, or of one GPS; of the first gimbal.
 
     `velocity` and `attitude` name the types that are used; rows of other types give nothing.
     """
@@ -158,6 +160,23 @@ class Selection:
     _status: dict[float, int] = field(default_factory=dict)
     _gps: float | None = None
     _gps_sigmas: dict[float, float] = field(default_factory=dict)
+    _gimbal: float | None = None
+
+    @classmethod
+    def of(
+        cls, velocity: str, attitude: str, rows: Sequence[tuple[str, Fields]], counts: Counter[str]
+    ) -> Selection:
+        """For the rows of a log: with the core that is primary first, and the first receiver that has a fix mostly."""
+        status = EKF_STATUS.get(velocity, "XKF4")
+        primaries = (fields["PI"] for name, fields in rows if name == status and "PI" in fields)
+        fixes = Counter(
+            fields.get("I", 0)
+            for name, fields in rows
+            if name == "GPS" and fields.get("Status", 0) >= GPS_FIX_3D
+        )
+        most = max(fixes.values(), default=0)
+        receiver = min((number for number, count in fixes.items() if count * 2 >= most), default=None)
+        return cls(velocity, attitude, counts, _core=next(primaries, None), _gps=receiver)
 
     def records(self, name: str, fields: Fields) -> list[Record]:
         """The record of a row, if it is of use."""
@@ -166,6 +185,8 @@ class Selection:
             self._status[fields.get("C", 0)] = int(fields["SS"])
         elif name == "GPA":
             self._gps_sigmas[fields.get("I", 0)] = fields["SAcc"]
+        elif name == GIMBAL:
+            return self._gimbal_attitude(fields)
         elif name == self.velocity:
             return self._gps_velocity(fields) if name == "GPS" else self._core_velocity(fields)
         elif name == self.attitude and (name == "ATT" or self._is_primary(fields)):
@@ -199,6 +220,15 @@ class Selection:
             Record(stamp_ns(fields), Velocity((north, east, fields["VZ"]), self._gps_sigmas.get(receiver)))
         ]
 
+    def _gimbal_attitude(self, fields: Fields) -> list[Record]:
+        self._gimbal = fields["I"] if self._gimbal is None else self._gimbal
+        if fields["I"] != self._gimbal:
+            self.counts[OTHER_GIMBALS] += 1
+            return []
+        angles = {"Roll": fields["Roll"], "Pitch": fields["Pitch"], "Yaw": fields["YawE"]}
+        value = GimbalAttitude(euler_quaternion(angles), GimbalFlags.YAW_IN_EARTH_FRAME)
+        return [Record(stamp_ns(fields), value)]
+
 
 def stamp_ns(fields: Fields) -> int:
     """Time since power-up; one that no log can hold is an error."""
@@ -230,4 +260,5 @@ ATTITUDES: dict[str, Callable[[Fields], Sequence[float]]] = {
     "ATT": euler_quaternion,
 }
 EKF_STATUS = {"XKF1": "XKF4", "NKF1": "NKF4"}
-WANTED = frozenset([*VELOCITIES, *ATTITUDES, *EKF_STATUS.values(), "GPA"])
+GIMBAL = "MNT"  # degrees; YawE counts from north
+WANTED = frozenset([*VELOCITIES, *ATTITUDES, *EKF_STATUS.values(), "GPA", GIMBAL])

@@ -9,10 +9,12 @@ Layouts read, by the models known to write them:
     [latitude: 41.42] [longitude: 2.16] [altitude: 30.4]                  Mavic 2, Air 2 ("longtitude" too)
     [latitude: ...] [longitude: ...] [rel_alt: 1.2 abs_alt: 30.4]
         [gb_yaw: 12.3 gb_pitch: -89.9 gb_roll: 0.0]                       Mavic 3, Air 2S, Mini 3 and later
+        [drone_speedx: 0.2 drone_speedy: 0.0 drone_speedz: 0.0]           the same, Matrice 30, 300 with H20
 
 HTML tags are dropped; decimals may be written with a comma. A cue's start is the time: the wall clock inside
-it is not used. Velocity comes from the positions (positions.py). H.S, where given, replaces its horizontal
-size, V.S its vertical one with the sign that agrees with the heights, because firmware differs on the sign.
+it is not used. Velocity comes from the positions (positions.py). H.S or drone_speedx and y, where given, replace its
+horizontal size (nobody says which of x and y is north), V.S or drone_speedz its vertical one with the sign that agrees
+with the heights, because firmware differs on the sign.
 focal_len (35 mm equivalent) and dzoom_ratio give the field of view of a video as wide as the sensor.
 Gimbal angles are yaw from north clockwise, pitch up, roll to the right, in degrees: the attitude of the
 camera is Rz(yaw) Ry(pitch) Rx(roll) applied to a camera that looks north.
@@ -20,6 +22,7 @@ camera is Rz(yaw) Ry(pitch) Rx(roll) applied to a camera that looks north.
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -53,7 +56,8 @@ NUMBER = r"([-+]?\d{1,9}(?:[.,]\d{1,12})?)"
 CUE = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d)[,.](\d{1,3})\s*-->")
 TAG = re.compile(r"<[^<>]*>")
 FIELD = re.compile(
-    r"(?<![\w.])(latitude|longt?itude|rel_alt|abs_alt|altitude|barometer|hb|gb_yaw|gb_pitch|gb_roll|h\.s|v\.s|h)"
+    r"(?<![\w.])(latitude|longt?itude|rel_alt|abs_alt|altitude|barometer|hb|gb_yaw|gb_pitch|gb_roll"
+    r"|drone_speed[xyz]|h\.s|v\.s|h)"
     rf"\s*[:(]?\s*{NUMBER}",
     re.IGNORECASE,
 )
@@ -143,6 +147,10 @@ def _cue(mark: re.Match[str], body: str) -> Cue:
     fields: dict[str, float] = {}
     for field in FIELD.finditer(body):
         fields.setdefault(field[1].lower().replace("longt", "long"), _number(field[2]))
+    if "drone_speedx" in fields and "drone_speedy" in fields:
+        fields.setdefault("h.s", math.hypot(fields["drone_speedx"], fields["drone_speedy"]))
+    if "drone_speedz" in fields:
+        fields.setdefault("v.s", fields["drone_speedz"])
     gps = GPS.search(body)
     inside = gps[1] if gps else ""
     hfov_deg = _hfov_deg({name.lower(): value for name, value in ZOOM.findall(body)})
@@ -231,15 +239,16 @@ def _heights(cues: Sequence[Cue]) -> Vector:
 
 
 def _with_speeds(found: Velocities, cues: dict[int, Cue]) -> Velocities:
-    """The sizes that the drone itself tells, with the directions from the positions."""
-    velocity = found.velocity_ned.copy()
+    """The sizes that the drone itself tells, with the directions from the positions, where these move."""
+    velocity, sizes = found.velocity_ned.copy(), np.linalg.norm(found.velocity_ned[:, :2], axis=1)
+    moving = np.flatnonzero(sizes > 0)
     told = [cues[stamp] for stamp in found.stamps_ns.tolist()]
     vertical = np.array([cue.fields.get("v.s", 0.0) for cue in told])
     sign = 1.0 if vertical @ velocity[:, 2] >= 0 else -1.0
     for index, cue in enumerate(told):
-        size = float(np.linalg.norm(velocity[index, :2]))
-        if "h.s" in cue.fields and size > 0:
-            velocity[index, :2] *= cue.fields["h.s"] / size
+        if "h.s" in cue.fields and len(moving):
+            nearest = moving[np.abs(found.stamps_ns[moving] - cue.stamp_ns).argmin()]
+            velocity[index, :2] = found.velocity_ned[nearest, :2] * (cue.fields["h.s"] / sizes[nearest])
         if "v.s" in cue.fields:
             velocity[index, 2] = sign * cue.fields["v.s"]
     return Velocities(found.stamps_ns, velocity, found.sigma)

@@ -27,6 +27,7 @@ from flightdepth.motion import (
 class GimbalFlags(IntFlag):
     """Bits of MAVLink's GIMBAL_DEVICE_FLAGS that say what a gimbal's yaw counts from."""
 
+    NEUTRAL = 2
     YAW_LOCK = 16
     YAW_IN_VEHICLE_FRAME = 32
     YAW_IN_EARTH_FRAME = 64
@@ -51,13 +52,14 @@ class GimbalAttitude(NamedTuple):
 def camera_attitude(gimbal: GimbalAttitude, heading_rad: float | None) -> Vector | None:
     """Quaternion (w, x, y, z) world_from_camera, or None where the yaw counts from an unknown heading.
 
-    With neither frame's flag set, YAW_LOCK decides and `delta_yaw_rad` is void: the rule of older gimbals.
+    With neither frame's flag set, YAW_LOCK decides and `delta_yaw_rad` is void: the rule of older gimbals. NEUTRAL goes
+    before it, and is ahead of the vehicle: PX4 to 1.14 sets both over the angles of servos, which count from there.
     """
-    flags = GimbalFlags(gimbal.flags & 0x70)
+    flags = GimbalFlags(gimbal.flags & 0x72)
     rotation = rotation_from_quaternion(gimbal.quaternion)
     explicit = flags & (GimbalFlags.YAW_IN_VEHICLE_FRAME | GimbalFlags.YAW_IN_EARTH_FRAME)
-    from_north = GimbalFlags.YAW_IN_EARTH_FRAME if explicit else GimbalFlags.YAW_LOCK
-    if not flags & from_north:
+    locked = GimbalFlags.YAW_LOCK in flags and GimbalFlags.NEUTRAL not in flags
+    if not (GimbalFlags.YAW_IN_EARTH_FRAME in flags if explicit else locked):
         told = bool(explicit) and math.isfinite(gimbal.delta_yaw_rad) and gimbal.delta_yaw_rad != 0
         yaw_rad = gimbal.delta_yaw_rad if told else heading_rad
         if yaw_rad is None:

@@ -45,6 +45,7 @@ BODY_ONLY = (
 AUTO: Literal["auto"] = "auto"
 WATCHED_S = 120.0  # of the video, to estimate an offset
 SELDOM_NS = 5 * NS_PER_S  # between velocities: what lies in the middle of such a gap is known to nobody
+LEAD_NS = SELDOM_NS  # of samples before the first frame
 NO_TELEMETRY = "Give --telemetry LOG or --speed M_S."
 # What a log's name may end in, where its content is not known; those that are known need no ending.
 LOG_SUFFIXES = frozenset(
@@ -58,7 +59,7 @@ class Flight:
     Order rule: before each frame come all samples up to the first velocity and, where it is no gap away, the first
     attitude at or after the frame's stamp, if there is one, so that whoever integrates or interpolates knows it on
     both sides of the frame. A sample may thus be ahead of the next frame, by one spacing at most. Later samples are
-    left out.
+    left out, and those more than LEAD_NS before the first frame, which tell nothing of it.
     """
 
     def __init__(
@@ -340,10 +341,12 @@ def mounted(log: Telemetry | None, pitch_deg: float | None) -> Telemetry | None:
 
 def merged(frames: Iterator[Frame], samples: tuple[Sample, ...]) -> Iterator[Frame | Sample]:
     """Frames and samples by the order rule of `Flight`."""
-    given, end_ns = 0, samples[-1].stamp_ns
+    given, end_ns = -1, samples[-1].stamp_ns
     velocities = [sample.stamp_ns for sample in samples if isinstance(sample, VelocitySample)]
     attitudes = [sample.stamp_ns for sample in samples if isinstance(sample, AttitudeSample)]
     for frame in frames:
+        if given < 0:
+            given = bisect_left(samples, frame.stamp_ns - LEAD_NS, key=lambda sample: sample.stamp_ns)
         until_ns = _next(velocities, frame.stamp_ns, end_ns)
         turned_ns = _next(attitudes, frame.stamp_ns, until_ns)
         if turned_ns - frame.stamp_ns <= GAP_S * NS_PER_S:

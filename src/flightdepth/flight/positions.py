@@ -7,7 +7,9 @@ slope of a straight line fitted to the positions of a short window around each.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,7 @@ EARTH_ECCENTRICITY_SQUARED = 6.69437999014e-3
 HALF_WINDOW_S = 0.5  # half of the window of a receiver with 6 fixes a second or more
 HALF_WINDOW_PERIODS = 1.5  # slower ones: the fix before, this one, the one after
 HALF_WINDOW_LIMIT_S = 5.0
+APART_S = 1.0  # velocities are told at least so often, where fixes are seldom seen to change
 ROUNDING_TARGET_M_S = 0.2  # the window grows until rounding costs less than this
 JUMP_M = 100.0  # off the median of its neighbours: not flown
 DEGREE_M = 111_320.0  # of the equator: the longest
@@ -88,6 +91,18 @@ def fix_period_s(times_s: Vector, changed: Indices) -> float:
     return float(np.median(np.diff(times_s[changed]))) if len(changed) > 1 else 1.0
 
 
+def filled(times_s: Vector, kept: Indices) -> Indices:
+    """`kept`, and between two that lie farther apart than APART_S those of `times_s` that part them evenly.
+
+    A line around a time between two fixes tells its velocity as well as one around a fix.
+    """
+    found, middles_s = [kept], (times_s[1:] + times_s[:-1]) / 2
+    for first_s, last_s in pairwise(times_s[kept].tolist()):
+        parts = math.ceil((last_s - first_s) / APART_S - 0.25)
+        found.append(np.searchsorted(middles_s, np.linspace(first_s, last_s, max(parts, 1) + 1)[1:-1]))
+    return np.unique(np.concatenate(found))
+
+
 def half_window_s(times_s: Vector, step_m: float) -> float:
     """Half the window: by the fixes' period T and the step q to which the values are rounded.
 
@@ -131,14 +146,17 @@ def line_slopes(times_s: Vector, values: Vector, at_s: Vector, step_m: float) ->
 
 
 def velocities(stamps_ns: NDArray[np.int64], ned: Vector, *, steps_m: tuple[float, float]) -> Velocities:
-    """Velocities at the horizontal fixes of positions [n, 3] at rising stamps, those beyond reason left out.
+    """Velocities at the horizontal fixes of positions [n, 3] at rising stamps, and between fixes that are seldom.
+
+    Those beyond reason are left out.
 
     `steps_m` is what places and heights are rounded to.
     """
     times_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
     across, up = fixes(times_s, ned[:, :2]), fixes(times_s, ned[:, 2:])
-    at_s = times_s[across]
-    horizontal = line_slopes(at_s, ned[across, :2], at_s, steps_m[0])
+    told = filled(times_s, across)
+    at_s = times_s[told]
+    horizontal = line_slopes(times_s[across], ned[across, :2], at_s, steps_m[0])
     vertical = line_slopes(times_s[up], ned[up, 2:], at_s, steps_m[1])
     # Heights may come less often than positions: where a window holds too few, the flight is taken as level.
     down = np.where(np.isfinite(vertical.slopes), vertical.slopes, 0.0)
@@ -146,4 +164,4 @@ def velocities(stamps_ns: NDArray[np.int64], ned: Vector, *, steps_m: tuple[floa
     sigma = np.fmax(horizontal.sigma, vertical.sigma)
     sound = np.isfinite(velocity).all(axis=1) & np.isfinite(sigma)
     sound[sound] = np.linalg.norm(velocity[sound], axis=1) < FASTEST_M_S
-    return Velocities(stamps_ns[across][sound], velocity[sound], sigma[sound])
+    return Velocities(stamps_ns[told][sound], velocity[sound], sigma[sound])

@@ -46,7 +46,7 @@ from flightdepth.flight.ros_messages import (
     twist_of,
 )
 from flightdepth.flight.ros_records import DamagedError, RosMessage, Wanted
-from flightdepth.motion import quaternion_from_rotation
+from flightdepth.motion import Vector, quaternion_from_rotation, rotation_from_quaternion
 
 NEAR_NS = 100_000_000  # an orientation farther away says nothing of a velocity
 UNREADABLE = "messages that cannot be read"
@@ -171,12 +171,11 @@ def _velocities(
     samples = []
     for twist in twists:
         stamp_ns = twist.stamp_ns - zero_ns
-        nearest = _nearest(stamps, twist.stamp_ns) if twist.frame == "body" else None
+        ned_from_body = _turned(bodies, stamps, twist.stamp_ns) if twist.frame == "body" else None
         if twist.frame == "world":
             samples.append(VelocitySample(stamp_ns, twist.velocity, "world", twist.sigma))
-        elif nearest is not None:
-            world = bodies[nearest].ned_from_frame @ twist.velocity
-            samples.append(VelocitySample(stamp_ns, world, "world", twist.sigma))
+        elif ned_from_body is not None:
+            samples.append(VelocitySample(stamp_ns, ned_from_body @ twist.velocity, "world", twist.sigma))
         elif twist.frame == "body" and bodies:  # a flight has one frame
             counts["velocities without an orientation near them"] += 1
         else:
@@ -185,13 +184,20 @@ def _velocities(
     return samples
 
 
-def _nearest(stamps: np.ndarray[tuple[int], np.dtype[np.int64]], stamp_ns: int) -> int | None:
-    if not len(stamps):
-        return None
+def _turned(
+    bodies: Sequence[Orientation], stamps: np.ndarray[tuple[int], np.dtype[np.int64]], stamp_ns: int
+) -> Vector | None:
+    """The rotation between the orientations before and after; that of the near one where these are far apart."""
     after = int(np.searchsorted(stamps, stamp_ns))
-    near = [index for index in (after - 1, after) if 0 <= index < len(stamps)]
-    best = min(near, key=lambda index: abs(int(stamps[index]) - stamp_ns))
-    return best if abs(int(stamps[best]) - stamp_ns) <= NEAR_NS else None
+    around = bodies[max(after - 1, 0) : after + 1]
+    apart_ns = around[-1].stamp_ns - around[0].stamp_ns if around else 0
+    if not 0 < apart_ns <= 2 * NEAR_NS:
+        near = (body.ned_from_frame for body in around if abs(body.stamp_ns - stamp_ns) <= NEAR_NS)
+        return next(near, None)
+    share = (stamp_ns - around[0].stamp_ns) / apart_ns
+    start, end = (quaternion_from_rotation(body.ned_from_frame) for body in around)
+    # q and -q are the same rotation; between them along the shorter way.
+    return rotation_from_quaternion((1 - share) * start + share * (end if start @ end >= 0 else -end))
 
 
 def _body_attitudes(orientations: Sequence[Orientation], zero_ns: int) -> list[BodyAttitudeSample]:

@@ -106,6 +106,8 @@ def telemetry_of(name: str, source: Source, found: Found, counts: Counter[str]) 
         if gimbals:
             first, *others = gimbals.values()  # the first one carries the camera
             counts[OTHER_GIMBALS] += sum(map(len, others))
+            if not any(record.stamp_ns for record in first):  # it has no clock
+                first = [record._replace(stamp_ns=record.received_ns) for record in first]
             records += placed_boots(first, counts)
             break
     return autopilot_telemetry(f"tlog {name}, {velocity} of vehicle {source.system}", records, counts)

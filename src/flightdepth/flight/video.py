@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.decoding import SoundPictures
+from flightdepth.flight.deinterlacing import deinterlaced
 from flightdepth.flight.records import NS_PER_S, Frame, seconds
 
 VIDEO_EXPECTED = "a video such as MP4, MOV or MKV"
@@ -182,7 +183,8 @@ class Video:
         last_ns, ticks, damaged = -1, None, False
         self._seek()
         whole = self.start_ns == 0
-        for picture, after_damage in SoundPictures(self._container, self._stream, self.counts, whole=whole):
+        sound = SoundPictures(self._container, self._stream, self.counts, whole=whole)
+        for picture, after_damage in deinterlaced(sound):
             damaged |= after_damage
             if (ticks := self._ticks(picture, ticks)) is None:
                 self.counts["frames without a time"] += 1

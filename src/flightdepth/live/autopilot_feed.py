@@ -111,6 +111,9 @@ class AutopilotFeed:
             self.counts[OTHER_GIMBALS] += 1
             return
         for boot_ns, value in KINDS[GIMBAL](message, self.counts):
+            if boot_ns == 0:  # a gimbal without a clock
+                self._keep(now_ns, value, now_ns)
+                continue
             self._gimbal_clock.arrived(boot_ns, now_ns)
             self._keep(self._gimbal_clock.live_ns(boot_ns), value, now_ns)
 

@@ -33,6 +33,11 @@ MAX_TURN_RATE = MAX_TURN_RAD / SYNC_S
 # A repeated picture is left out; so many ns of repeats are a frozen picture, and everybody shall know.
 FROZEN_NS = 3 * NS_PER_S // 10
 LOOKED_AT = 4  # every so-many-th pixel tells whether a picture changed
+LIGHTER = {
+    "motion": "motion-tiny",
+    "depthnet-256": "tiny-clamped-256",
+    "tiny-clamped-512": "tiny-clamped-256",
+}
 
 
 @dataclass(frozen=True)
@@ -86,7 +91,7 @@ class DepthStage:
     """One estimator, made anew when the pictures' size changes. `counts` says what was left out.
 
     `fixed`: the camera is screwed to the drone, so its attitude is known well and pictures turn all the time;
-    else pictures that turn are told from themselves. `turns`: see MultiRangeEstimator.
+    else, or while nobody tells it, pictures that turn are told from themselves. `turns`: see MultiRangeEstimator.
     """
 
     def __init__(
@@ -118,6 +123,16 @@ class DepthStage:
         self._ranges = ranges
         if self._camera is not None:
             self._estimator.ranges = ranges
+
+    @property
+    def faster(self) -> str:
+        """What takes less time; not fewer ranges, which fall to one by themselves."""
+        ways = ["smaller pictures from the camera"]
+        if self._network.card.knows_direction and self._network.aligned:
+            ways.append("--no-align")
+        if self._network.card.name in LIGHTER:
+            ways.append(f"--network {LIGHTER[self._network.card.name]}")
+        return " or ".join(ways)
 
     def take(self, stamp_ns: int, image: Image) -> Staged | None:
         """Depth of a picture uint8 RGB [H, W, 3]; None where it is left out, which is counted."""
@@ -167,10 +182,10 @@ class DepthStage:
 
     def _turning(self, stamp_ns: int, image: Image) -> str | None:
         """Why this picture turns too fast for depth, None where it does not."""
-        if not self._fixed:
+        rate = self._store.turn_rate_rad_s(stamp_ns, PAIR_NS) if self._fixed else None
+        if rate is None:  # a gimbal's pictures, or nobody tells the drone's attitude
             turn = self._steadiness.add(stamp_ns, image)
             return None if turn.usable else turn.reason
-        rate = self._store.turn_rate_rad_s(stamp_ns, PAIR_NS)
-        if rate is None or rate <= MAX_TURN_RATE:
+        if rate <= MAX_TURN_RATE:
             return None
         return f"turns: {math.degrees(rate):.0f} degrees/s, says the autopilot"

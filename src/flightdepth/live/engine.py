@@ -72,7 +72,7 @@ class LiveEngine:
         self._stage, self._store, self._parts, self._tell = parts.stage, parts.store, parts, say
         self._lock = threading.Lock()
         self._start_ns = time.monotonic_ns()
-        self._monitor = HealthMonitor(self._start_ns, limits)
+        self._monitor = HealthMonitor(self._start_ns, limits, faster=parts.stage.faster)
         self._control = RangeControl(parts.stage.ranges)
         self._pictures, self._results, self._ages = Rate(), Rate(), Ages()
         self._used = 0
@@ -121,6 +121,7 @@ class LiveEngine:
             last = self._last
             pictures_hz, results_hz = self._pictures.hz(now_ns), self._results.hz(now_ns)
             self._monitor.rates(pictures_hz, results_hz)
+            self._monitor.came_instead(self._video.instead)
             self._monitor.lacks(self._parts.lacking())
             self._monitor.lens(None if lens is None else lens.doubt)
             return LiveStatus(

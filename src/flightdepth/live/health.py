@@ -37,14 +37,18 @@ class Limits:
 
 
 class HealthMonitor:
-    """Hears what happened and when; `judge(now_ns)` says how things stand. Not for several threads at once."""
+    """Hears what happened and when; `judge(now_ns)` says how things stand. Not for several threads at once.
 
-    def __init__(self, start_ns: int, limits: Limits | None = None) -> None:
-        self._limits = limits or Limits()
+    `faster`: what would take less time than what runs.
+    """
+
+    def __init__(self, start_ns: int, limits: Limits | None = None, *, faster: str = "") -> None:
+        self._limits, self._faster = limits or Limits(), f"; {faster} take less time" if faster else ""
         self._health = Health(State.LOST, STARTING, start_ns)
         self._trouble_ns = start_ns
         self._picture_ns: int | None = None
         self._stream_error: str | None = None
+        self._instead: str | None = None
         self._refused: str | None = None
         self._changed_ns = self._resumed_ns = start_ns
         self._velocity_ns: int | None = None
@@ -71,6 +75,10 @@ class HealthMonitor:
     def stream_failed(self, why: str) -> None:
         """The stream could not be opened, or broke."""
         self._stream_error = why
+
+    def came_instead(self, what: str | None) -> None:
+        """What came since the last picture, and was none."""
+        self._instead = what
 
     def refused(self, why: str) -> None:
         """A picture could not be used at all."""
@@ -128,7 +136,8 @@ class HealthMonitor:
         return (State.OK if degraded is None else State.DEGRADED), degraded
 
     def _lost(self, now_ns: int) -> str | None:
-        because = f": {self._stream_error}" if self._stream_error else ""
+        why = f"{self._instead} came" if self._instead else self._stream_error
+        because = f": {why}" if why else ""
         if self._picture_ns is None:
             return STARTING + because
         if now_ns - self._picture_ns > self._limits.silent_ns:
@@ -157,8 +166,7 @@ class HealthMonitor:
             (True, self._doubt),
             (
                 0 < results_hz < min(limits.slow_hz, pictures_hz / 2),
-                f"{SLOW}: {results_hz:.1f} results a second of {pictures_hz:.0f} pictures;"
-                " fewer --ranges, --no-align or --network motion-tiny take less",
+                f"{SLOW}: {results_hz:.1f} results a second of {pictures_hz:.0f} pictures{self._faster}",
             ),
             (self._age_ms > limits.old_ms, f"{OLD}: {self._age_ms:.0f} ms"),
             # Once told it lasts, so what may pass comes before it.

@@ -6,7 +6,7 @@ import re
 import socket
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -17,15 +17,18 @@ from flightdepth.live.autopilot_feed import AutopilotFeed
 from flightdepth.live.video_input import pause_s
 
 EXPECTED = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:/dev/DEVICE[:BAUD]"
+LAST_PORT = 65_535
 NETWORK = re.compile(r"(udpin|udpout|tcp):([^:]+):(\d+)")
 SERIAL = re.compile(r"(?:serial:)?(/dev/[^:]+)(?::(\d+))?")
 DEFAULT_BAUD = 921600
+MAVLINK_2 = 0xFD  # a packet's first byte
 # Who we are: MAV_COMP_ID_ONBOARD_COMPUTER, in the vehicle's own system.
 COMPONENT = 191
 SELECT_S, LOCK_S, WRITE_S = 0.05, 0.05, 0.05
 SILENT_S = 10  # after which a UDP peer that came to us hears no more from us
 WAITING_BYTES = 4096  # in a TCP connection: what waits there is old when it arrives
 HEARTBEAT_NS = TIMESYNC_NS = NS_PER_S
+QUESTIONS_KEPT = 4  # of TIMESYNC: an answer later than a second tells nothing
 ASK_AGAIN_NS = 5 * NS_PER_S
 # Rates asked for, Hz; a link that gives half of the velocities is left in peace.
 RATES_HZ = {
@@ -71,11 +74,13 @@ def _send_whole(port: socket.socket, data: bytes) -> None:
 
 def check_address(address: str) -> tuple[str, int | None]:
     """Device and baud of a serial address, or the address itself; what is neither is refused."""
-    if NETWORK.fullmatch(address):
+    network = NETWORK.fullmatch(address)
+    if network is not None and int(network[3]) <= LAST_PORT:
         return address, None
     serial = SERIAL.fullmatch(address)
     if serial is None:
-        raise BadInput("--mavlink", expected=EXPECTED, got=repr(address))
+        expected = EXPECTED if network is None else f"a port up to {LAST_PORT}"
+        raise BadInput("--mavlink", expected=expected, got=repr(address))
     return serial[1], int(serial[2]) if serial[2] else None
 
 
@@ -107,6 +112,7 @@ class MavlinkLink:
         self._transport: Any = None
         self._due = dict.fromkeys(("heartbeat", "timesync", "rates"), 0)
         self._asked = 0
+        self._questions: deque[int] = deque(maxlen=QUESTIONS_KEPT)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._work, name="mavlink", daemon=True)
 
@@ -177,10 +183,20 @@ class MavlinkLink:
         name = message.get_type()
         if name == "BAD_DATA":
             self.counts["damaged messages"] += 1
-        elif name == "TIMESYNC" and message.tc1 == 0:
-            self.send(self._dialect.MAVLink_timesync_message(tc1=now_ns, ts1=message.ts1))
+        elif name == "TIMESYNC":
+            self._take_timesync(message, now_ns)
         else:
             self._feed.take(message, now_ns)
+
+    def _take_timesync(self, message: Message, now_ns: int) -> None:
+        """Answer a question that is for us or for all; of the answers, those to our own questions count."""
+        if message.tc1 != 0:
+            if message.ts1 in self._questions:
+                self._feed.take(message, now_ns)
+            return
+        system, component = timesync_target(message.get_msgbuf())
+        if system in (0, self._mav.srcSystem) and component in (0, COMPONENT):
+            self.send(self._dialect.MAVLink_timesync_message(tc1=now_ns, ts1=message.ts1))
 
     def _keep_up(self, now_ns: int) -> None:
         """What is due: a heartbeat, a TIMESYNC question, requests for rates that are too low."""
@@ -192,7 +208,8 @@ class MavlinkLink:
             return
         self._mav.srcSystem = self._feed.vehicle.system
         if self._is_due("timesync", now_ns, TIMESYNC_NS):
-            self.send(self._dialect.MAVLink_timesync_message(tc1=0, ts1=time.monotonic_ns()))
+            self._questions.append(time.monotonic_ns())
+            self.send(self._dialect.MAVLink_timesync_message(tc1=0, ts1=self._questions[-1]))
         slow = self._rate_hz(now_ns) < RATES_HZ["LOCAL_POSITION_NED"] / 2
         if slow and self._is_due("rates", now_ns, ASK_AGAIN_NS):
             self._ask_for_rates()
@@ -221,6 +238,17 @@ class MavlinkLink:
                     *(0,) * 5,
                 )
             )
+
+
+def timesync_target(packet: bytes) -> tuple[int, int]:
+    """Whom a packed TIMESYNC is for, system and component, 0: all; read here, since pymavlink 2.4.50 does not know it.
+
+    Two bytes behind tc1 and ts1, an extension of MAVLink 2: older senders have none, and zeros at the end are not sent.
+    """
+    if packet[0] != MAVLINK_2:
+        return 0, 0
+    target = bytes(packet[10 + 16 : 10 + packet[1]]).ljust(2, b"\0")
+    return target[0], target[1]
 
 
 def _in_words(error: Exception) -> str:

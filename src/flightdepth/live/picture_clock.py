@@ -15,6 +15,8 @@ from flightdepth.live.status import AgeFrom
 OLDEST_NS, AHEAD_NS = 2 * NS_PER_S, NS_PER_S // 100
 # The stream's and the sender's clock drift apart by less, within one connection; more is a clock that was set.
 SET_NS = NS_PER_S // 10
+# Packets come in the order of decoding, so their times step back by some pictures; by more where it was set.
+BACK_NS = NS_PER_S // 2
 NO_REPORT = "no report of the sender's clock has come"
 
 
@@ -32,6 +34,7 @@ class PictureClock:
         self._delay_ns = delay_ns
         self._wall_from_sender, self._same_clock = wall_from_sender, same_clock
         self._arrivals = RemoteClock()
+        self._newest_ns = 0  # of the stream's times
         self._sender_offset_ns: int | None = None
         self._was_set = False
 
@@ -39,6 +42,9 @@ class PictureClock:
         self, own_ns: int, now_ns: int, *, sender_wall_ns: int | None = None, wall_now_ns: int = 0
     ) -> None:
         """A packet of the stream's time `own_ns` came; the sender's wall clock for it, and ours now."""
+        if own_ns < self._newest_ns - BACK_NS:
+            self._arrivals, self._newest_ns = RemoteClock(), own_ns
+        self._newest_ns = max(self._newest_ns, own_ns)
         self._arrivals.arrived(own_ns, now_ns)
         if self._same_clock and _credible(own_ns, now_ns):
             self._sender_offset_ns = 0

@@ -16,6 +16,7 @@ from flightdepth.outputs.writer import FlightWriter, check_target
 from flightdepth.weights.card import NetworkCard
 
 LEAST_FREE_BYTES = 500 * 10**6  # to finish a recording before nothing fits any more
+OTHER_SIZE = "of another size than the first"
 NO_ROOM = "all that came when the disk was nearly full"
 
 
@@ -31,7 +32,7 @@ class Recorder:
         self._writer: FlightWriter | None = None
         self._size = (0, 0)
         self._first_ns = 0
-        self._count = 0
+        self._count = self._of_other_size = 0
         self._over = False
         self._lock = Lock()  # `close` may come while a slow disk still takes a result
 
@@ -52,7 +53,13 @@ class Recorder:
             )
         size = (result.camera.width, result.camera.height)
         if size != self._size:
-            raise BadInput("recording", expected=f"pictures of {self._size}", got=str(size))
+            self._of_other_size += 1
+            began, other = ("x".join(map(str, each)) for each in (self._size, size))
+            raise BadInput(
+                f"recording {self._target}",
+                expected=f"pictures of {began}, as it began",
+                got=f"{other}: left out",
+            )
         frame = Frame(self._count, result.stamp_ns - self._first_ns, result.image)
         writer.add(frame, result.depth)
         self._count += 1
@@ -66,7 +73,8 @@ class Recorder:
     def _finish(self, dropped: dict[str, int]) -> None:
         self._over = True
         if self._writer is not None:
-            self._writer.note_dropped(dropped)
+            left_out = {OTHER_SIZE: self._of_other_size} if self._of_other_size else {}
+            self._writer.note_dropped(dropped | left_out)
         self._stack.close()
 
     def _begin(self, result: LiveResult) -> FlightWriter:

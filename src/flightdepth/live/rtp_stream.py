@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import ipaddress
 import selectors
 import socket
@@ -15,7 +16,6 @@ from urllib.parse import urlsplit
 
 import av
 
-from flightdepth.flight.decoding import NO_KEY_FRAME_YET
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.live.picture_clock import PictureClock
 from flightdepth.live.rtp import CLOCK_HZ, Continuity, Reorder, RtpPacket, SenderReport, Unit, Units, begins
@@ -28,6 +28,9 @@ BUFFER_BYTES = 1 << 21  # a key frame comes in one burst
 BIGGEST = 65_536
 CHANGED_NS = NS_PER_S // 2  # another sender is heard when the first was silent for so long
 LOOK_S = 0.2
+NO_PARAMETERS = (
+    "pictures before the first parameter sets, which are to precede each key frame (config-interval=-1)"
+)
 
 
 class RtpStream:
@@ -53,7 +56,7 @@ class RtpStream:
         self._sockets: list[socket.socket] = []
         try:
             self._data, self._control = self._listen(host, parts.port), self._listen(host, parts.port + 1)
-        except OSError:
+        except (OSError, StreamEnded):
             self.close()
             raise
 
@@ -79,7 +82,7 @@ class RtpStream:
             return
         self._begun = self._begun or begins(unit.data, h265=self._h265)
         if not self._begun:  # without parameter sets a decoder finds only damage
-            self._counts[NO_KEY_FRAME_YET] += 1
+            self._counts[NO_PARAMETERS] += 1
             return
         packet = av.Packet(unit.data)
         packet.pts = packet.dts = unit.ticks
@@ -104,7 +107,7 @@ class RtpStream:
     def _is_ours(self, packet: RtpPacket, now_ns: int) -> bool:
         """The first sender counts, until it was silent for CHANGED_NS and another is heard, or began anew itself."""
         if packet.kind != PAYLOAD_TYPE:
-            self._counts["RTP packets of another payload type"] += 1
+            self._counts[f"RTP packets of payload type {packet.kind}, not {PAYLOAD_TYPE},"] += 1
             return False
         if self._source is None:
             self._source = packet.source
@@ -140,10 +143,16 @@ class RtpStream:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         listening = socket.socket(family, kind, protocol)
         self._sockets.append(listening)
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-        listening.bind(address)
         group = ipaddress.ip_address(address[0])
+        if group.is_multicast:  # all who listen hear it; else the last one would take all from the others
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind(address)
+        except OSError as error:
+            if error.errno != errno.EADDRNOTAVAIL:
+                raise
+            raise StreamEnded(f"{host} is no address of this machine, where pictures come to") from error
         if group.is_multicast and group.version == 4:
             request = group.packed + bytes(4)
             listening.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)

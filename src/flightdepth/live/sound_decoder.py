@@ -9,6 +9,7 @@ from typing import Any
 from av.error import FFmpegError
 
 from flightdepth.flight.decoding import BUILT_ON_DAMAGE, NO_KEY_FRAME_YET, STOP_AT_DAMAGE
+from flightdepth.flight.deinterlacing import Deinterlacer
 
 IN_DECODER_S = 2  # a picture that a decoder still held when news of damage came is not older
 
@@ -16,11 +17,13 @@ IN_DECODER_S = 2  # a picture that a decoder still held when news of damage came
 class SoundDecoder:
     """A codec context and what is known of damage; what is left out is counted in `counts`.
 
-    As `flight.decoding` does for files, but at once: no picture is held back to see whether the next is damaged.
+    As `flight.decoding` does for files, but at once: no picture is held back to see whether the next is damaged, only
+    an interlaced one until the next has come.
     """
 
     def __init__(self, context: Any, counts: Counter[str]) -> None:
         self._context, self._counts = context, counts
+        self._deinterlacer = Deinterlacer()
         # Threads by frame would hold back as many pictures as there are cores.
         context.thread_type = "SLICE"
         if context.name in STOP_AT_DAMAGE:
@@ -29,7 +32,7 @@ class SoundDecoder:
         self._damage_pts: int | None = None
 
     def decode(self, packet: Any) -> Iterator[Any]:
-        """Sound pictures of one packet."""
+        """Sound pictures of one packet; the last of a file come with the empty packet at its end."""
         if packet.is_corrupt:
             self.damage(packet.pts)
         try:
@@ -40,7 +43,9 @@ class SoundDecoder:
             return
         for decoded in found:
             if self._is_sound(decoded):
-                yield decoded
+                yield from self._deinterlacer.add(decoded)
+        if self._waiting or not packet.size:  # what waits shall not grow old
+            yield from self._deinterlacer.flush()
 
     def damage(self, pts: int | None) -> None:
         """Something is missing or wrong at `pts`."""

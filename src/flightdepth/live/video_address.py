@@ -57,6 +57,11 @@ class VideoAddress:
     same_clock: bool = False
     rtp: bool = False
 
+    @property
+    def reports_wall_clock(self) -> bool:
+        """Whether RTCP tells the sender's wall clock, if the sender does as it should."""
+        return self.rtp or self.format == RTP
+
     def source(self) -> Any:
         """What `av.open` takes as its file."""
         return io.BytesIO(self.target.encode()) if self.format == "sdp" else self.target

@@ -58,6 +58,7 @@ class VideoInput:
         self.error: BaseException | None = None
         self.distrusted: str | None = None
         self._counts: Counter[str] = Counter()
+        self._counted: Counter[str] = Counter()  # when the last picture came, or the stream was opened
         self._address, self._listener = address, listener
         self._delay_ns, self._sender_clock, self._epoch_ns = delay_ns, sender_clock, epoch_ns
         self._stop = threading.Event()
@@ -77,6 +78,12 @@ class VideoInput:
     def dropped(self) -> dict[str, int]:
         """What never reached the estimator, by reason."""
         return dict(Counter(self._counts) + Counter({NOT_TAKEN: self.slot.replaced}))
+
+    @property
+    def instead(self) -> str | None:
+        """What came most since the last picture, and was none."""
+        most = (Counter(self._counts) - self._counted).most_common(1)
+        return f"{most[0][1]} {most[0][0]}" if most else None
 
     def _work(self) -> None:
         try:
@@ -105,10 +112,12 @@ class VideoInput:
         clock = PictureClock(
             self._delay_ns, wall_from_sender=self._sender_clock, same_clock=self._address.same_clock
         )
+        self._counted = Counter(self._counts)
         with closing(self._open()) as stream:
             for picture in self._pictures(stream, clock):
                 now_ns = time.monotonic_ns()
                 self.received += 1
+                self._counted = Counter(self._counts)
                 self.slot.put(picture)
                 self._listener.on_picture(now_ns)
                 self._tell_distrust(clock.distrusted)

@@ -74,6 +74,11 @@ def jpeg(picture: NDArray[np.uint8], quality: int) -> bytes:
     return _packed(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), (cv2.IMWRITE_JPEG_QUALITY, quality))
 
 
+def rgb_png(picture: NDArray[np.uint8]) -> bytes:
+    """PNG of RGB [H, W, 3], lossless."""
+    return _packed(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), ())
+
+
 def png(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     """PNG of a one-channel image [H, W], lossless."""
     return _packed(".png", image, PNG_SETTINGS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -19,6 +19,7 @@ from flightdepth.weights.card import NetworkCard
 
 DepthFormat = Literal["png", "npz"]
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
+Span = tuple[str, str]  # least and most, as they were written
 
 
 class Source(BaseModel):
@@ -65,7 +66,7 @@ class Counts(BaseModel):
     @classmethod
     def of(cls, rows: Sequence[FrameRow], dropped: dict[str, int], saturated_pixels: int) -> Counts:
         """Counts of a whole flight."""
-        missing = grouped(row.reason for row in rows if row.reason)
+        missing = ReasonTally(row.reason for row in rows if row.reason).counts()
         return cls(
             frames=len(rows),
             frames_with_depth=len(rows) - missing.total(),
@@ -75,26 +76,38 @@ class Counts(BaseModel):
         )
 
 
-def grouped(reasons: Iterable[str]) -> Counter[str]:
-    """How often each reason stands; where only its numbers differ, once with their spans: "turns 3 to 5 degrees"."""
-    groups: dict[tuple[str, ...], list[list[str]]] = defaultdict(list)
-    for reason in reasons:
-        groups[tuple(NUMBER.split(reason))].append(NUMBER.findall(reason))
-    found: Counter[str] = Counter()
-    for words, numbers in groups.items():
-        spans = [_span(column) for column in zip(*numbers, strict=True)]
-        found["".join(word + span for word, span in zip(words, [*spans, ""], strict=True))] = len(numbers)
-    return found
+class ReasonTally:
+    """Counts reasons; those that differ in numbers only are one, with their spans: "turns 3 to 5 degrees".
 
+    However many come, it holds no more than their wordings.
+    """
 
-def with_frames(notes: Iterable[str]) -> tuple[str, ...]:
-    """Each note once, with its number of frames."""
-    return tuple(f"{note} ({frames} frame{'s' * (frames > 1)})" for note, frames in grouped(notes).items())
+    def __init__(self, reasons: Iterable[str] = ()) -> None:
+        self._groups: dict[tuple[str, ...], tuple[int, list[Span]]] = {}  # by what stands between the numbers
+        for reason in reasons:
+            self.add(reason)
 
+    def add(self, reason: str) -> None:
+        """Count one."""
+        words, numbers = tuple(NUMBER.split(reason)), NUMBER.findall(reason)
+        count, spans = self._groups.get(words, (0, [(number, number) for number in numbers]))
+        wider = [
+            (min(least, number, key=float), max(most, number, key=float))
+            for (least, most), number in zip(spans, numbers, strict=True)
+        ]
+        self._groups[words] = count + 1, wider
 
-def _span(numbers: Sequence[str]) -> str:
-    least, most = min(numbers, key=float), max(numbers, key=float)
-    return least if least == most else f"{least} to {most}"
+    def counts(self) -> Counter[str]:
+        """How often each came, in the order of the first."""
+        found: Counter[str] = Counter()
+        for words, (count, spans) in self._groups.items():
+            said = [least if least == most else f"{least} to {most}" for least, most in spans]
+            found["".join(word + span for word, span in zip(words, [*said, ""], strict=True))] = count
+        return found
+
+    def with_frames(self) -> tuple[str, ...]:
+        """Each reason with its number of frames."""
+        return tuple(f"{said} ({frames} frame{'s' * (frames > 1)})" for said, frames in self.counts().items())
 
 
 class FlightRecord(BaseModel):

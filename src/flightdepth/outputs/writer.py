@@ -35,9 +35,9 @@ from flightdepth.outputs.record import (
     DepthFormat,
     DepthScaleNote,
     FlightRecord,
+    ReasonTally,
     Source,
     Summary,
-    with_frames,
 )
 from flightdepth.outputs.table_file import TableFile
 from flightdepth.ranges.result import RangedDepth
@@ -72,8 +72,9 @@ class FlightWriter:
         depth_format: DepthFormat = "png",
     ) -> None:
         check_target(target)
-        self._target, self._source, self._preview, self._format = target, source, preview, depth_format
-        self._notes: list[str] = []  # of all frames
+        self._target = target.resolve()  # a link stays, and what it leads to is written
+        self._source, self._preview, self._format = source, preview, depth_format
+        self._notes = ReasonTally()  # of all frames
         self._dropped: dict[str, int] = {}
         self._warnings: list[str] = []  # that came up in flight
         self._saturated_pixels = 0
@@ -116,7 +117,8 @@ class FlightWriter:
         self._rows.add(cells_of(FrameRow.of(frame, result)))
         if pose is not None:
             self._poses.add(pose_cells(pose))
-        self._notes += result.notes if result.doubt is None else (*result.notes, result.doubt)
+        for note in result.notes if result.doubt is None else (*result.notes, result.doubt):
+            self._notes.add(note)
         for thread in self._threads:
             thread.put(Item(frame, result))
 
@@ -166,7 +168,7 @@ class FlightWriter:
         self._poses.finish()
         rows = rows_from_csv((self._folder / TABLE).read_text(encoding="utf-8"))
         counts = Counts.of(rows, self._dropped, self._saturated_pixels)
-        notes = with_frames(self._notes)
+        notes = self._notes.with_frames()
         self._summary = Summary.of(rows, counts, notes, tuple(self._warnings))
         warnings = (*self._source.warnings, *self._warnings)
         record = FlightRecord(
@@ -195,7 +197,7 @@ def npz(**maps: Map) -> bytes:
 
 def check_target(target: Path) -> None:
     """Refuse to replace a folder that holds anything but an older result, and one that cannot be made."""
-    parent = next((folder for folder in target.absolute().parents if folder.exists()), target)
+    parent = next((folder for folder in target.resolve().parents if folder.exists()), target)
     try:
         tempfile.TemporaryDirectory(dir=parent, prefix=f".{target.name}.").cleanup()
     except OSError as error:

@@ -222,4 +222,6 @@ def _reason(
     span_s = (current[0] - frames[int(np.argmax(connected))].stamp_ns) * 1e-9
     farthest_m = float(lengths_m[connected & steady].max())
     kind = "hovering" if span_s > SOON_S else "first frames"
-    return f"{kind}: flown {farthest_m:.2f} m in {span_s:.2f} s, no baseline"
+    hidden = farthest_m >= max(MIN_BASELINE_M, MIN_SPEED_M_S * span_s)
+    why = "no more than the log's velocities may err" if hidden else "no baseline"
+    return f"{kind}: flown {farthest_m:.2f} m in {span_s:.2f} s, {why}"

@@ -14,7 +14,7 @@ SET_VERSION = "2"
 class StillBoxConfig(BaseModel):
     """How scenes are drawn; the defaults follow the original set (texture ratio 0.5, 1 m/s, 0.1 s, 90 degrees)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     frames: int = Field(default=10, ge=1, description="frames per scene")
     speed_m_s: float = Field(default=1.0, gt=0, description="constant speed of the camera")

@@ -20,7 +20,7 @@ class OutdoorConfig(BaseModel):
     Ranges are drawn from uniformly, once a scene.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     frames: int = Field(default=300, ge=1, description="frames per scene")
     rate_hz: float = Field(default=30.0, gt=0, description="frames a second")
@@ -99,7 +99,7 @@ Velocity = tuple[float, float, float]
 class Flight(BaseModel):
     """One way through a scene. World axes are OpenCV's: x right, y down, z ahead; the plain is y = 0."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     first_m_s: Velocity = Field(description="velocity of the first leg: right, down, ahead")
     second_m_s: Velocity = Field(description="velocity of the second leg")

@@ -72,11 +72,13 @@ class StoredSet:
         return Camera.from_fov(self.width, self.height, self.horizontal_fov_deg)
 
     @property
-    def step_m(self) -> float:
-        """Median, over the scenes, of the way between two frames, metres."""
-        speeds = np.array([facts["speed"] for _, facts in self.entries], dtype=np.float64)
-        times = np.array([facts["time_step"] for _, facts in self.entries], dtype=np.float64)
-        return float(np.median(np.linalg.norm(speeds, axis=1) * times))
+    def steps_m(self) -> tuple[float, float]:
+        """Shortest and longest way between two frames next to each other, in all scenes, metres."""
+        even = [facts for _, facts in self.entries if "position" not in facts]
+        steps = [np.linalg.norm(facts["speed"]) * facts["time_step"] for facts in even]
+        for facts in (facts for _, facts in self.entries if "position" in facts):
+            steps += list(np.linalg.norm(np.diff(path_from(facts)[0], axis=0), axis=1))
+        return float(min(steps)), float(max(steps))
 
     @property
     def digest(self) -> str:

@@ -10,6 +10,7 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.renderers.raycast import Rendered
 from flightdepth.scenes import chance
+from flightdepth.stillbox.encoding import DEPTH_CLIP_M
 from flightdepth.stillbox.pairs import Flown
 from flightdepth.stillbox.stored import StoredSet
 from flightdepth.stillbox.stream import PairStream
@@ -31,6 +32,8 @@ class StoredPairs(PairStream):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not self.stored.entries:
+            raise BadInput(f"set {self.stored.folder}", expected="a scene to learn from", got="none")
         wanted = {
             "width": (f"{self.picture.full_width} px", f"{self.stored.width} px"),
             "field of view": (self.config.horizontal_fov_deg, self.stored.horizontal_fov_deg),
@@ -52,10 +55,10 @@ class StoredPairs(PairStream):
                 expected="a camera that does not turn",
                 got="orientations that differ",
             )
-        step_m = self.stored.step_m
-        if abs(step_m - self.config.step_m) > STEP_TOLERANCE * self.config.step_m:
-            expected_m = f"{self.config.step_m:.3f} m"
-            raise BadInput(f"set {self.stored.folder}, step", expected=expected_m, got=f"{step_m:.3f} m")
+        for step_m in self.stored.steps_m:  # targets go by the number of steps
+            if abs(step_m - self.config.step_m) > STEP_TOLERANCE * self.config.step_m:
+                expected_m = f"{self.config.step_m:.3f} m everywhere"
+                raise BadInput(f"set {self.stored.folder}, step", expected=expected_m, got=f"{step_m:.3f} m")
 
     def _render(self, number: int) -> tuple[Flown, Rendered, Camera]:
         rng = chance.stream(self.seed, _CROP, number)
@@ -63,9 +66,10 @@ class StoredPairs(PairStream):
         y = int(rng.integers(self.stored.height - self.picture.height + 1))
         scene = self.stored.scene(self._place(number))
         rows, columns = slice(y, y + self.picture.height), slice(x, x + self.picture.width)
+        depth_m = scene.depth_m[:, rows, columns]
         cut = Rendered(
             np.ascontiguousarray(scene.images[:, rows, columns]),
-            np.ascontiguousarray(scene.depth_m[:, rows, columns]),
+            np.where(depth_m < DEPTH_CLIP_M[1], depth_m, np.float32(np.inf)),  # or farther, such as a sky
         )
         return scene, cut, self.stored.camera.cropped(x, y, self.picture.width, self.picture.height)
 

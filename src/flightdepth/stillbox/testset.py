@@ -64,9 +64,10 @@ class TestSet:
     def pair(self, number: int) -> TestPair:
         """The pair of scene `number`: frames in the middle of the scene, the nominal shift apart."""
         textures = test_textures() if self.textures is None else self.textures
-        scene = draw_scene(self.config, len(textures), self.seed, number)
         shift = self.rule.nominal_shift
-        previous = (self.config.frames - shift) // 2
+        config = self.config.model_copy(update={"frames": max(self.config.frames, shift + 1)})
+        scene = draw_scene(config, len(textures), self.seed, number)
+        previous = (config.frames - shift) // 2
         frames = (previous, previous + shift)
         x = (self.picture.full_width - self.picture.width) // 2
         y = (self.picture.full_width - self.picture.height) // 2

@@ -13,6 +13,7 @@ from torch import Tensor, nn, optim
 
 from flightdepth.errors import BadInput
 from flightdepth.files import write_atomic
+from flightdepth.training.precision import Precision
 
 _STATE = ("step", "exp_avg", "exp_avg_sq", "momentum_buffer")  # of AdamW and SGD, for each parameter
 
@@ -22,6 +23,7 @@ class Progress:
     """Where a run stands: `sample` pairs of stage number `stage` are done, `seen` in all stages.
 
     `parts`: streams that the stage's pairs come from, an equal share of each; 0 where none came.
+    `precision`: what it is computed in; None in checkpoints from before it was kept.
     """
 
     recipe: str
@@ -31,6 +33,7 @@ class Progress:
     seen: int
     loss_m: float
     parts: int = 0
+    precision: Precision | None = None
 
 
 def save_checkpoint(

@@ -24,10 +24,10 @@ from flightdepth.sweep import LEVELS
 from flightdepth.training.inputs import motion_inputs
 from flightdepth.training.network import built
 from flightdepth.training.pictures import normalised
-from flightdepth.training.recipe import Recipe
+from flightdepth.training.recipe import STRIDE, Recipe
 
 OPSET = 18
-STRIDE, ROWS = 64, 128  # of the example that the graph is traced with
+ROWS = 128  # of the example that the graph is traced with
 HALF = ".half"  # suffix of an initialiser stored in half precision
 
 

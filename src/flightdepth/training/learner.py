@@ -5,10 +5,12 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import torch
 from accelerate import Accelerator
+from accelerate.state import AcceleratorState
 from accelerate.utils import DistributedDataParallelKwargs
 from torch import Tensor, nn, optim
 
@@ -28,7 +30,7 @@ from flightdepth.training.inputs import network_inputs
 from flightdepth.training.loss import loss_m
 from flightdepth.training.muon import Muon
 from flightdepth.training.network import built
-from flightdepth.training.precision import mixed_precision
+from flightdepth.training.precision import Precision, mixed_precision
 from flightdepth.training.processes import Share, any_says, mean_over, weigh_part
 from flightdepth.training.recipe import OptimizerName, Recipe, Stage
 from flightdepth.training.run_folder import SHIPPED, parent_checkpoint, read_trained, stages_behind
@@ -42,16 +44,19 @@ LAST_LOOK = "last_look"
 class Learner:
     """A network, its average and its optimizer, on the device that accelerate finds, in what it is fastest in.
 
-    With several processes each has its own learner; their weights stay equal.
+    `precision`: what a run that goes on was computed in. With several processes each has its own learner; their
+    weights stay equal.
     """
 
-    def __init__(self, recipe: Recipe) -> None:
+    def __init__(self, recipe: Recipe, precision: Precision | None = None) -> None:
         self.recipe = recipe
+        self.precision = mixed_precision(precision)
         # Batch statistics are not taken from the first process: see `processes`.
         own_statistics = DistributedDataParallelKwargs(
             broadcast_buffers=False, find_unused_parameters=recipe.thorough_last_look
         )
-        self.accelerator = Accelerator(mixed_precision=mixed_precision(), kwargs_handlers=[own_statistics])
+        AcceleratorState._reset_state()  # the run before in this process may have been computed in the other
+        self.accelerator = Accelerator(mixed_precision=self.precision, kwargs_handlers=[own_statistics])
         self.share = Share.of(recipe, self.accelerator.process_index, self.accelerator.num_processes)
         torch.manual_seed(recipe.seed)
         network = built(recipe)
@@ -85,6 +90,7 @@ class Learner:
         What a recipe starts from is the run in the same folder of runs, or else the network that ships.
         """
         recipe, seen = self.recipe, 0
+        (folder / SHIPPED).unlink(missing_ok=True)  # of a run that ended before its first checkpoint
         if shipped is not None:
             return self._after(shipped, folder)
         if recipe.starts_from is not None:
@@ -114,8 +120,8 @@ class Learner:
             raise BadInput(
                 f"recipe {recipe.name}",
                 expected=f"a recipe whose first stages are the last of {card.name}'s",
-                got=", ".join(stage.name for stage in recipe.stages),
-                mend="Append your stages to the recipe that the network was trained with.",
+                got=", ".join(f"{stage.name} ({stage.samples:,})" for stage in recipe.stages),
+                mend="Append your stages to the recipe that the network was trained with, and give no --samples.",
             )
         return self._on_from(shipped, folder, stage=behind)
 
@@ -174,7 +180,10 @@ class Learner:
             else:
                 loss += self._learn(batch, len(parts))
         if not torch.isfinite(loss):
-            raise FlightDepthError(f"training diverged at sample {sample} of stage {stage.name}: loss {loss}")
+            raise FlightDepthError(
+                f"training diverged at sample {sample} of stage {stage.name}: loss {loss};"
+                " the last checkpoint stands. Try a lower learning_rate"
+            )
         self.stepper.step()
         self.average.update(sample // stage.batch)
         return float(self.accelerator.reduce(loss, "mean"))
@@ -194,9 +203,19 @@ class Learner:
         return any_says(self.accelerator, flag)
 
     def save(self, path: Path, progress: Progress) -> None:
-        """Write a checkpoint; all processes come here, the first one writes."""
+        """Write a checkpoint; all processes come here, the first one writes.
+
+        Raises:
+            FlightDepthError: the weights are no numbers any more; the checkpoint before stays.
+        """
         mean_over(self.accelerator, self.network, self.averaged)
+        if not all(torch.isfinite(each).all() for each in self.network.state_dict().values()):
+            raise FlightDepthError(
+                f"training diverged: weights that are no numbers after {progress.seen:,} pairs;"
+                " the last checkpoint stands. Try a lower learning_rate"
+            )
         if self.accelerator.is_main_process:
+            progress = replace(progress, precision=self.precision)
             save_checkpoint(path, progress, self.network, self.averaged, self.optimizer)
         self.accelerator.wait_for_everyone()
 

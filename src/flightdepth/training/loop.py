@@ -18,7 +18,7 @@ from flightdepth.scenes import Textures
 from flightdepth.stillbox import PairStream
 from flightdepth.stillbox.stored import StoredSet
 from flightdepth.stillbox.stored_pairs import StoredPairs
-from flightdepth.training.checkpoint import Progress
+from flightdepth.training.checkpoint import Progress, read_progress
 from flightdepth.training.learner import Learner
 from flightdepth.training.recipe import Recipe, Stage
 from flightdepth.training.run_folder import CHECKPOINT, RECIPE, keep_sets, keep_textures
@@ -61,17 +61,28 @@ def train(
     pairs come from stored scenes: each stage takes the set as wide as its full picture. `stop` is asked after every
     step; when it says yes, the run is saved and ends there.
     """
-    learner = Learner(recipe)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / CHECKPOINT
-    progress = learner.restored(path) if resume and path.exists() else learner.started(folder, shipped)
+    goes_on = resume and path.exists()
+    learner = Learner(recipe, read_progress(path).precision if goes_on else None)
+    progress = learner.restored(path) if goes_on else learner.started(folder, shipped)
     learner.prepare()
-    write_json(folder / RECIPE, recipe.model_dump(mode="json"))
-    keep_textures(folder, textures)
+    streams = [
+        partial(stage_stream, learner, number, textures=textures, sets=sets or {}, threads=threads)
+        for number in range(len(recipe.stages))
+    ]
+    # What a stage can't learn from is told before the stages that come first.
+    for stream in streams[progress.stage :]:
+        with stream(learner.share.mine[0]):
+            pass
     keep_sets(folder, sets or {})
+    keep_textures(folder, textures)
+    write_json(folder / RECIPE, recipe.model_dump(mode="json"))
+    if not goes_on:  # from here on it is known what the run began from
+        learner.save(path, progress)
     with Curves(folder if learner.accelerator.is_main_process else None) as board:
         for number in range(progress.stage, len(recipe.stages)):
-            run = _Run(learner, number, textures, sets or {}, threads, board, report, stop, clock)
+            run = _Run(learner, number, streams[number], board, report, stop, clock)
             progress = run.to_end(progress, path, checkpoint_every_s)
             if learner.agreed(stop()):
                 learner.save(path, progress)
@@ -88,9 +99,7 @@ class _Run:
 
     learner: Learner
     number: int
-    textures: Textures
-    sets: Mapping[int, StoredSet]
-    threads: int
+    stream: Callable[[int], PairStream]  # of a part
     board: Curves
     report: Callable[[Report], None]
     stop: Callable[[], bool]
@@ -115,7 +124,7 @@ class _Run:
         saved = began = self.clock()
         began_at, total = progress.seen, self._total(progress)
         with ExitStack() as stack:
-            streams = [stack.enter_context(self._stream(part)) for part in share.mine]
+            streams = [stack.enter_context(self.stream(part)) for part in share.mine]
             while progress.sample < self.stage.samples and not self.learner.agreed(self.stop()):
                 start, size = (each // share.parts for each in (progress.sample, self.stage.batch))
                 parts = [stream.batch(start, size) for stream in streams]
@@ -136,23 +145,6 @@ class _Run:
         parts = self.learner.share.parts
         return Progress(self.recipe.name, self.recipe.digest, self.number, sample, seen, smooth, parts)
 
-    def _stream(self, part: int) -> PairStream:
-        width = self.stage.full_width
-        stream = partial(StoredPairs, stored=self.sets[width]) if self.sets else PairStream
-        return stream(
-            config=self.recipe.scenes.model_copy(update={"open_share": self.stage.open_share}),
-            textures=self.textures,
-            picture=self.stage.picture,
-            rule=replace(self.recipe.rule, wide_share=self.stage.wide_share),
-            seed=stream_seed(self.recipe, self.number, part),
-            photometric=self.stage.photometric,
-            photometric_share=self.stage.photometric_share,
-            noise=self.stage.noise,
-            pairs_per_scene=self.recipe.pairs_per_scene,
-            threads=self.threads,
-            background=self.learner.accelerator.device.type != "cpu",
-        )
-
     def _total(self, progress: Progress) -> int:
         rest = sum(stage.samples for stage in self.recipe.stages[self.number + 1 :])
         return progress.seen - progress.sample + self.stage.samples + rest
@@ -161,6 +153,37 @@ class _Run:
         if (progress.sample // self.stage.batch) % 20 == 0:
             rate_now = learning_rate(self.recipe, self.stage, progress.sample)
             self.board.add(progress.seen, loss_m=loss_m, samples_per_s=rate, learning_rate=rate_now)
+
+
+def stage_stream(
+    learner: Learner,
+    number: int,
+    part: int,
+    *,
+    textures: Textures,
+    sets: Mapping[int, StoredSet],
+    threads: int,
+) -> PairStream:
+    """The pairs that one part of a stage's batches learns from, of drawn scenes or of the set of the stage's width.
+
+    Raises:
+        BadInput: the set is not one that the stage can learn from.
+    """
+    recipe, stage = learner.recipe, learner.recipe.stages[number]
+    stream = partial(StoredPairs, stored=sets[stage.full_width]) if sets else PairStream
+    return stream(
+        config=recipe.scenes.model_copy(update={"open_share": stage.open_share}),
+        textures=textures,
+        picture=stage.picture,
+        rule=replace(recipe.rule, wide_share=stage.wide_share),
+        seed=stream_seed(recipe, number, part),
+        photometric=stage.photometric,
+        photometric_share=stage.photometric_share,
+        noise=stage.noise,
+        pairs_per_scene=recipe.pairs_per_scene,
+        threads=threads,
+        background=learner.accelerator.device.type != "cpu",
+    )
 
 
 class Curves:

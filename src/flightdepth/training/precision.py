@@ -6,12 +6,19 @@ from typing import Literal
 
 import torch
 
-from flightdepth.processor import cpu_gains_by_bf16
+from flightdepth.processor import cpu_gains_by_bf16, cpu_runs_bf16
+
+Precision = Literal["bf16", "no"]
 
 
-def mixed_precision() -> Literal["bf16", "no"]:
+def mixed_precision(before: Precision | None = None) -> Precision:
     """What accelerate calls it: "bf16" on accelerators and on processors that are faster in it.
 
-    Elsewhere a step takes up to twice as long as in float32.
+    Elsewhere a step takes up to twice as long as in float32. Which of them is faster is timed, and a busy processor may
+    say otherwise each time: a run goes on in what it was computed in `before`, where this processor has bf16 at all.
     """
-    return "bf16" if torch.accelerator.is_available() or cpu_gains_by_bf16() else "no"
+    if torch.accelerator.is_available():
+        return "bf16"
+    if before is not None and cpu_runs_bf16():
+        return before
+    return "bf16" if cpu_gains_by_bf16() else "no"

@@ -14,7 +14,7 @@ from accelerate import Accelerator
 from torch import nn
 
 from flightdepth.errors import BadInput
-from flightdepth.training.recipe import Recipe
+from flightdepth.training.recipe import STRIDE, Recipe
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Share:
         """An equal share for each process; at least one part each.
 
         Raises:
-            BadInput: parts or batches cannot be shared out equally.
+            BadInput: parts or batches cannot be shared out equally, or a part is too small for batch statistics.
         """
         parts = max(recipe.accumulate, processes)
         for what, whole, share in (
@@ -39,6 +39,14 @@ class Share:
             if whole % share:
                 raise BadInput(
                     f"recipe {recipe.name}, {what}", expected=f"a multiple of {share}", got=str(whole)
+                )
+        for stage in recipe.stages:
+            places = stage.batch // parts * (stage.width // STRIDE) * (stage.height // STRIDE)
+            if places < 2 and recipe.architecture != "FlowNetS":
+                raise BadInput(
+                    f"recipe {recipe.name}, batch of stage {stage.name}",
+                    expected=f"at least {2 * parts}: batch norm needs two values of each map in each of {parts} parts",
+                    got=str(stage.batch),
                 )
         each = parts // processes
         return cls(parts, range(process * each, (process + 1) * each))

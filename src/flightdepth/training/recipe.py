@@ -14,22 +14,26 @@ from flightdepth.errors import BadInput
 from flightdepth.scenes import StillBoxConfig
 from flightdepth.stillbox import PairRule, Picture
 from flightdepth.stillbox.motion_noise import MotionNoise
+from flightdepth.stillbox.photometric import LARGEST_PX
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+STRIDE = 64  # the deepest feature map is at 1/64 of a picture's size
+FILE_NAME = r"^[^\s./\\][^/\\]*$"  # of what names a file or a folder of a run
+FILE_NAME_RULE = "a name without / that does not begin with a dot"
 OptimizerName = Literal["adamw", "sgd", "muon"]
 
 
 class Stage(_Strict):
     """One stage of the curriculum: crops of `width` x `height` from pictures `full_width` pixels wide."""
 
-    name: str
+    name: str = Field(pattern=FILE_NAME)
     full_width: int = Field(gt=0)
-    width: int = Field(gt=0, multiple_of=64)
-    height: int = Field(gt=0, multiple_of=64)
+    width: int = Field(gt=0, multiple_of=STRIDE)
+    height: int = Field(gt=0, multiple_of=STRIDE)
     samples: int = Field(gt=0, description="pairs")
     batch: int = Field(gt=0)
     learning_rate: float = Field(gt=0, description="peak, after the warm-up")
@@ -51,6 +55,12 @@ class Stage(_Strict):
     def _fits(self) -> Stage:
         if self.full_width < self.width:
             raise ValueError(f"full_width of at least the width, {self.width}")
+        if self.full_width < self.height:
+            raise ValueError(f"full_width of at least the height, {self.height}: full pictures are square")
+        if self.photometric and max(self.width, self.height) > LARGEST_PX:
+            raise ValueError(f"pictures of at most {LARGEST_PX} px where there are camera effects")
+        if self.photometric_share < 1 and not self.photometric:
+            raise ValueError("photometric = true, of which photometric_share is a share")
         if self.fov_deg is not None and not 0 < self.fov_deg[0] <= self.fov_deg[1] < 180:
             raise ValueError("fov_deg of a smaller and a larger angle, between 0 and 180 degrees")
         return self
@@ -70,7 +80,7 @@ class Stage(_Strict):
 class Recipe(_Strict):
     """A network and its curriculum."""
 
-    name: str
+    name: str = Field(pattern=FILE_NAME)
     architecture: Literal["DepthNet", "FlowNetS", "MotionNet"] = "DepthNet"
     base_width: int = Field(gt=0)
     activation: Literal["elu+1", "none"]
@@ -124,9 +134,33 @@ class Recipe(_Strict):
         names = [stage.name for stage in self.stages]
         if len(set(names)) < len(names):
             raise ValueError(f"stages of different names, not {', '.join(names)}")
+        if "checkpoint" in names:
+            raise ValueError("a stage of another name than checkpoint, which is the run's own")
         if any(stage.only_last_look for stage in self.stages) and not self.thorough_last_look:
             raise ValueError("thorough_last_look, since a stage trains that alone")
+        if self.reference_focal_px is None and any(stage.fov_deg for stage in self.stages):
+            raise ValueError("reference_focal_px, since a stage has many lenses (fov_deg)")
+        if self.scenes.open_share:
+            raise ValueError("open_share in each stage, not in scenes")
+        if self.scenes.frames < 2:
+            raise ValueError("scenes of at least 2 frames, of which pairs are made")
+        self._refuse_what_is_not_looked_at()
         return self
+
+    def _refuse_what_is_not_looked_at(self) -> None:
+        """Refuse keys that the architecture has no use for: whoever gives them expects another network."""
+        if self.architecture == "MotionNet":
+            if self.activation != "elu+1":
+                raise ValueError('activation = "elu+1", the only one of a MotionNet')
+            return
+        asked = {
+            "looks": self.looks > 1,
+            "thorough_last_look": self.thorough_last_look,
+            "residual_blocks": self.residual_blocks,
+            "direction_noise_deg": any(stage.direction_noise_deg for stage in self.stages),
+        }
+        for key in (key for key, given in asked.items() if given):
+            raise ValueError(f"no {key}, which a {self.architecture} has no use for")
 
     def optimizer_in(self, stage: Stage) -> OptimizerName:
         """One that is another than the stage's before is begun anew."""
@@ -188,12 +222,25 @@ def load_recipe(name_or_path: str) -> Recipe:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BadInput(f"recipe {name_or_path}", expected="TOML", got=str(error)) from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        what = f"recipe {name_or_path}, {where}" if where else f"recipe {name_or_path}"
-        if first["type"] == "value_error":  # of a table as a whole, which would fill the line
-            raise BadInput(what, expected=first["msg"].removeprefix("Value error, ")) from error
-        raise BadInput(what, expected=first["msg"], got=str(first["input"])) from error
+        raise _refusal(name_or_path, error) from error
+
+
+def _refusal(name_or_path: str, error: ValidationError) -> BadInput:
+    """The first thing that is wrong with a recipe, in one line."""
+    first = error.errors()[0]
+    where, said = first["loc"], first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    what = ", ".join([f"recipe {name_or_path}", *([".".join(map(str, where))] if where else [])])
+    if first["type"] == "value_error":  # of a table as a whole, which would fill the line
+        return BadInput(f"{what}, {said}") if "expected" in said else BadInput(what, expected=said)
+    if first["type"] == "missing":
+        return BadInput(what, expected="a value", got="none")
+    if first["type"] == "extra_forbidden":
+        tables = {"stages": Stage.model_fields, "scenes": StillBoxConfig.model_fields}
+        keys = tables.get(str(where[0]), Recipe.model_fields)
+        return BadInput(what, expected=f"keys from {', '.join(keys)}", got=str(where[-1]))
+    if first["type"] == "string_pattern_mismatch":
+        said = FILE_NAME_RULE
+    return BadInput(what, expected=said, got=str(first["input"]))
 
 
 def _recipe_bytes(name_or_path: str) -> bytes:

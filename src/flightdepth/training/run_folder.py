@@ -130,7 +130,7 @@ def keep_textures(folder: Path, textures: Textures) -> None:
 
 
 def keep_sets(folder: Path, sets: Mapping[int, StoredSet]) -> None:
-    """Write down which stored sets a run learns from, by their width; none leaves no file.
+    """Write down which stored sets a run learns from, by their width; none leaves no file. Before `keep_textures`.
 
     Raises:
         BadInput: the run was begun with other sets.
@@ -140,10 +140,12 @@ def keep_sets(folder: Path, sets: Mapping[int, StoredSet]) -> None:
         for width, each in sets.items()
     }
     path = folder / SETS
-    if path.exists() and json.loads(path.read_bytes()) != used:
+    begun = (folder / TEXTURES).exists()
+    before = json.loads(path.read_bytes()) if path.exists() else {} if begun else used
+    if before != used:
         raise BadInput(
             f"stored sets of run {folder}",
-            expected=f"those that it began with ({SETS})",
+            expected=f"those that it began with ({SETS})" if before else "none, as it began",
             got=", ".join(str(each.folder) for each in sets.values()) or "none",
             mend="Give the same --set, or train elsewhere: --runs DIR.",
         )

@@ -1,7 +1,8 @@
-"""The page's web server: the standard library's, one thread a request, a bounded number of them.
+"""The page's web server: the standard library's, one thread a connection, a bounded number of them.
 
 Pictures are polled, each after the one before has arrived, so a slow browser gets fewer of them and nobody waits for
-it: neither a sink nor the estimator ever touches a socket.
+it: neither a sink nor the estimator ever touches a socket. A connection has SOCKET_TIMEOUT_S to ask, however often it
+sends a byte, and as long to take an answer; where all places are taken, the one that has been asking longest goes.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import json
 import re
 import socket
 import threading
+import time
+from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
@@ -26,8 +29,9 @@ from flightdepth.live.status import LiveResult, StatusSource
 from flightdepth.outputs.palette import DepthScale
 
 ADDRESS = re.compile(r"(?P<host>[^:]+|\[[0-9a-fA-F:]+\]):(?P<port>\d{1,5})")
-MOST_REQUESTS = 24  # at a time: six browsers that take all they can
+MOST_REQUESTS = 24  # at a time: four browsers that take all they can
 SOCKET_TIMEOUT_S = 5.0
+LEAVE_S = 0.5  # a connection that was ended gives its place back at once, unless the machine stands still
 NEWER_WITHIN_S = 1.0
 STATIC = {
     "/": ("index.html", "text/html; charset=utf-8"),
@@ -77,12 +81,16 @@ class PageServer(ThreadingHTTPServer):
 
     daemon_threads = True
     allow_reuse_address = True
+    request_queue_size = 4 * MOST_REQUESTS  # beyond, a browser tries again after one second, or three
 
     def __init__(self, page: Page, address: str = "127.0.0.1:8080") -> None:
         host, port = parsed(address)
         self.page = page
         self.closing = threading.Event()
         self.places = threading.BoundedSemaphore(MOST_REQUESTS)
+        # Connections whose request is not whole yet, and since when: the longest first.
+        self._asking: dict[socket.socket, float] = {}
+        self._lock = threading.Lock()
         if ":" in host:
             self.address_family = socket.AF_INET6
         try:
@@ -111,11 +119,12 @@ class PageServer(ThreadingHTTPServer):
         self._thread.start()
 
     def close(self) -> None:
-        """Stop serving, connections that browsers keep open too; requests in hand end by their timeouts."""
+        """Stop serving, connections that browsers keep open too; answers in hand end by their timeouts."""
         self.closing.set()
         if self._thread.is_alive():
             self.shutdown()
             self._thread.join(2.0)
+        self._end_asking(before_s=time.monotonic())
         self.server_close()
 
     def __enter__(self) -> PageServer:
@@ -130,11 +139,36 @@ class PageServer(ThreadingHTTPServer):
     ) -> None:
         self.close()
 
+    def asks(self, connection: socket.socket) -> None:
+        """A request of this connection is awaited."""
+        with self._lock:
+            self._asking[connection] = time.monotonic()
+
+    def asked(self, connection: socket.socket) -> bool:
+        """Its request is whole, or will never be; False where the connection was ended meanwhile."""
+        with self._lock:
+            return self._asking.pop(connection, None) is not None
+
+    def service_actions(self) -> None:
+        """Ten times a second: end the connections that have been asking for too long."""
+        self._end_asking(before_s=time.monotonic() - SOCKET_TIMEOUT_S)
+
+    def _end_asking(self, *, before_s: float, most: int = MOST_REQUESTS) -> None:
+        """End so many connections that have been asking since before a time, the longest first."""
+        with self._lock:
+            for connection, since_s in list(self._asking.items())[:most]:
+                if since_s < before_s:
+                    del self._asking[connection]
+                    with suppress(OSError):  # it is gone already
+                        connection.shutdown(socket.SHUT_RDWR)
+
     def process_request(self, request: Any, client_address: Any) -> None:
-        """A thread for the request, unless there are too many already: then it is closed at once."""
+        """A thread for the connection; where there are too many, one that asks goes, else this one is closed."""
         if not self.places.acquire(blocking=False):
-            self.shutdown_request(request)
-            return
+            self._end_asking(before_s=time.monotonic(), most=1)
+            if not self.places.acquire(timeout=LEAVE_S):
+                self.shutdown_request(request)
+                return
         try:
             super().process_request(request, client_address)
         except BaseException:
@@ -146,6 +180,7 @@ class PageServer(ThreadingHTTPServer):
         try:
             super().process_request_thread(request, client_address)
         finally:
+            self.asked(request)
             self.places.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -153,16 +188,25 @@ class PageServer(ThreadingHTTPServer):
 
 
 class Handler(BaseHTTPRequestHandler):
-    """GET of the page's own paths."""
+    """GET and HEAD of the page's own paths."""
 
     server: PageServer
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "flightdepth", ""
     timeout: ClassVar[float] = SOCKET_TIMEOUT_S
 
+    def handle_one_request(self) -> None:
+        """Read one request, and answer it."""
+        self.server.asks(self.connection)
+        super().handle_one_request()
+
+    def do_HEAD(self) -> None:
+        """As GET, without the body."""
+        self.do_GET()
+
     def do_GET(self) -> None:
         """Answer one request."""
-        if self.server.closing.is_set():
+        if not self.server.asked(self.connection) or self.server.closing.is_set():
             self.close_connection = True
             return
         if not self._of_this_page():
@@ -213,7 +257,8 @@ class Handler(BaseHTTPRequestHandler):
             self.send_header("Content-Type", content_type)
             self.send_header("Content-Length", str(len(body)))
         self.end_headers()
-        self.wfile.write(body)
+        if self.command != "HEAD":
+            self.wfile.write(body)
 
     def log_message(self, format: str, *args: object) -> None:
         """Requests are not logged."""

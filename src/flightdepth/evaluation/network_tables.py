@@ -1,14 +1,28 @@
-"""Results as tables on the terminal."""
+"""Errors of a network beside those of its peers, as tables on the terminal."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.table import Table
 
 WHO = ("network", "classical", "constant")
+
+
+class Parts(NamedTuple):
+    """What the parts of a range are called in a result of `evaluate_network`."""
+
+    least: str
+    most: str
+    counted: str
+
+
+PARTS = {  # of true depths, and of angles between the optical axis and the direction of travel
+    "depth_bins": Parts("from_m", "to_m", "pixels"),
+    "travel_angles": Parts("from_deg", "to_deg", "pictures"),
+}
 
 
 def metrics_table(result: Mapping[str, Any]) -> Table:
@@ -23,30 +37,28 @@ def metrics_table(result: Mapping[str, Any]) -> Table:
     return table
 
 
-def depth_table(result: Mapping[str, Any]) -> Table:
-    """Mean error per range of true depth."""
-    rows = {who: result[who]["depth_bins"] for who in WHO}
-    table = Table(title="L1 in metres per depth", box=None)
-    for heading in ("depth m", "pixels", *WHO):
-        table.add_column(heading, justify="right")
-    for parts in zip(*rows.values(), strict=True):
-        first = parts[0]
-        span = f"{first['from_m']:g} to {first['to_m']:g}"
-        table.add_row(span, f"{first['pixels']:,.0f}", *(number(part["l1_m"], 2) for part in parts))
+def parts_table(result: Mapping[str, Any], parts: str, title: str, heading: str) -> Table:
+    """Mean error in each of the PARTS."""
+    table = Table(title=title, box=None)
+    for name in (heading, PARTS[parts].counted, *WHO):
+        table.add_column(name, justify="right")
+    for cells in part_rows(result, parts, joint=" to "):
+        table.add_row(*cells)
     return table
 
 
-def angle_table(result: Mapping[str, Any]) -> Table:
-    """Mean error per angle between the optical axis and the direction of travel."""
-    rows = {who: result[who]["travel_angles"] for who in WHO}
-    table = Table(title="L1 in metres per angle of travel (0 = forward)", box=None)
-    for heading in ("degrees", "pictures", *WHO):
-        table.add_column(heading, justify="right")
-    for parts in zip(*rows.values(), strict=True):
-        first = parts[0]
-        span = f"{first['from_deg']:g} to {first['to_deg']:g}"
-        table.add_row(span, f"{first['pictures']:.0f}", *(number(part["l1_m"], 2) for part in parts))
-    return table
+def part_rows(result: Mapping[str, Any], parts: str, *, joint: str) -> list[list[str]]:
+    """A row for each of the PARTS: its ends, what was counted in it, and the L1 of each of WHO in metres."""
+    names = PARTS[parts]
+    several = zip(*(result[who][parts] for who in WHO), strict=True)
+    return [
+        [
+            f"{each[0][names.least]:g}{joint}{each[0][names.most]:g}",
+            f"{each[0][names.counted]:,.0f}",
+            *(number(errors["l1_m"], 2) for errors in each),
+        ]
+        for each in several
+    ]
 
 
 def spread_table(result: Mapping[str, Any]) -> Table:
@@ -73,7 +85,11 @@ def inside(spread: Mapping[str, Any]) -> str:
 
 def tables(result: Mapping[str, Any]) -> Sequence[Table]:
     """All tables of a result, in reading order."""
-    first = (metrics_table(result), depth_table(result), angle_table(result))
+    first = (
+        metrics_table(result),
+        parts_table(result, "depth_bins", "L1 in metres per depth", "depth m"),
+        parts_table(result, "travel_angles", "L1 in metres per angle of travel (0 = forward)", "degrees"),
+    )
     return (*first, spread_table(result)) if "spread" in result else first
 
 

@@ -1,0 +1,204 @@
+"""One flight of `flightdepth run`: what is said before it, its depth into its folder, what is said after it."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flightdepth.commands.batch import Outcome
+from flightdepth.commands.run_settings import RunSettings
+from flightdepth.commands.terminal import progress_bar, say, warn
+from flightdepth.errors import BadInput
+
+if TYPE_CHECKING:
+    from flightdepth.flight import Flight, Frame
+    from flightdepth.outputs import Source, Summary
+    from flightdepth.outputs.record import FlightRecord
+    from flightdepth.outputs.run import Progress
+    from flightdepth.ranges import RangedDepth
+    from flightdepth.runtimes.network import Network
+
+
+def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = False) -> Outcome:
+    """One flight into `target`; with `resume`, not again where the same result stands."""
+    from flightdepth.flight import open_flight
+    from flightdepth.outputs.writer import check_target
+    from flightdepth.runtimes.network import load_network, nearest_network
+
+    check_target(target)
+    with open_flight(
+        path,
+        settings.telemetry,
+        settings.camera,
+        telemetry_offset_s=settings.telemetry_offset,
+        speed_m_s=settings.speed,
+        hfov_deg=settings.hfov,
+        mount_pitch_deg=settings.mount_pitch,
+        start_s=settings.start,
+        end_s=settings.end,
+    ) as flight:
+        network = load_network(
+            settings.network or nearest_network(flight.camera),
+            precision=settings.precision.chosen,
+            aligned=settings.align,
+        ).finer(settings.detail)
+        check_fallback(settings.fallback)
+        if resume and stands(target, source_of(path.name, flight, network, settings)):
+            return Outcome.STOOD
+        introduce(path, flight, network)
+        if (other := other_flight(target, path.name)) is not None:
+            warn(f"{target} holds the result of {other}, which this one replaces when it is done")
+        started = time.monotonic()
+        summary = write_depth(path.name, flight, network, target, settings)
+        elapsed_s = time.monotonic() - started
+    conclude(summary, elapsed_s, target)
+    return Outcome.DONE if summary.counts.frames_with_depth else Outcome.EMPTY
+
+
+def introduce(path: Path, flight: Flight, network: Network) -> None:
+    """Say what is about to run, and where the network sees too little of the picture."""
+    camera, grid = flight.camera, network.grid(flight.camera)
+    say(
+        f"{path}: {camera.width}x{camera.height}, focal length {camera.fx:.0f} px"
+        f" -> {network.card.name} at {grid.camera.width}x{grid.camera.height}; {flight.telemetry_name}"
+    )
+    say(f"camera: {flight.camera_source}")
+    if flight.clock is not None:
+        say(f"offset between video and log: {flight.clock}")
+    for line in warnings_of(flight, network):
+        warn(line)
+
+
+def write_depth(
+    name: str,
+    flight: Flight,
+    network: Network,
+    target: Path,
+    settings: RunSettings,
+    *,
+    watch: Progress | None = None,
+) -> Summary:
+    """Depth of an open flight into `target`, with a progress bar; `watch` sees each frame and its result."""
+    from flightdepth.outputs import FlightWriter, Preview, run_flight
+    from flightdepth.ranges import MultiRangeEstimator
+    from flightdepth.runtimes.network import load_network
+
+    camera, ranges = flight.camera, settings.ranges
+    estimator = MultiRangeEstimator(
+        network,
+        camera,
+        ranges=ranges,
+        fusion=settings.fusion,
+        derotate=settings.derotate,
+        fallback=None if settings.fallback is None else partial(load_network, settings.fallback),
+    )
+    preview = Preview(
+        camera.width,
+        camera.height,
+        range_panels=ranges if settings.preview_ranges else 0,
+        to_source=estimator.to_source if settings.preview_ranges else None,
+    )
+    source = source_of(name, flight, network, settings)
+    network.warm_up(network.grid(camera).camera, ranges)
+
+    def progress(frame: Frame, result: RangedDepth) -> None:
+        bar.advance(bar.task_ids[0])
+        if watch is not None:
+            watch(frame, result)
+
+    try:
+        with (
+            FlightWriter(target, source, preview, depth_format=settings.depth_format) as writer,
+            progress_bar(name, flight.frame_count_hint, "frames") as bar,
+        ):
+            run_flight(flight, estimator, writer, progress)
+    except KeyboardInterrupt:
+        warn(f"stopped: nothing of this flight was written, and {target} is as it was")
+        raise
+    return writer.summary
+
+
+def conclude(summary: Summary, elapsed_s: float, target: Path) -> None:
+    """Say what came of it, and where it lies."""
+    counts = summary.counts
+    say(
+        f"{counts.frames} frames in {elapsed_s:.1f} s ({counts.frames / elapsed_s:.1f} frames/s),"
+        f" {counts.frames_with_depth} with depth"
+    )
+    for reason, frames in counts.frames_without_depth.items():
+        say(f"  {frames} without: {reason}")
+    for reason, dropped in counts.dropped.items():
+        say(f"  {dropped} dropped: {reason}")
+    for note in summary.notes:
+        say(f"  note: {note}")
+    for line in summary.warnings:
+        warn(line)
+    if counts.frames_with_depth:
+        say(
+            f"median frame: depth at {summary.valid_fraction_median:.0%} of the pixels;"
+            f" latency {summary.latency_median_ms:.1f} ms median, {summary.latency_p95_ms:.1f} ms p95"
+        )
+    else:
+        warn("no frame has depth: the reasons stand above")
+    say(f"preview: {target / 'preview.mp4'}")
+
+
+def source_of(name: str, flight: Flight, network: Network, settings: RunSettings) -> Source:
+    """What is run, and with what."""
+    from flightdepth.outputs import Source
+
+    return Source(
+        flight=name,
+        video_bytes=flight.video_bytes,
+        telemetry=flight.telemetry_name,
+        telemetry_digest=flight.telemetry_digest,
+        camera=flight.camera,
+        camera_source=flight.camera_source,
+        clock=flight.clock,
+        network=network.card,
+        settings=settings.for_record,
+        warnings=warnings_of(flight, network),
+    )
+
+
+def warnings_of(flight: Flight, network: Network) -> tuple[str, ...]:
+    """What the user should know before the flight is run, a line each."""
+    narrow = network.grid(flight.camera).warning
+    return flight.warnings if narrow is None else (*flight.warnings, narrow)
+
+
+def check_fallback(name: str | None) -> None:
+    """Refuse one that does not exist, or needs the direction too, before a frame needs it."""
+    from flightdepth.weights.store import find_network, read_card
+
+    if name is not None and read_card(find_network(name)).knows_direction:
+        raise BadInput("--fallback", expected="a network that needs no direction, a DepthNet", got=name)
+
+
+def stands(target: Path, source: Source) -> bool:
+    """Whether `target` holds a finished result of the same."""
+    from flightdepth import __version__
+
+    record = record_in(target)
+    if record is None:
+        return False
+    known, wanted = (each.model_dump(exclude={"warnings"}) for each in (record.source, source))
+    return record.flightdepth == __version__ and known == wanted  # some warnings come up in flight only
+
+
+def other_flight(target: Path, name: str) -> str | None:
+    """The flight whose result `target` holds, where it is another one."""
+    record = record_in(target)
+    return None if record is None or record.source.flight == name else record.source.flight
+
+
+def record_in(target: Path) -> FlightRecord | None:
+    """What `flight.json` in `target` says, where a finished result stands there."""
+    from flightdepth.outputs import FlightFolder
+
+    try:
+        return FlightFolder(target).record
+    except BadInput:
+        return None

@@ -1,0 +1,51 @@
+"""The stage between pictures and the estimator, with a hand-made network."""
+
+import cv2
+import numpy as np
+import pytest
+from live_peers import sample_pictures
+
+from flightdepth.camera import Camera
+from flightdepth.flight.records import BodyAttitudeSample, VelocitySample
+from flightdepth.live.depth_stage import DepthStage, Lens
+from flightdepth.live.motion_store import MotionStore
+from flightdepth.motion import NED_FROM_CAMERA
+from flightdepth.runtimes.network import load_network
+
+CAMERA = Camera.from_fov(320, 180, 75)
+FRAME_NS = 33_333_333
+TURN_RAD = 0.04  # a frame: 69 degrees a second
+
+
+def matrix(focal_px, width, height):
+    return np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
+
+
+@pytest.fixture(scope="module")
+def wide():
+    """A view of 116 degrees, of which the camera sees a part."""
+    return cv2.resize(sample_pictures((640, 360), 1)[0], (1600, 900), interpolation=cv2.INTER_CUBIC)
+
+
+def seen(wide, yaw_rad):
+    turn = cv2.Rodrigues(np.array([0.0, yaw_rad, 0.0]))[0]
+    onto = matrix(CAMERA.fx, 320, 180) @ turn @ np.linalg.inv(matrix(500.0, 1600, 900))
+    return cv2.warpPerspective(wide, onto, (320, 180))
+
+
+@pytest.mark.parametrize(("told", "witness"), [(False, "says the picture"), (True, "says the autopilot")])
+def test_a_fixed_camera_that_turns_is_noticed_though_nobody_tells_the_drones_attitude(
+    wide, save_difference_network, told, witness
+):
+    """It went on with depths of turned pictures, without a word."""
+    store = MotionStore(NED_FROM_CAMERA)
+    network = load_network(save_difference_network(), device="cpu", threads=1)
+    stage = DepthStage(network, Lens(CAMERA), store, ranges=1, fixed=True)
+    for i in range(6):
+        stamp_ns = 10**9 + i * FRAME_NS
+        store.add(VelocitySample(stamp_ns, np.array([3.0, 0, 0])), stamp_ns)
+        if told:
+            half = i * TURN_RAD / 2
+            store.add(BodyAttitudeSample(stamp_ns, np.array([np.cos(half), 0, 0, np.sin(half)])), stamp_ns)
+        staged = stage.take(stamp_ns, seen(wide, i * TURN_RAD - 0.1))
+    assert witness in staged.depth.reason
