@@ -10,6 +10,8 @@ import typer
 from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.precision_option import NetworkPrecision, PrecisionOption
 
+METHOD, RESULTS = "Method", "Results"  # panels of --help
+
 
 def live(
     *,
@@ -20,7 +22,8 @@ def live(
     mavlink: Annotated[
         str | None,
         typer.Option(
-            metavar="LINK", help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, serial:/dev/X[:BAUD]."
+            metavar="LINK",
+            help="The autopilot: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:/dev/X[:BAUD].",
         ),
     ] = None,
     telemetry: Annotated[
@@ -31,7 +34,7 @@ def live(
         ),
     ] = None,
     telemetry_offset: Annotated[
-        float, typer.Option(metavar="S", help="Seconds added to the log's times.")
+        float, typer.Option(metavar="S", help="Seconds to add to the log's times.")
     ] = 0.0,
     camera: Annotated[
         Path | None,
@@ -49,7 +52,10 @@ def live(
         typer.Option(metavar="DEG", help="A fixed camera looks up by DEG (0 ahead, -90 down; without it 0)."),
     ] = None,
     camera_delay_ms: Annotated[
-        float, typer.Option(metavar="MS", help="From exposure to the first byte sent: exposure and encoder.")
+        float,
+        typer.Option(
+            metavar="MS", help="Milliseconds from exposure to the first byte sent: exposure and encoder."
+        ),
     ] = 0.0,
     sender_clock: Annotated[
         bool, typer.Option("--sender-clock", help="Camera and this machine are set by NTP or PTP: use RTCP.")
@@ -60,21 +66,44 @@ def live(
     ] = None,
     precision: PrecisionOption = NetworkPrecision.AUTO,
     align: Annotated[
-        bool, typer.Option(help="Align depth with the pictures by optical flow; without it: rougher, sooner.")
+        bool,
+        typer.Option(
+            help="Align depth with the pictures by optical flow; without it: rougher, sooner. "
+            "Only networks that know the direction do.",
+            rich_help_panel=METHOD,
+        ),
     ] = True,
-    ranges: Annotated[int, typer.Option(metavar="N", help="Frame pairs a frame at most, 1 to 4.")] = 2,
+    ranges: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            help="Earlier pictures that each one is paired with at most, 1 to 4; fewer where time is short.",
+            rich_help_panel=METHOD,
+        ),
+    ] = 2,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Also write what `flightdepth run` writes.")
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Also write what `flightdepth run` writes.", rich_help_panel=RESULTS
+        ),
     ] = None,
     serve: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="A page to watch, and /metrics.")
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT", help="A page to watch, and /metrics for Prometheus.", rich_help_panel=RESULTS
+        ),
     ] = None,
     obstacles: Annotated[
-        bool, typer.Option("--obstacles", help="Send OBSTACLE_DISTANCE over --mavlink.")
+        bool,
+        typer.Option("--obstacles", help="Send OBSTACLE_DISTANCE over --mavlink.", rich_help_panel=RESULTS),
     ] = False,
     dry_run: Annotated[
         Path | None,
-        typer.Option(metavar="TLOG", help="Write the obstacle messages here instead of sending them."),
+        typer.Option(
+            metavar="TLOG",
+            help="Write the obstacle messages here instead of sending them.",
+            rich_help_panel=RESULTS,
+        ),
     ] = None,
     duration: Annotated[
         float | None, typer.Option(metavar="S", help="Stop after so many seconds. Default: Ctrl-C.")

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
@@ -22,6 +19,7 @@ from flightdepth.commands.flight_options import (
 from flightdepth.commands.precision_option import NetworkPrecision, PrecisionOption
 from flightdepth.commands.ray_option import check_engine
 from flightdepth.commands.run_settings import RunSettings, offset_of
+from flightdepth.commands.signals import stopped_as_by_ctrl_c
 from flightdepth.commands.single_flight import run_one
 from flightdepth.errors import BadInput, FlightDepthError
 
@@ -198,18 +196,3 @@ def run(
                 raise typer.Exit(worst)
         elif run_one(flights[0], out, settings) is Outcome.EMPTY:
             raise typer.Exit(FlightDepthError.exit_code)
-
-
-@contextmanager
-def stopped_as_by_ctrl_c() -> Iterator[None]:
-    """SIGTERM and SIGHUP (a lost terminal) end what is inside as Ctrl-C does: what was begun is cleared away."""
-    numbers = [signal.SIGTERM]
-    lost = getattr(signal, "SIGHUP", None)  # not on Windows
-    if lost is not None and signal.getsignal(lost) is not signal.SIG_IGN:  # as under nohup
-        numbers.append(lost)
-    before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

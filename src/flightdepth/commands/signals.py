@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 from flightdepth.commands.terminal import mention
+
+Handler = Callable[[int, FrameType | None], object]
 
 
 @contextmanager
@@ -28,13 +31,26 @@ def stop_request(told: str | None = None, *, insist: bool = True) -> Iterator[th
         if told is not None:
             mention(told)
 
-    numbers = [signal.SIGINT, signal.SIGTERM]
+    with _handled(request, signal.SIGINT, signal.SIGTERM):
+        yield stop
+
+
+@contextmanager
+def stopped_as_by_ctrl_c() -> Iterator[None]:
+    """SIGTERM and SIGHUP raise KeyboardInterrupt too, so what was begun is cleared away; from the main thread only."""
+    with _handled(signal.default_int_handler, signal.SIGTERM):
+        yield
+
+
+@contextmanager
+def _handled(handler: Handler, *numbers: int) -> Iterator[None]:
+    """`handler` for these signals and for SIGHUP where there is one; the handlers before it come back."""
     lost = getattr(signal, "SIGHUP", None)  # not on Windows
     if lost is not None and signal.getsignal(lost) is not signal.SIG_IGN:  # as under nohup
-        numbers.append(lost)
-    before = {number: signal.signal(number, request) for number in numbers}
+        numbers = (*numbers, lost)
+    before = {number: signal.signal(number, handler) for number in numbers}
     try:
-        yield stop
+        yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, each in before.items():
+            signal.signal(number, each)
