@@ -134,7 +134,13 @@ def test_a_stopped_run_says_what_stands(run, work, monkeypatch):
 
 @pytest.mark.parametrize("name", ["motion", "nowhere.onnx"])
 def test_a_fallback_that_needs_a_direction_or_does_not_exist_is_refused(run, work, name):
-    refused(run("--fallback", name), work, name)
+    refused(run("--network", "motion", "--fallback", name, network=None), work, name)
+
+
+@pytest.mark.parametrize("option", [["--fallback", "depthnet-256"], ["--no-align"]], ids=" ".join)
+def test_options_that_would_do_nothing_with_this_network_are_refused(run, work, option):
+    """The network of these tests is a DepthNet."""
+    refused(run(*option), work, f"{option[0]}: expected a network")
 
 
 def test_detail_is_for_networks_for_any_lens(run, work):

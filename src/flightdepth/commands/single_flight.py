@@ -44,7 +44,7 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
             precision=settings.precision.chosen,
             aligned=settings.align,
         ).finer(settings.detail)
-        check_fallback(settings.fallback)
+        check_options(network, settings)
         if resume and stands(target, source_of(path.name, flight, network, settings)):
             return Outcome.STOOD
         introduce(path, flight, network)
@@ -169,12 +169,21 @@ def warnings_of(flight: Flight, network: Network) -> tuple[str, ...]:
     return flight.warnings if narrow is None else (*flight.warnings, narrow)
 
 
-def check_fallback(name: str | None) -> None:
-    """Refuse one that does not exist, or needs the direction too, before a frame needs it."""
+def check_options(network: Network, settings: RunSettings) -> None:
+    """Refuse what a frame would find out too late, or would do nothing."""
     from flightdepth.weights.store import find_network, read_card
 
-    if name is not None and read_card(find_network(name)).knows_direction:
-        raise BadInput("--fallback", expected="a network that needs no direction, a DepthNet", got=name)
+    if not (network.card.knows_direction or settings.align):
+        expected = "a network whose depth is aligned: it knows the direction of motion"
+        raise BadInput("--no-align", expected=expected, got=network.card.name)
+    if settings.fallback is None:
+        return
+    if not network.card.knows_direction:
+        expected = "a network beside it that needs the direction"
+        raise BadInput("--fallback", expected=expected, got=f"--network {network.card.name}")
+    if read_card(find_network(settings.fallback)).knows_direction:
+        expected = "a network that needs no direction, a DepthNet"
+        raise BadInput("--fallback", expected=expected, got=settings.fallback)
 
 
 def stands(target: Path, source: Source) -> bool:
