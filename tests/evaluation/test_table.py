@@ -1,11 +1,13 @@
 """The paper's table: its rows and figures, and every recipe of it trained and measured at next to no size."""
 
 import json
+import math
 import re
 import shlex
 from functools import partial
 from pathlib import Path
 
+import onnx
 import pytest
 import torch
 from rich.console import Console
@@ -14,6 +16,7 @@ from flightdepth import cli
 from flightdepth.commands import table
 from flightdepth.commands.table import same_textures
 from flightdepth.evaluation import table as paper
+from flightdepth.runtimes.network import load_network
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import PairStream
 from flightdepth.training import loop, recipe, recipe_names
@@ -90,6 +93,13 @@ def test_ratio_and_peers_by_hand():
     assert re.search(r"DepthNet 64 +2\.00 +2\.26 +3\.00 +4\.49 +4\.65 +1\.50 +12\.00 +-", text)
     assert re.search(r"DepthNet 64 +3\.50 +5\.55 +6\.00 +8\.44", text)
     assert re.search(r"DepthNet 64 +10\.3 +1,000 +64 +1\.2", text)
+
+
+@pytest.mark.parametrize("name", shipped_networks())
+def test_parameters_are_those_of_the_weights_that_ship(name):
+    """But for a factor of each batch norm, which the file holds within the weights before it."""
+    held = sum(math.prod(each.dims) for each in onnx.load(find_network(name)).graph.initializer)
+    assert table.facts(load_network(name))["parameters"] == pytest.approx(held, rel=0.01)
 
 
 @pytest.mark.parametrize("name", shipped_networks())

@@ -173,13 +173,14 @@ def facts(network: Network) -> Found:
     from flightdepth.evaluation.table import parameters
 
     card = network.card
+    of_motion = {"looks", "thorough_last_look", "residual_blocks"} if card.knows_direction else set()
     return {
         "commit": source_commit(),
         "weights_sha256": card.sha256,
         "samples": card.samples,
         "width_px": round(2 * card.focal_px),
         "stages": [stage.model_dump(mode="json", exclude_defaults=True) for stage in card.stages],
-        "parameters": parameters(card.architecture, card.base_width),
+        "parameters": parameters(card.architecture, card.base_width, **card.model_dump(include=of_motion)),
     }
 
 

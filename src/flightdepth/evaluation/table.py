@@ -103,10 +103,10 @@ def shipped_row(card: NetworkCard) -> Row:
     return Row(f"{card.name}, shipped", card.architecture, chain, card.name, paper)
 
 
-def parameters(architecture: str, *base_width: int) -> int:
-    """Trained numbers of a network; without a width, of the published one."""
+def parameters(architecture: str, *base_width: int, **parts: int) -> int:
+    """Trained numbers of a network; without a width, of the published one. `parts`: those that a MotionNet may have."""
     with torch.device("meta"):  # weights without numbers
-        network = getattr(architectures, architecture)(*base_width)
+        network = getattr(architectures, architecture)(*base_width, **parts)
     return sum(parameter.numel() for parameter in network.parameters())
 
 
