@@ -42,6 +42,17 @@ def rotations_from_quaternions(quaternions_k4: Vector) -> Vector:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
+def mixed_quaternions(start: Vector, end: Vector, share: ArrayLike) -> Vector:
+    """Unit quaternions `share` [...], 0..1, of the way from `start` [..., 4] to `end` [..., 4], along the shorter way.
+
+    Normalised linear interpolation: between orientations 0.2 rad apart it is within 0.0001 rad of slerp.
+    """
+    # q and -q are the same rotation.
+    end = np.where(np.sum(start * end, axis=-1, keepdims=True) < 0, -end, end)
+    mixed = start + np.asarray(share)[..., None] * (end - start)
+    return np.asarray(mixed / np.linalg.norm(mixed, axis=-1, keepdims=True))
+
+
 def quaternion_from_rotation(rotation: ArrayLike) -> Vector:
     """Quaternion (w, x, y, z), w >= 0, of a rotation matrix (3, 3); Shepperd's method, stable at any angle."""
     m = np.asarray(rotation, dtype=np.float64)

@@ -11,7 +11,7 @@ from live_peers import free_port
 from flightdepth.commands.demo import LOG, VIDEO
 from flightdepth.commands.live_session import Session, missing, played_log
 from flightdepth.commands.live_settings import LiveSettings, Mount
-from flightdepth.commands.precision_option import NetworkPrecision
+from flightdepth.commands.network_options import NetworkPrecision
 from flightdepth.errors import BadInput
 from flightdepth.flight.cameras import Recording
 from flightdepth.live.status import FrameCounts, Health, LiveStatus, SinkCounts, State

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from flightdepth.commands.live_settings import LiveSettings, Mount
-from flightdepth.commands.precision_option import NetworkPrecision, PrecisionOption
+from flightdepth.commands.network_options import NetworkPrecision, PrecisionOption
 
 METHOD, RESULTS = "Method", "Results"  # panels of --help
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from flightdepth.camera import Camera
 from flightdepth.commands.live_settings import LiveSettings, Mount
+from flightdepth.commands.network_options import check_align
 from flightdepth.commands.signals import stop_request
 from flightdepth.commands.terminal import mention, say, warn
 from flightdepth.errors import BadInput, FlightDepthError
@@ -203,9 +204,7 @@ def refuse_idle(settings: LiveSettings, address: VideoAddress, card: NetworkCard
     if settings.sender_clock and not address.reports_wall_clock:
         expected = "RTSP or RTP, whose sender reports its clock"
         raise BadInput("--sender-clock", expected=expected, got=address.name)
-    if not (settings.align or card.knows_direction):
-        expected = "a network whose depth is aligned: it knows the direction of motion"
-        raise BadInput("--no-align", expected=expected, got=card.name)
+    check_align(card, align=settings.align)
 
 
 @contextmanager

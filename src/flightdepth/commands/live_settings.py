@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from flightdepth.commands.precision_option import NetworkPrecision
+from flightdepth.commands.network_options import NetworkPrecision
 from flightdepth.errors import BadInput
 
 

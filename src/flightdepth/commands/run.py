@@ -16,7 +16,7 @@ from flightdepth.commands.flight_options import (
     StartOption,
     TelemetryOption,
 )
-from flightdepth.commands.precision_option import NetworkPrecision, PrecisionOption
+from flightdepth.commands.network_options import NetworkPrecision, PrecisionOption
 from flightdepth.commands.ray_option import check_engine
 from flightdepth.commands.run_settings import RunSettings, offset_of
 from flightdepth.commands.signals import stopped_as_by_ctrl_c

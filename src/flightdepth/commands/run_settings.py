@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from flightdepth.commands.precision_option import NetworkPrecision
+from flightdepth.commands.network_options import NetworkPrecision
 from flightdepth.errors import BadInput
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flightdepth.commands.batch import Outcome
+from flightdepth.commands.network_options import check_align
 from flightdepth.commands.run_settings import RunSettings
 from flightdepth.commands.terminal import progress_bar, say, warn
 from flightdepth.errors import BadInput
@@ -173,9 +174,7 @@ def check_options(network: Network, settings: RunSettings) -> None:
     """Refuse what a frame would find out too late, or would do nothing."""
     from flightdepth.weights.store import find_network, read_card
 
-    if not (network.card.knows_direction or settings.align):
-        expected = "a network whose depth is aligned: it knows the direction of motion"
-        raise BadInput("--no-align", expected=expected, got=network.card.name)
+    check_align(network.card, align=settings.align)
     if settings.fallback is None:
         return
     if not network.card.knows_direction:

@@ -46,7 +46,12 @@ from flightdepth.flight.ros_messages import (
     twist_of,
 )
 from flightdepth.flight.ros_records import DamagedError, RosMessage, Wanted
-from flightdepth.motion import Vector, quaternion_from_rotation, rotation_from_quaternion
+from flightdepth.motion import (
+    Vector,
+    mixed_quaternions,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+)
 
 NEAR_NS = 100_000_000  # an orientation farther away says nothing of a velocity
 UNREADABLE = "messages that cannot be read"
@@ -196,8 +201,7 @@ def _turned(
         return next(near, None)
     share = (stamp_ns - around[0].stamp_ns) / apart_ns
     start, end = (quaternion_from_rotation(body.ned_from_frame) for body in around)
-    # q and -q are the same rotation; between them along the shorter way.
-    return rotation_from_quaternion((1 - share) * start + share * (end if start @ end >= 0 else -end))
+    return rotation_from_quaternion(mixed_quaternions(start, end, share))
 
 
 def _body_attitudes(orientations: Sequence[Orientation], zero_ns: int) -> list[BodyAttitudeSample]:

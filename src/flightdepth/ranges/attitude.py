@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.motion import Vector, rotations_from_quaternions
+from flightdepth.motion import Vector, mixed_quaternions, rotations_from_quaternions
 from flightdepth.ranges.timeline import Rows, Stamps
 
 Flags = NDArray[np.bool_]
@@ -35,18 +35,11 @@ def neighbours(stamps_ns: Stamps, at_ns: Stamps) -> tuple[NDArray[np.intp], Vect
 
 
 def orientations(stamps_ns: Stamps, quaternions: Rows, at_ns: Stamps) -> tuple[Vector, Flags]:
-    """Rotations [k, 3, 3] at the times `at_ns` [k] and whether each is known; unknown ones are the identity.
-
-    Normalised linear interpolation: between samples 0.2 rad apart it is within 0.0001 rad of slerp.
-    """
+    """Rotations [k, 3, 3] at the times `at_ns` [k] and whether each is known; unknown ones are the identity."""
     if not len(stamps_ns):
         return np.broadcast_to(np.eye(3), (len(at_ns), 3, 3)), np.zeros(len(at_ns), dtype=np.bool_)
     before, _, share, known = neighbours(stamps_ns, at_ns)
     start, end = quaternions[before], quaternions[np.minimum(before + 1, len(quaternions) - 1)]
-    # q and -q are the same rotation; interpolate along the shorter way.
-    end = np.where(np.sum(start * end, axis=1, keepdims=True) < 0, -end, end)
-    mixed = start + share[:, None] * (end - start)
-    mixed /= np.linalg.norm(mixed, axis=1, keepdims=True)
-    rotations = rotations_from_quaternions(mixed)
+    rotations = rotations_from_quaternions(mixed_quaternions(start, end, share))
     rotations[~known] = np.eye(3)
     return rotations, known

@@ -1,4 +1,4 @@
-"""`--precision`, of the commands that fly."""
+"""`--precision` and `--no-align`, of the commands that fly."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from flightdepth.errors import BadInput
+
 if TYPE_CHECKING:
     from flightdepth.runtimes.contract import Precision
+    from flightdepth.weights.card import NetworkCard
 
 
 class NetworkPrecision(StrEnum):
@@ -34,3 +37,10 @@ PrecisionOption = Annotated[
         "else f32.",
     ),
 ]
+
+
+def check_align(card: NetworkCard, *, align: bool) -> None:
+    """Refuse --no-align with a network whose depth is not aligned anyway."""
+    if not (align or card.knows_direction):
+        expected = "a network whose depth is aligned: it knows the direction of motion"
+        raise BadInput("--no-align", expected=expected, got=card.name)
