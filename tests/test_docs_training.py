@@ -22,7 +22,7 @@ COMMANDS = [
     line
     for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)
     for line in block.strip().splitlines()
-    if line.startswith("flightdepth ")  # `accelerate launch` has a test of its own
+    if line.startswith("flightdepth ")  # `torchrun` has a test of its own
 ]
 
 

@@ -20,6 +20,7 @@ from flightdepth.stillbox import PairStream
 from flightdepth.training import Recipe, loop
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.export import weights_of
+from flightdepth.training.run_folder import held
 from flightdepth.weights.store import read_network
 from tests_recipes import recipe_text, stage_text
 
@@ -52,6 +53,14 @@ def exported(tmp_path_factory):
         assert cli.main([*TRAIN]) == 0
         assert cli.main(["export", "runs/small", "--scenes", "3"]) == 0
     return folder
+
+
+def test_two_trainings_do_not_share_a_folder(capsys):
+    with held(Path("runs/small")):
+        assert cli.main([*TRAIN, "--resume"]) == 2
+    assert "expected no other training in it, got one that is running" in capsys.readouterr().err
+    assert not any(Path("runs/small").iterdir())
+    assert cli.main([*TRAIN]) == 0  # and the refusal left nothing in the way
 
 
 def test_train_says_what_it_does_and_what_comes_next(capsys):

@@ -21,9 +21,9 @@ from flightdepth.training.processes import Share, weigh_part
 
 
 def started(folder, process, processes, port):
-    """What accelerate launch does for each process of one machine."""
+    """What torchrun does for each process of one machine."""
     given = {"RANK": process, "LOCAL_RANK": process, "WORLD_SIZE": processes, "LOCAL_WORLD_SIZE": processes}
-    given |= {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "ACCELERATE_USE_CPU": "true"}
+    given |= {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
     environment = os.environ | {key: str(value) for key, value in given.items()}
     script = Path(training_runs.__file__)
     return subprocess.Popen([sys.executable, str(script), str(folder)], env=environment)
@@ -126,18 +126,17 @@ def test_running_statistics_move_towards_the_mean_of_the_parts(parts):
     assert torch.allclose(norm.running_var, 0.9 + 0.1 * variances)
 
 
-@pytest.mark.slow
-def test_accelerate_launches_the_command_of_the_docs(tmp_path):
+def test_torchrun_trains_in_two_processes(tmp_path):
     recipe = small_recipe(stages=[stage("a", 2)]).model_dump(mode="json", exclude_defaults=True)
     stages = recipe.pop("stages")
     lines = [f"{key} = {json.dumps(value)}" for key, value in recipe.items() if key != "scenes"]
     lines += ["[[stages]]", *(f"{key} = {json.dumps(value)}" for key, value in stages[0].items())]
     (tmp_path / "small.toml").write_text("\n".join(lines))
-    launch = ["-m", "accelerate.commands.launch", "--cpu", "--num_processes", "2", "--num_machines", "1"]
-    train = ["-m", "flightdepth", "train", "small.toml", "--procedural", "2"]
-    port = ["--main_process_port", str(free_port()), "--mixed_precision", "no", "--dynamo_backend", "no"]
-    command = [sys.executable, *launch, *port, *train]
+    launch = ["-m", "torch.distributed.run", "--nproc_per_node", "2", "--master_port", str(free_port())]
+    command = [sys.executable, *launch, "-m", "flightdepth", "train", "small.toml", "--procedural", "2"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stderr
-    assert read_progress(tmp_path / "runs" / "small" / "checkpoint.safetensors").seen == 2 * BATCH
+    assert done.stdout.count("2 processes, which share each batch") == 1
     assert done.stdout.count("next: flightdepth export") == 1
+    progress = read_progress(tmp_path / "runs" / "small" / "a.safetensors")
+    assert (progress.seen, progress.parts) == (2 * BATCH, 2)

@@ -72,18 +72,17 @@ def train(
 
     Several GPUs, or several processes on one CPU, share each batch:
 
-      accelerate launch --num_processes 2 -m flightdepth train depthnet-256
+      torchrun --nproc_per_node 2 -m flightdepth train depthnet-256
     """
     with extra_packages("flightdepth train", "train"):
-        from accelerate import PartialState
-
         from flightdepth.scenes import Textures
         from flightdepth.training import load_recipe
+        from flightdepth.training.processes import this_process
     from flightdepth.weights.store import read_network
 
     wanted = load_recipe(recipe)
     wanted = wanted if samples is None else wanted.scaled_to(samples)
-    folder, first = runs / wanted.name, PartialState().is_main_process
+    folder, first = runs / wanted.name, this_process().is_main_process
     with nullcontext() if first else redirect_stdout(io.StringIO()):  # one of several processes speaks
         if first:  # before long there are files of this run
             refuse_to_overwrite(folder, resume=resume)
@@ -109,13 +108,13 @@ def run(
     sets: dict[int, StoredSet] | None = None,
 ) -> None:
     """Train with a progress bar, until the end, Ctrl-C or SIGTERM."""
-    from accelerate import PartialState
-
     from flightdepth.stillbox.engines import usable_cores
     from flightdepth.training.freed_memory import keep_freed_memory
     from flightdepth.training.loop import train as train_on
+    from flightdepth.training.processes import this_process
+    from flightdepth.training.run_folder import held
 
-    state = PartialState()
+    state = this_process()
     if state.device.type == "cpu":
         keep_freed_memory()
     # The launcher of several processes passes on what the terminal has told them already.
@@ -123,6 +122,7 @@ def run(
     with stop_request(SAVING if alone else None, insist=alone) as stop, ExitStack() as stack:
         options: dict[str, Any] = {}
         if state.is_main_process:
+            stack.enter_context(held(folder))
             bar = stack.enter_context(progress_bar(recipe.name, recipe.samples, "samples"))
             options["report"] = Display(bar)
         train_on(
@@ -174,6 +174,7 @@ def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
 def introduce(recipe: Recipe, folder: Path, *, resume: bool = False, shipped: bool = False) -> None:
     """Say what is about to run, and from where."""
     from flightdepth.training.checkpoint import read_progress
+    from flightdepth.training.processes import this_process
     from flightdepth.training.run_folder import CHECKPOINT, parent_checkpoint
     from flightdepth.weights.store import shipped_networks
 
@@ -181,6 +182,8 @@ def introduce(recipe: Recipe, folder: Path, *, resume: bool = False, shipped: bo
         f"{stage.name} ({stage.width}x{stage.height} px, {stage.samples:,})" for stage in recipe.stages
     )
     say(f"{recipe.name}: {recipe.samples:,} pairs in stages {stages}")
+    if (processes := this_process().num_processes) > 1:
+        say(f"{processes} processes, which share each batch")
     stands = (folder / CHECKPOINT).exists()
     if resume and not stands:
         say(f"no checkpoint in {folder} to resume: the run begins")

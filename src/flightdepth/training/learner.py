@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +32,7 @@ from flightdepth.training.loss import loss_m
 from flightdepth.training.muon import Muon
 from flightdepth.training.network import built
 from flightdepth.training.precision import Precision, mixed_precision
-from flightdepth.training.processes import Share, any_says, mean_over, weigh_part
+from flightdepth.training.processes import Share, any_says, mean_over, weigh_part, without_gpu
 from flightdepth.training.recipe import OptimizerName, Recipe, Stage
 from flightdepth.training.run_folder import SHIPPED, parent_checkpoint, read_trained, stages_behind
 from flightdepth.training.schedule import learning_rate
@@ -56,7 +57,9 @@ class Learner:
             broadcast_buffers=False, find_unused_parameters=recipe.thorough_last_look
         )
         AcceleratorState._reset_state()  # the run before in this process may have been computed in the other
-        self.accelerator = Accelerator(mixed_precision=self.precision, kwargs_handlers=[own_statistics])
+        self.accelerator = Accelerator(
+            cpu=without_gpu(), mixed_precision=self.precision, kwargs_handlers=[own_statistics]
+        )
         self.share = Share.of(recipe, self.accelerator.process_index, self.accelerator.num_processes)
         torch.manual_seed(recipe.seed)
         network = built(recipe)
@@ -151,7 +154,9 @@ class Learner:
 
     def prepare(self) -> None:
         """Move to the device, for training."""
-        self.model, self.stepper = self.accelerator.prepare(self.network, self.optimizer)
+        with warnings.catch_warnings():  # what should stand in its place can't say as much yet
+            warnings.filterwarnings("ignore", "`broadcast_buffers` is deprecated", FutureWarning)
+            self.model, self.stepper = self.accelerator.prepare(self.network, self.optimizer)
         self.averaged.to(self.accelerator.device)
         self.average = MovingAverage(self.network, self.averaged, self.recipe.ema_decay)
 

@@ -10,11 +10,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from accelerate import Accelerator
+from accelerate import Accelerator, PartialState
 from torch import nn
 
 from flightdepth.errors import BadInput
 from flightdepth.training.recipe import STRIDE, Recipe
+
+
+def without_gpu() -> bool:
+    """Whether training is the processor's. accelerate joins processes there only if it is told so."""
+    return not torch.accelerator.is_available()
+
+
+def this_process() -> PartialState:
+    """Which of the processes of a run this is; it waits for the others to be there."""
+    return PartialState(cpu=without_gpu())
 
 
 @dataclass(frozen=True)
