@@ -2,9 +2,11 @@
 
     python benchmarks/alignment.py [--networks NAME ...] [--pairs N]
     python benchmarks/alignment.py --fit FILE.onnx [--pairs 2400]    fits the judge anew, on other pairs
+    python benchmarks/alignment.py --fit FILE.onnx --go-on           lets the one that ships learn on, at half the rate
 
 Rendered rooms and flights outdoors that nothing else uses, as `flightdepth.evaluation.alignment` draws them: any lens,
-camera effects, motions that are reported wrongly. One core, without and with it in turns; compare within a run.
+camera effects, motions that are reported wrongly; to fit, also things that move by themselves. One core, without and
+with it in turns; compare within a run.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import argparse
 import time
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,9 +23,10 @@ from rich.console import Console
 from rich.table import Table
 
 from flightdepth.commands.terminal import counted, progress_bar
-from flightdepth.evaluation.alignment import fitting_pairs
-from flightdepth.evaluation.judging import STEPS, fitted_judge, told_of
+from flightdepth.evaluation.alignment import MOVING_SHARE, fitting_pairs
+from flightdepth.evaluation.judging import RATE, STEPS, fitted_judge, told_of
 from flightdepth.processor import cpu_name
+from flightdepth.runtimes.judge import JUDGE
 from flightdepth.runtimes.network import Network, load_network, networks
 from flightdepth.stillbox.pairs import Pair
 from flightdepth.weights.store import find_network, read_card
@@ -36,17 +40,20 @@ def knowing() -> list[str]:
     return [name for name in networks() if read_card(find_network(name)).knows_direction]
 
 
-def drawn_for(network: Network, count: int, **seed: int) -> list[Pair]:
-    return list(fitting_pairs(count, max(1, round(256 / network.card.focal_px)), **seed))
+def drawn_for(network: Network, count: int, **options: Any) -> list[Pair]:
+    return list(fitting_pairs(count, max(1, round(256 / network.card.focal_px)), **options))
 
 
-def fit(names: list[str], file: Path, count: int, steps: int) -> None:
+def fit(names: list[str], file: Path, count: int, steps: int, *, go_on: bool) -> None:
     told = []
     for name in names:
         network = load_network(name, aligned=False, threads=1)
-        told += [told_of(network, pair) for pair in counted(drawn_for(network, count), name, "pairs")]
+        pairs = drawn_for(network, count, moving_share=MOVING_SHARE)
+        told += [told_of(network, pair) for pair in counted(pairs, name, "pairs")]
+    start: dict[str, Any] = {"start": JUDGE.read_bytes(), "rate": RATE / 2} if go_on else {}
     with progress_bar("judge", steps, "steps") as bar:
-        file.write_bytes(fitted_judge(told, steps=steps, after_step=lambda: bar.advance(bar.task_ids[0])))
+        judge = fitted_judge(told, steps=steps, after_step=lambda: bar.advance(bar.task_ids[0]), **start)
+    file.write_bytes(judge)
 
 
 def measure(name: str, count: int) -> Table:
@@ -85,10 +92,11 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, help="200; 2400 to fit")
     parser.add_argument("--steps", type=int, default=STEPS, help="of the fit")
     parser.add_argument("--fit", type=Path, metavar="FILE")
+    parser.add_argument("--go-on", action="store_true", help="with --fit: from the judge that ships")
     given = parser.parse_args()
     cv2.setNumThreads(1)
     if given.fit is not None:
-        fit(given.networks, given.fit, given.pairs or 2400, given.steps)
+        fit(given.networks, given.fit, given.pairs or 2400, given.steps, go_on=given.go_on)
         return
     console = Console(width=160)
     console.print(cpu_name())

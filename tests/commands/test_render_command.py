@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from flightdepth import cli
+from flightdepth.stillbox.set_on_disk import held
 from flightdepth.stillbox.stored import open_stored_set
 
 SMALL = ("--size", "16x12", "--procedural", "2", "--config", "short.toml")
@@ -135,6 +136,7 @@ def test_a_full_disk_is_one_line(tmp_path, capsys):
         (["--scenes", "many"], "--scenes: expected a number from 1 on, or all, got many"),
         (["--size", "64"], "--size: expected WIDTHxHEIGHT in pixels, such as 512x288, got 64"),
         (["--size", "0x12"], "width of a set: expected a whole number from 1 on"),
+        (["--size", "70000x12"], "pictures of a set: expected at most 65,500 px a side, as JPEG"),
         (["--config", "nowhere.toml"], "config nowhere.toml"),
         (["--address", "auto"], "--address: expected --engine ray beside it, got --engine threads"),
         (["--out", "."], "--out: expected a new or empty folder"),
@@ -146,6 +148,18 @@ def test_bad_input_is_one_line(arguments, said, capsys):
     error = capsys.readouterr().err
     assert said in error
     assert len(error.splitlines()) == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such locks")
+@pytest.mark.parametrize("layout", ["folder", "shards"])
+def test_a_set_is_one_render_s_at_a_time(layout, capsys):
+    """Two cut each other's shards short: one took its name with a hole in it."""
+    command = ("--scenes", "2", "--format", layout)
+    with held(Path("set")):
+        assert render(*command) == 2
+        assert not files("set")
+    assert "set set: expected no other render in it, got one that is running. Wait" in capsys.readouterr().err
+    assert render(*command) == 0
 
 
 def test_a_config_is_a_table_of_knobs(capsys):

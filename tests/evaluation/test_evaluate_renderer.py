@@ -79,6 +79,16 @@ def test_sky_in_both_is_agreement_and_in_one_is_not(capsys):
     assert "do NOT agree" in capsys.readouterr().out
 
 
+def test_small_pictures_may_be_all_edges(capsys):
+    """Half of the rooms are at 8 px: nothing lies off edges, and JSON has no NaN for it."""
+    crumpled = np.random.default_rng(0).uniform(2, 90, (SIZE, SIZE)).astype(np.float32)
+    result = figures([frame(crumpled, crumpled)])
+    assert result["depth"]["edge_share"] == 1
+    assert json.loads(json.dumps(result, allow_nan=False))["colour"]["mean_difference_off_edges"] is None
+    show(result)
+    assert "off edges none;" in capsys.readouterr().out
+
+
 def test_the_picture_shows_both_and_four_times_the_difference():
     drawn = picture([frame(plane(0.0), plane(0.0), colour=3)] * 2)
     assert drawn.shape == (2 * SIZE, 3 * SIZE, 3)

@@ -94,6 +94,13 @@ def test_it_learns_whom_to_trust_and_how_far(agrees):
     assert (off < error_bar[clues[-1] > 0]).mean() > 0.5
 
 
+def test_one_that_goes_on_begins_where_the_other_ended():
+    start = JUDGE.read_bytes()
+    found = Judge(fitted_judge([told(0, 1.0)], steps=2, rate=1e-9, start=start))
+    for one, other in zip(found(drawn(3, 16, 16)), judge()(drawn(3, 16, 16)), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
+
+
 def test_what_the_earlier_picture_does_not_hold_stays():
     clues = drawn(7, 32, 32)
     change, _ = judge()(clues)

@@ -23,6 +23,7 @@ def test_focal_length_of_a_narrow_lens():
         ({"meshes": (9, 3)}, "meshes"),
         ({"distance_m": (-1, 3)}, "distance_m"),
         ({"distance_m": (0, 3)}, "distance_m: expected more than 0"),
+        ({"angular_size": (0, 0)}, "angular_size: expected more than 0"),  # numpy: singular matrix
         ({"room_half_m": (1, 30)}, "room_half_m: expected at least half the path"),
         ({"frames": 0}, "frames"),
         ({"texture_ratio": 1.1}, "texture_ratio"),

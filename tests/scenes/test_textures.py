@@ -58,6 +58,17 @@ def test_a_file_that_is_no_image_is_named(tmp_path):
         textures_from_folder(tmp_path)
 
 
+def test_half_a_photo_is_named(tmp_path):
+    """It was taken, half of it grey."""
+    whole = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 256, (64, 64, 3), np.uint8))[
+        1
+    ].tobytes()
+    (tmp_path / "a.jpg").write_bytes(whole)
+    (tmp_path / "b.jpg").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(BadInput, match=r"b\.jpg: expected a whole image .*, got a damaged one"):
+        textures_from_folder(tmp_path)
+
+
 @pytest.mark.parametrize("number", range(4))
 def test_a_procedural_texture_is_its_seed_s(number):
     one = texture(3, number, 64)

@@ -90,7 +90,7 @@ def render(
     """
     with extra_packages("flightdepth render", "train"):
         from flightdepth.stillbox.encoding import Source
-        from flightdepth.stillbox.set_on_disk import Layout, open_set, refuse_other_things
+        from flightdepth.stillbox.set_on_disk import Layout, held, open_set, refuse_other_things
         from flightdepth.stillbox.sets import named_set, read_overrides
     check_engine("flightdepth render", engine, address)
     refuse_other_things(out)
@@ -99,7 +99,7 @@ def render(
     count = scene_count(scenes, knobs.get("scenes", SCENES), original)
     source = Source(wanted, chosen(renderer))
     dressed = dressing(wanted, textures, procedural)
-    with room_on_the_disk(out):
+    with room_on_the_disk(out), held(out):
         target = open_set(out, Layout(layout), f"stillbox-{name}", source.arguments(dressed), count)
         rest = range(target.standing, count)
         introduce(out, rest, original)

@@ -104,9 +104,11 @@ def show(result: dict[str, Any]) -> None:
         f"  edges: {depth['edge_share']:.1%} of pixels, {depth['edge_off_share']:.2%} of them off by more than 1 %"
     )
     say(f"  sky in one picture only: {depth['sky_in_one_share']:.4%} of pixels")
+    inside = colour["mean_difference_off_edges"]
+    off_edges = "none" if inside is None else f"{inside:.2f}"
     say(
-        f"colour: mean difference {colour['mean_difference']:.2f} of 255, off edges "
-        f"{colour['mean_difference_off_edges']:.2f}; means {colour['mean_ours']:.1f} and {colour['mean_theirs']:.1f}"
+        f"colour: mean difference {colour['mean_difference']:.2f} of 255, off edges {off_edges};"
+        f" means {colour['mean_ours']:.1f} and {colour['mean_theirs']:.1f}"
     )
     say(
         "the two agree" if result["within_limits"] else "the two do NOT agree: look at --json, scene by scene"

@@ -1,8 +1,8 @@
 """Pairs to fit the judge of `runtimes.alignment` on (`judging`), of scenes that neither training nor a test uses.
 
 Rooms and flights outdoors, lenses of 25 to 110 degrees, displacements of one to nine frames; three in five with what a
-camera does to pictures, and three in five with a motion that is reported wrongly and then mended as in flight.
-`benchmarks/alignment.py --fit` runs it.
+camera does to pictures, and three in five with a motion that is reported wrongly and then mended as in flight. To fit,
+two in five show things that move by themselves. `benchmarks/alignment.py --fit` runs it.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from functools import cache
 import numpy as np
 
 from flightdepth.camera import Camera
+from flightdepth.evaluation.moving import with_moving_thing
 from flightdepth.ranges.derotation import derotated
 from flightdepth.renderers.raycast import render
 from flightdepth.scenes import StillBoxConfig, Textures, chance, draw_scene
@@ -35,10 +36,12 @@ ROOM_SHIFTS, OUTDOOR_SHIFTS = (1, 2, 3, 3, 4, 6, 9), (1, 1, 2, 3, 5, 8)  # frame
 ROOM_SHARE, EFFECTS_SHARE, WRONG_SHARE = 0.55, 0.6, 0.6
 WRONG_ROTATION_DEG, WRONG_DIRECTION_DEG = 0.5, 4.0  # the largest; small ones are more frequent (u^2)
 TEXTURE_SETS = 3
+MOVING_SHARE, MOST_THINGS = 0.4, 3
+LEAST_OFF_PX = 1.0
 
 
-def fitting_pairs(count: int, shrunk: int = 1, seed: int = SEED) -> Iterator[Pair]:
-    """Pairs of pictures 1 / `shrunk` as large as SHAPES."""
+def fitting_pairs(count: int, shrunk: int = 1, seed: int = SEED, moving_share: float = 0.0) -> Iterator[Pair]:
+    """Pairs of pictures 1 / `shrunk` as large as SHAPES, a share of them with things that move by themselves."""
     effects = Photometric()
     for number in range(count):
         rng = np.random.default_rng([seed, number])
@@ -58,9 +61,25 @@ def fitting_pairs(count: int, shrunk: int = 1, seed: int = SEED) -> Iterator[Pai
             frames = frames[::-1]
         seen = render(scene, textures, camera, frames=frames)
         pair = Pair(seen.images[0], seen.images[1], seen.depth_m[1], scene.displacement(*frames), camera)
+        moving = np.random.default_rng([seed, number, 1])
+        if moving.random() < moving_share:
+            pair = with_moving_things(pair, textures, moving)
         if rng.random() < EFFECTS_SHARE:
             pair = effects(rng, pair)
         yield reported_wrongly(pair, rng) if rng.random() < WRONG_SHARE else pair
+
+
+def with_moving_things(pair: Pair, textures: Textures, rng: np.random.Generator) -> Pair:
+    """The pair with up to three things more; no depth where one left its line so little that nothing shows it."""
+    for _ in range(rng.integers(1, MOST_THINGS + 1)):
+        thing = with_moving_thing(pair, textures, rng)
+        if thing is not None:
+            seen = thing.off_px > LEAST_OFF_PX
+            depth_m = (
+                thing.pair.target_m if seen else np.where(thing.inside, np.float32(np.nan), pair.target_m)
+            )
+            pair = replace(thing.pair, target_m=depth_m)
+    return pair
 
 
 @cache

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 DRAWS = 2000
+AT_ONCE = 4_000_000  # values drawn: all draws of a long flight's tracks would fill the memory
 
 
 def interval(values: Sequence[float]) -> dict[str, float | int]:
@@ -25,6 +26,8 @@ def with_ends(values: NDArray[np.float64], statistic: Callable[..., Any]) -> tup
     """A statistic of values [N], and the ends of its 95 % bootstrap interval; NaN of none."""
     if not values.size:
         return float("nan"), float("nan"), float("nan")
-    drawn = statistic(np.random.default_rng(0).choice(values, (DRAWS, values.size)), axis=1)
+    rng, rows = np.random.default_rng(0), max(1, AT_ONCE // values.size)
+    counts = [min(rows, DRAWS - first) for first in range(0, DRAWS, rows)]
+    drawn = np.concatenate([statistic(rng.choice(values, (count, values.size)), axis=1) for count in counts])
     low, high = np.percentile(drawn, [2.5, 97.5])
     return float(statistic(values)), float(low), float(high)

@@ -73,10 +73,12 @@ def fitted_judge(
     told: Sequence[Told],
     *,
     steps: int = STEPS,
+    rate: float = RATE,
     seed: int = 0,
+    start: bytes | None = None,
     after_step: Callable[[], None] = lambda: None,
 ) -> bytes:
-    """The judge with the least error, as an ONNX file."""
+    """The judge with the least error, as an ONNX file; one that is there already (`start`, ONNX) may learn on."""
     import torch
 
     from flightdepth.architectures.judge import JudgeNet
@@ -85,8 +87,10 @@ def fitted_judge(
     sets, draws = _by_shape(told), np.random.default_rng(seed)
     some = torch.cat([clues[::8].transpose(0, 1).flatten(1) for clues, _, _ in sets], 1).float()
     judge = JudgeNet(some.mean(1), some.std(1).clamp_min(1e-3))
-    optimizer = torch.optim.AdamW(judge.parameters(), RATE, weight_decay=1e-3)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, total_steps=steps)
+    if start is not None:
+        judge.load_state_dict(_weights(start, judge))
+    optimizer = torch.optim.AdamW(judge.parameters(), rate, weight_decay=1e-3)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=steps)
     sizes = np.array([depth.numel() for _, depth, _ in sets], np.float64)
     for _ in range(steps):
         chosen = sets[draws.choice(len(sets), p=sizes / sizes.sum())]
@@ -151,6 +155,16 @@ def _loss(answer: Tensor, network: Tensor, truth: Tensor) -> Tensor:
     error, bar = (off / depth).detach()[in_range], answer[:, 1][in_range]
     pinball = torch.where(error > bar, INSIDE_ONE * (error - bar), (1 - INSIDE_ONE) * (bar - error))
     return loss + pinball.clamp(max=5).mean()
+
+
+def _weights(onnx: bytes, judge: JudgeNet) -> dict[str, Tensor]:
+    """What `_as_onnx` wrote down under each name that a judge has."""
+    import onnx as format_of
+    import torch
+
+    stored = format_of.load_from_string(onnx).graph.initializer
+    arrays = {each.name: format_of.numpy_helper.to_array(each) for each in stored}
+    return {name: torch.from_numpy(arrays[name].copy()) for name in judge.state_dict()}
 
 
 def _as_onnx(judge: JudgeNet) -> bytes:

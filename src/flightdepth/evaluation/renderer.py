@@ -104,7 +104,7 @@ def figures(frames: list[Frame], median_limit: float = MEDIAN_LIMIT) -> dict[str
         "within_limits": share(inside > median_limit) < 0.5 and share(inside > OFF) < OFF_LIMIT,
         "colour": {
             "mean_difference": float(colour.mean()),
-            "mean_difference_off_edges": float(colour[~edge].mean()),
+            "mean_difference_off_edges": None if edge.all() else float(colour[~edge].mean()),
             "mean_ours": float(np.mean([f.ours.mean() for f in frames])),
             "mean_theirs": float(np.mean([f.theirs.mean() for f in frames])),
         },

@@ -49,6 +49,8 @@ class StillBoxConfig(BaseModel):
                 raise ValueError(f"{name}: expected 0 <= low <= high, got {low}, {high}")
         if self.distance_m[0] <= 0:
             raise ValueError(f"distance_m: expected more than 0, got {self.distance_m[0]}")
+        if self.angular_size[1] <= 0:
+            raise ValueError(f"angular_size: expected more than 0, got {self.angular_size[1]}")
         least_m = self.path_length_m / 2 + self.clearance_m
         if self.room_half_m[0] < least_m:
             raise ValueError(

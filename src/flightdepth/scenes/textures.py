@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.scenes import procedural
+from flightdepth.scenes.pictures import Image, read_picture
 
 EDGE = 512  # texels, a power of two
 LEVELS = EDGE.bit_length()  # 512, 256, ... 1
 PYRAMID_TEXELS = sum((EDGE >> level) ** 2 for level in range(LEVELS))
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}
-
-Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -71,10 +70,14 @@ def textures_from_folder(folder: Path) -> Textures:
 
 
 def _read(path: Path) -> Image:
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    image = read_picture(path)
     if image is None:
-        raise BadInput(f"texture {path}", expected="an image that OpenCV can read", got="something else")
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8)
+        raise BadInput(
+            f"texture {path}",
+            expected="a whole image that OpenCV can read",
+            got="a damaged one, or something else",
+        )
+    return image
 
 
 def _square(image: Image) -> Image:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
 from flightdepth.renderers import raycast
 from flightdepth.renderers.raycast import Rendered
 from flightdepth.scenes import Scene, Textures
@@ -20,6 +21,7 @@ from flightdepth.stillbox.sets import SceneSet
 
 DEPTH_CLIP_M = (0.1, 200.0)  # the original's; a sky is 200 m away
 JPEG_QUALITY = 95
+JPEG_LARGEST_PX = 65_500  # a side
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,15 @@ class Source:
 
     scenes: SceneSet
     renderer: Renderer = RAYCAST
+
+    def __post_init__(self) -> None:
+        width, height = self.scenes.width, self.scenes.height
+        if max(width, height) > JPEG_LARGEST_PX:
+            raise BadInput(
+                "pictures of a set",
+                expected=f"at most {JPEG_LARGEST_PX:,} px a side, as JPEG",
+                got=f"{width}x{height}",
+            )
 
     def encoded(self, number: int, textures: Textures) -> EncodedScene:
         """Draw, render and encode scene `number`."""

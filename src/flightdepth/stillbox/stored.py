@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.scenes.pictures import read_picture
 from flightdepth.scenes.scene import Floats, displacement
 from flightdepth.stillbox.camera_path import path_from
 from flightdepth.stillbox.original_layout import METADATA
@@ -176,11 +176,11 @@ def _check(scene: dict[str, Any], where: str) -> None:
 
 
 def _picture(path: Path, size: tuple[int, int]) -> Image:
-    bgr = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if bgr is None or bgr.shape != (*size, 3):
-        got = "a missing or damaged one" if bgr is None else f"{bgr.shape[1]}x{bgr.shape[0]}"
+    image = read_picture(path)
+    if image is None or image.shape != (*size, 3):
+        got = "a missing or damaged one" if image is None else f"{image.shape[1]}x{image.shape[0]}"
         raise BadInput(f"picture {path}", expected=f"an image of {size[1]}x{size[0]} px", got=got)
-    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    return image
 
 
 def _depth(path: Path, size: tuple[int, int]) -> Depth:
