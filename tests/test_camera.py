@@ -88,3 +88,18 @@ def test_a_fisheye_may_see_more_than_half_the_world():
 def test_the_rays_of_a_fisheye_are_not_those_of_a_pinhole():
     with pytest.raises(BadInput, match="distorted"):
         Camera.from_fov(64, 64, 90, model="fisheye").rays()
+
+
+@pytest.mark.parametrize("shape", [(5,), (1, 5), (5, 1)])
+def test_what_opencv_tells_makes_a_camera(shape):
+    """Found in review: float sizes, as of VideoCapture, and arrays were taken, and broke the first picture."""
+    plain = Camera(640, 480, 450.0, 440.0, 322.0, 238.0, BENT[:5])
+    camera = Camera(640.0, 480.0, 450.0, 440.0, 322.0, 238.0, np.reshape(BENT[:5], shape))
+    assert camera == plain and hash(camera) == hash(plain)
+    assert isinstance(camera.width, int) and isinstance(camera.height, int)
+
+
+@pytest.mark.parametrize("width", [320.5, float("nan"), float("inf"), 0])
+def test_a_size_is_whole_pixels(width):
+    with pytest.raises(BadInput, match="camera size: expected whole pixels"):
+        Camera.from_fov(width, 240, 70)

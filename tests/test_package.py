@@ -4,11 +4,15 @@ import pickle
 import subprocess
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
 import pytest
 
 import flightdepth as fd
+from flightdepth.commands.demo import LOG, VIDEO
 from flightdepth.errors import MissingExtra
+from flightdepth.flight import open_flight
+from flightdepth.ranges import MultiRangeEstimator
 
 
 @pytest.mark.parametrize("name", fd.__all__)
@@ -35,3 +39,21 @@ def test_importing_the_package_loads_nothing():
 def test_a_missing_extra_comes_back_from_another_machine():
     error = MissingExtra("Reading ULog", "px4")
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
+
+
+def test_the_example_of_the_readme_uses_all_that_a_flight_tells(monkeypatch, capsys):
+    """Found in review: it left the attitudes out, so that a camera which turns was taken not to."""
+    text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    example = text.split("In Python:")[1].split("```")[1].removeprefix("python\n")
+    attitudes = []
+
+    class Listening(MultiRangeEstimator):
+        def add_attitude(self, stamp_ns, world_from_camera):
+            attitudes.append(stamp_ns)
+            super().add_attitude(stamp_ns, world_from_camera)
+
+    monkeypatch.setattr(fd, "open_flight", lambda path, camera: open_flight(VIDEO, LOG, camera, end_s=0.1))
+    monkeypatch.setattr(fd, "MultiRangeEstimator", Listening)
+    exec(example, {})
+    assert len(attitudes) >= 2
+    assert "\n2 [" in capsys.readouterr().out  # the third frame

@@ -17,7 +17,10 @@ DISTORTION_LENGTHS = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (0, 4)}
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics in pixels. `distortion` holds OpenCV's coefficients for `model`, none for an ideal lens."""
+    """Intrinsics in pixels. `distortion` holds OpenCV's coefficients for `model`, none for an ideal lens.
+
+    As OpenCV gives them: sizes may be whole floats (VideoCapture), coefficients an array (calibrateCamera).
+    """
 
     width: int
     height: int
@@ -29,8 +32,12 @@ class Camera:
     model: Model = "pinhole"
 
     def __post_init__(self) -> None:
-        if self.width < 1 or self.height < 1:
-            raise BadInput("camera size", expected="at least 1x1 px", got=f"{self.width}x{self.height}")
+        if not all(side >= 1 and float(side).is_integer() for side in (self.width, self.height)):
+            got = f"{self.width}x{self.height}"
+            raise BadInput("camera size", expected="whole pixels, at least 1x1", got=got)
+        object.__setattr__(self, "width", int(self.width))
+        object.__setattr__(self, "height", int(self.height))
+        object.__setattr__(self, "distortion", tuple(map(float, np.ravel(self.distortion))))
         if not (math.isfinite(self.fx) and math.isfinite(self.fy) and self.fx > 0 and self.fy > 0):
             raise BadInput(
                 "camera focal length",

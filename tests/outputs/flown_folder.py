@@ -31,10 +31,19 @@ def picture(index: int) -> Frame:
     return Frame(index, index * 100_000_000, np.full((HEIGHT, WIDTH, 3), RED, np.uint8))
 
 
-def write_flown(target: Path, frames: int = FRAMES, *, posed: bool = True, **options: object) -> FlightFolder:
-    """The wall, right in each frame; the first frame has no depth."""
+def write_flown(
+    target: Path,
+    frames: int = FRAMES,
+    *,
+    posed: bool = True,
+    poses: list[FramePose] | None = None,
+    **options: object,
+) -> FlightFolder:
+    """The wall, right in each frame; the first frame has no depth. `poses` in place of those of one segment."""
+    if poses is None:
+        poses = [pose(i, STEP_M * i) for i in range(frames)]
     with FlightWriter(target, SOURCE, Preview(WIDTH, HEIGHT), **options) as writer:
         for i in range(frames):
             result = known(WALL_M - STEP_M * i) if i else unknown("first frame")
-            writer.add(picture(i), result, pose(i, STEP_M * i) if posed else None)
+            writer.add(picture(i), result, poses[i] if posed else None)
     return FlightFolder(target)

@@ -4,7 +4,7 @@ import sys
 
 import laspy
 import pytest
-from flown_folder import FRAMES, write_flown
+from flown_folder import FRAMES, STEP_M, pose, write_flown
 from rosbags.highlevel import AnyReader
 
 from flightdepth.cli import main
@@ -32,6 +32,17 @@ def test_a_cloud_as_ply(convert, work):
     count = int((work / "flight.ply").read_bytes().split(b"element vertex ")[1].split()[0])
     assert count > 500
     assert f"{count:,} points" in stdout
+
+
+def test_frames_without_a_place_are_counted(convert, work):
+    """Found in review: after a gap in the log half of a flight was missing from its cloud, without a word."""
+    poses = [pose(i, STEP_M * i, segment=int(i >= FRAMES - 3)) for i in range(FRAMES)]
+    poses[1] = pose(1, STEP_M, attitude="unknown")
+    write_flown(work / "gap", poses=poses)
+    code, _, stderr = convert("gap.ply", "--every", "1", folder="gap")
+    assert code == 0
+    assert "4 frames with depth are not in it" in stderr
+    assert "not in it" not in convert("whole.ply", "--every", "1")[2]
 
 
 def test_larger_voxels_make_fewer_points(convert, work):

@@ -69,6 +69,29 @@ def test_without_the_extra_it_says_which(folder, monkeypatch, capsys):
     assert "flightdepth[view]" in capsys.readouterr().err
 
 
+def test_a_port_that_another_has(folder, capsys):
+    """Found in review: a traceback, where a viewer's window was open already: it listens on the same port."""
+    with socket.create_server(("", 0)) as taken:
+        ports = ["--port", str(free_port()), "--data-port", str(taken.getsockname()[1])]
+        assert main(["view", str(folder), "--web", *ports]) == 3
+    assert f"could not serve on ports {ports[1]} and {ports[3]}" in capsys.readouterr().err
+
+
+def test_browsers_see_the_first_frames_of_a_large_flight_too(folder, monkeypatch):
+    """Found in review: of 500 frames of 4K the server dropped the first 150, for more than 1 GiB it does not hold."""
+    import rerun
+
+    given = {}
+
+    def serve_grpc(**options):
+        given.update(options)
+        raise OSError("enough seen")
+
+    monkeypatch.setattr(rerun, "serve_grpc", serve_grpc)
+    assert main(["view", str(folder), "--web"]) == 3
+    assert given["server_memory_limit"] == "75%"
+
+
 def free_port() -> int:
     with socket.create_server(("127.0.0.1", 0)) as server:
         return server.getsockname()[1]

@@ -389,3 +389,15 @@ def test_the_caller_may_reuse_its_image() -> None:
         estimator.add_velocity(i * FRAME_NS, SIDEWAYS)
         result = estimator.add_frame(i * FRAME_NS, image)
     np.testing.assert_allclose(result.depth_m, 40.0, rtol=1e-4)
+
+
+def test_a_refused_picture_may_come_again_mended() -> None:
+    """Found in review: its stamp was taken as given, so that the mended picture came "not after" itself."""
+    estimator = MultiRangeEstimator(Oracle(wall(20.0), straight(SIDEWAYS)), CAMERA, ranges=1)
+    fly(estimator, SIDEWAYS, range(10))
+    stamp_ns = 10 * FRAME_NS
+    with pytest.raises(BadInput, match="uint8 RGB"):
+        estimator.add_frame(stamp_ns, picture(10)[..., 0])
+    estimator.add_velocity(stamp_ns, SIDEWAYS)
+    assert estimator.add_frame(stamp_ns, picture(10)).reason is None
+    assert not estimator.dropped

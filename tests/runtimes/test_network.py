@@ -178,7 +178,7 @@ def test_warming_up_runs_every_batch_size(network: Network) -> None:
     "displacement", [float("nan"), float("inf"), -0.1, [1.0, float("nan"), 0.0], [1.0, 2.0], [[1.0]], []]
 )
 def test_a_displacement_that_is_none_is_refused(network: Network, displacement: object) -> None:
-    with pytest.raises(BadInput, match="displacements"):
+    with pytest.raises(BadInput, match="displacement"):
         network.depth(grey(WIDE, 1), grey(WIDE, 2), displacement, WIDE)  # type: ignore[arg-type]
 
 
@@ -314,8 +314,22 @@ def test_the_cards_scale_multiplies_the_error_bar_and_nothing_else() -> None:
 
 def test_a_motion_network_needs_the_direction() -> None:
     network = Network(swept_card(), BestHypothesis())
-    with pytest.raises(BadInput, match=r"expected vectors \[1, 3\]: it needs the direction"):
+    with pytest.raises(BadInput, match=r"expected a vector of 3 .*: it needs the direction"):
         network.depth(grey(SQUARE, 1), grey(SQUARE, 2), 0.3, SQUARE)
+
+
+def test_a_length_of_0_is_unknown_to_a_motion_network_too() -> None:
+    """Found in review: it was refused for want of a direction, which no motion has."""
+    network = Network(swept_card(), BestHypothesis())
+    assert np.isnan(network.depth(grey(SQUARE, 1), grey(SQUARE, 2), 0, SQUARE)).all()
+
+
+@pytest.mark.parametrize("displacement", [[[0.3, 0.0, 0.0]], [0.3], [0.3, 0.0]])
+def test_a_displacement_of_another_shape_is_told_what_depth_takes(displacement: object) -> None:
+    """Found in review: the message spoke of "1 vectors of 3" to who had given [1, 3]."""
+    network = Network(swept_card(), BestHypothesis())
+    with pytest.raises(BadInput, match=r"^displacement: expected a vector of 3, or a length"):
+        network.depth(grey(SQUARE, 1), grey(SQUARE, 2), displacement, SQUARE)
 
 
 @pytest.mark.parametrize("name", networks())

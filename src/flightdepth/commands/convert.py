@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from flightdepth.commands.extras import extra_packages
-from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.commands.terminal import progress_bar, say, warn
 from flightdepth.errors import BadInput
 from flightdepth.files import check_parent
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 RECORDING = ".mcap"
 KINDS = (".ply", ".las", ".laz", RECORDING)
+NO_PLACE = "attitude unknown, or not of the longest segment (poses.csv)"
 
 
 def convert(
@@ -56,7 +57,7 @@ def convert(
     .las and .laz need the extra `clouds`, .mcap the extra `ros`.
     """
     from flightdepth.outputs import FlightFolder
-    from flightdepth.outputs.cloud import CloudSettings
+    from flightdepth.outputs.cloud import CloudSettings, frames_left_out
 
     options = {"min_confidence": min_confidence, "max_range_m": max_range, "voxel_m": voxel, "every": every}
     given = {name: value for name, value in options.items() if value is not None}
@@ -72,6 +73,8 @@ def convert(
     else:
         points = write_cloud(flight, file, settings)
         say(f"{file}: {points:,} points from {folder}, metres east, north, up")
+        if left_out := frames_left_out(flight):
+            warn(f"{left_out:,} frames with depth are not in it: {NO_PLACE}")
 
 
 def checked_kind(file: Path) -> str:

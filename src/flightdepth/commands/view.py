@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from flightdepth.outputs import FlightFolder
 
 WEB_PORT, DATA_PORT = 9090, 9876
+# What the server holds for browsers that come later; beyond it the earliest frames are dropped without a word. By
+# itself it holds 1 GiB, and 500 frames of 4K take half as much again.
+HELD = "75%"  # of the computer's memory
 NO_DISPLAY = "could not open a window ({error}); try `flightdepth view {folder} --web`, or --save FILE.rrd"
 
 
@@ -91,7 +94,8 @@ def serve(recording: RecordingStream, flight: FlightFolder, pictures: int, port:
     import rerun
 
     try:
-        source = rerun.serve_grpc(grpc_port=data_port, recording=recording)
+        source = rerun.serve_grpc(grpc_port=data_port, recording=recording, server_memory_limit=HELD)
+        recording.flush()  # raises where another has the port: the server finds that out in a thread of its own
         rerun.serve_web_viewer(web_port=port, open_browser=False, connect_to=source)
     except (RuntimeError, OSError) as error:
         raise FlightDepthError(f"could not serve on ports {port} and {data_port}: {error}") from error

@@ -106,6 +106,12 @@ def placed(folder: FlightFolder) -> dict[int, FramePose]:
     return {pose.index: pose for pose in known if pose.segment == longest}
 
 
+def frames_left_out(folder: FlightFolder) -> int:
+    """Frames with depth of which no point can come: of another segment, or the camera's attitude is unknown."""
+    poses = placed(folder)
+    return sum(not row.reason and row.index not in poses for row in folder.rows)
+
+
 def with_neighbours(every: Iterable[View], reach: int) -> Iterator[tuple[View, list[View]]]:
     """Each view with up to `reach` before it and after it."""
     window: deque[View | None] = deque([None] * reach, maxlen=2 * reach + 1)

@@ -7,7 +7,8 @@ topic                        type                          content
 /camera/camera_info          sensor_msgs/CameraInfo        the lens of all three; maps lie in the distorted picture
 /tf                          tf2_msgs/TFMessage            map (east-north-up) from camera_optical
 
-Stamps count from the video's first picture. A frame whose attitude is unknown has no transform.
+Stamps count from the video's first picture. A frame whose attitude is unknown has no transform, nor
+has one outside the longest segment of the flight: another segment has another origin.
 """
 
 from __future__ import annotations

@@ -32,6 +32,7 @@ from flightdepth.ranges.result import RangedDepth
 from flightdepth.ranges.temporal import TemporalAverage, step_between
 from flightdepth.ranges.tracks import Tracker
 from flightdepth.ranges.turning import in_view, is_visible, turned
+from flightdepth.runtimes.grid import check_image
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
@@ -211,6 +212,7 @@ class MultiRangeEstimator:
         assumption that the camera does not turn.
         """
         started = time.perf_counter()
+        check_image("image", image, self._camera)  # first: a refused picture may come again, mended
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             self._trajectory.dropped["frame not after the one before"] += 1
             return self._unknown(f"dropped: stamp {stamp_ns} is not after {self._last_ns}", started)

@@ -82,8 +82,11 @@ class Network:
         """Depth of `current` in metres, float32 [H, W]; NaN where unknown, all NaN for displacement 0.
 
         previous, current  uint8 RGB [H, W, 3], stabilised: `previous` rotated into `current`'s orientation
-        displacement       metres, (3,) in `current`'s frame or a bare length
+        displacement       metres, (3,) in `current`'s frame; or a bare length, if the network needs no direction
         """
+        if np.shape(displacement) not in ((), (3,)):
+            got = f"shape {list(np.shape(displacement))}"
+            raise BadInput("displacement", expected="a vector of 3, or a length, in metres", got=got)
         found, seen = self._predict([previous], current, np.asarray(displacement)[None], camera)
         return self.grid(camera).along_edges(found.depth_m[0], seen).depth_m
 
@@ -93,7 +96,7 @@ class Network:
         """One batch of n pairs that share `current`: maps on the output grid, padding included (see `valid`).
 
         previous_n     n pictures uint8 RGB [H, W, 3]
-        displacements  metres, (n, 3) or bare lengths (n,)
+        displacements  metres, (n, 3) in `current`'s frame; or bare lengths (n,), if the network needs no direction
         """
         return self._predict(previous_n, current, displacements, camera)[0]
 
@@ -103,12 +106,14 @@ class Network:
         """The maps, and `current` on the grid."""
         lengths_m = displacement_lengths(displacements, len(previous_n))
         if self.card.knows_direction and np.ndim(displacements) != 2:
-            raise BadInput(
-                f"displacements for {self.card.name}",
-                expected=f"vectors [{len(previous_n)}, 3]: it needs the direction",
-                got="lengths",
-                mend="Give vectors in the current camera's frame, or take a DepthNet.",
-            )
+            if lengths_m.any():
+                raise BadInput(
+                    f"displacement for {self.card.name}",
+                    expected="a vector of 3 for each previous image: it needs the direction",
+                    got="a length",
+                    mend="Give vectors in the current camera's frame, or take a DepthNet.",
+                )
+            displacements = np.zeros((len(lengths_m), 3))  # no motion has no direction
         grid = self.grid(camera)
         check_image("current image", current, camera)
         for previous in previous_n:
