@@ -2,7 +2,7 @@
 
     python benchmarks/alignment.py [--networks NAME ...] [--pairs N]
     python benchmarks/alignment.py --fit FILE.onnx [--pairs 2400]    fits the judge anew, on other pairs
-    python benchmarks/alignment.py --fit FILE.onnx --go-on           lets the one that ships learn on, at half the rate
+    python benchmarks/alignment.py --fit FILE.onnx --go-on           the error bars alone, of the one that ships
 
 Rendered rooms and flights outdoors that nothing else uses, as `flightdepth.evaluation.alignment` draws them: any lens,
 camera effects, motions that are reported wrongly; to fit, also things that move by themselves. One core, without and
@@ -92,7 +92,11 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, help="200; 2400 to fit")
     parser.add_argument("--steps", type=int, default=STEPS, help="of the fit")
     parser.add_argument("--fit", type=Path, metavar="FILE")
-    parser.add_argument("--go-on", action="store_true", help="with --fit: from the judge that ships")
+    parser.add_argument(
+        "--go-on",
+        action="store_true",
+        help="with --fit: teach the judge that ships better error bars, at half the rate; its depth stays",
+    )
     given = parser.parse_args()
     cv2.setNumThreads(1)
     if given.fit is not None:

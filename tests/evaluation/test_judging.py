@@ -94,11 +94,17 @@ def test_it_learns_whom_to_trust_and_how_far(agrees):
     assert (off < error_bar[clues[-1] > 0]).mean() > 0.5
 
 
-def test_one_that_goes_on_begins_where_the_other_ended():
-    start = JUDGE.read_bytes()
-    found = Judge(fitted_judge([told(0, 1.0)], steps=2, rate=1e-9, start=start))
-    for one, other in zip(found(drawn(3, 16, 16)), judge()(drawn(3, 16, 16)), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
+def test_one_that_goes_on_learns_its_error_bar_alone():
+    pairs = [told(seed, 1.0) for seed in range(24)]
+    wrong = [Told(each.clues, each.depth, 3 * each.truth) for each in pairs]
+    start = fitted_judge(pairs, steps=150)
+    clues = drawn(99, 16, 16)
+    (change, error_bar), (change_after, error_bar_after) = (
+        Judge(onnx_file)(clues)
+        for onnx_file in (start, fitted_judge(wrong, steps=150, rate=4e-3, start=start))
+    )
+    assert np.abs(change_after - change).mean() < 0.1 * np.log(3)  # where the truth went
+    assert np.median(error_bar_after) > 3 * np.median(error_bar)  # truth is three times as far away now
 
 
 def test_what_the_earlier_picture_does_not_hold_stays():

@@ -7,6 +7,7 @@ scenes better than any real ones, and flow does not.
 
 from __future__ import annotations
 
+import copy
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -78,7 +79,10 @@ def fitted_judge(
     start: bytes | None = None,
     after_step: Callable[[], None] = lambda: None,
 ) -> bytes:
-    """The judge with the least error, as an ONNX file; one that is there already (`start`, ONNX) may learn on."""
+    """The judge with the least error, as an ONNX file.
+
+    With `start`, an ONNX file too, that one learns better error bars and keeps to the depth that it had.
+    """
     import torch
 
     from flightdepth.architectures.judge import JudgeNet
@@ -87,8 +91,10 @@ def fitted_judge(
     sets, draws = _by_shape(told), np.random.default_rng(seed)
     some = torch.cat([clues[::8].transpose(0, 1).flatten(1) for clues, _, _ in sets], 1).float()
     judge = JudgeNet(some.mean(1), some.std(1).clamp_min(1e-3))
+    kept = None
     if start is not None:
         judge.load_state_dict(_weights(start, judge))
+        kept = copy.deepcopy(judge).requires_grad_(False)
     optimizer = torch.optim.AdamW(judge.parameters(), rate, weight_decay=1e-3)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=steps)
     sizes = np.array([depth.numel() for _, depth, _ in sets], np.float64)
@@ -98,7 +104,7 @@ def fitted_judge(
         picked = torch.from_numpy(draws.integers(0, len(chosen[1]), count))
         clues, depth, truth = _turned([each[picked].float() for each in chosen], int(draws.integers(TURNS)))
         clues, depth = _astray(clues, depth)
-        loss = _loss(judge(clues), depth, truth)
+        loss = _loss(judge(clues), depth, truth, None if kept is None else kept(clues))
         optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
@@ -143,15 +149,21 @@ def _astray(clues: Tensor, depth: Tensor) -> tuple[Tensor, Tensor]:
     return torch.cat([*changed, clues[:, 3:]], 1), depth * torch.exp(off[:, 0])
 
 
-def _loss(answer: Tensor, network: Tensor, truth: Tensor) -> Tensor:
+def _loss(answer: Tensor, network: Tensor, truth: Tensor, kept: Tensor | None = None) -> Tensor:
+    """Of depth and error bar; where the depth is to be that of `kept`, [n, 2, h, w], of what it strays from that."""
     import torch
 
-    depth = network * torch.exp(answer[:, 0])
+    depth = network * torch.exp((answer if kept is None else kept)[:, 0])
     known = torch.isfinite(truth)
     truth = truth.nan_to_num(1.0)  # else the derivative of what does not count is NaN
     in_range = known & (truth < 0.99)
     off = (depth - truth).abs()
-    loss = (off / truth)[in_range].clamp(max=LARGEST_ERROR).mean() + METRE_WEIGHT * 100 * off[known].mean()
+    if kept is None:
+        loss = (off / truth)[in_range].clamp(max=LARGEST_ERROR).mean() + METRE_WEIGHT * 100 * off[
+            known
+        ].mean()
+    else:
+        loss = (answer[:, 0] - kept[:, 0]).abs().mean()
     error, bar = (off / depth).detach()[in_range], answer[:, 1][in_range]
     pinball = torch.where(error > bar, INSIDE_ONE * (error - bar), (1 - INSIDE_ONE) * (bar - error))
     return loss + pinball.clamp(max=5).mean()
