@@ -137,9 +137,9 @@ def test_a_signal_clears_away_what_was_begun(work, number):
     make_video(work / "long.mp4", frames=2000)
     options = ["--hfov", "90", "--speed", "3", "--network", "difference.onnx", "--out", "out"]
     command = [sys.executable, "-m", "flightdepth", "run", "long.mp4", *options]
-    heeding: dict[str, Any] = {
+    heeding: dict[str, Any] = {  # under nohup too
         "preexec_fn": partial(signal.signal, number, signal.SIG_DFL)
-    }  # under nohup too
+    }
     with subprocess.Popen(command, cwd=work, stderr=subprocess.PIPE, text=True, **heeding) as running:
         while not list(work.glob(".out.partial*/depth/*.png")):
             assert running.poll() is None
