@@ -15,12 +15,13 @@ import torch
 
 from flightdepth import cli
 from flightdepth.commands.signals import stop_request
+from flightdepth.errors import BadInput
+from flightdepth.files import held
 from flightdepth.scenes.config import SET_VERSION
 from flightdepth.stillbox import PairStream
 from flightdepth.training import Recipe, loop
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.export import weights_of
-from flightdepth.training.run_folder import held
 from flightdepth.weights.store import read_network
 from tests_recipes import recipe_text, stage_text
 
@@ -56,7 +57,7 @@ def exported(tmp_path_factory):
 
 
 def test_two_trainings_do_not_share_a_folder(capsys):
-    with held(Path("runs/small")):
+    with held(Path("runs/small"), BadInput("taken")):
         assert cli.main([*TRAIN, "--resume"]) == 2
     assert "expected no other training in it, got one that is running" in capsys.readouterr().err
     assert not any(Path("runs/small").iterdir())

@@ -17,6 +17,7 @@ from flightdepth.commands.ray_option import check_engine
 from flightdepth.commands.terminal import progress_bar, say
 from flightdepth.commands.textures import PROCEDURAL, gathered_textures
 from flightdepth.errors import BadInput, FlightDepthError
+from flightdepth.files import held
 
 if TYPE_CHECKING:
     from flightdepth.scenes import Textures
@@ -90,7 +91,7 @@ def render(
     """
     with extra_packages("flightdepth render", "train"):
         from flightdepth.stillbox.encoding import Source
-        from flightdepth.stillbox.set_on_disk import Layout, held, open_set, refuse_other_things
+        from flightdepth.stillbox.set_on_disk import Layout, open_set, refuse_other_things
         from flightdepth.stillbox.sets import named_set, read_overrides
     check_engine("flightdepth render", engine, address)
     refuse_other_things(out)
@@ -99,7 +100,7 @@ def render(
     count = scene_count(scenes, knobs.get("scenes", SCENES), original)
     source = Source(wanted, chosen(renderer))
     dressed = dressing(wanted, textures, procedural)
-    with room_on_the_disk(out), held(out):
+    with room_on_the_disk(out), held(out, running_in(out)):
         target = open_set(out, Layout(layout), f"stillbox-{name}", source.arguments(dressed), count)
         rest = range(target.standing, count)
         introduce(out, rest, original)
@@ -126,6 +127,16 @@ def dressing(wanted: SceneSet, folder: Path | None, procedural: int) -> Textures
     if own is not None and folder is not None:
         raise BadInput("--textures", expected="none: this set brings its own", got=str(folder))
     return gathered_textures(folder, procedural) if own is None else own
+
+
+def running_in(out: Path) -> BadInput:
+    """What a second render into a folder is told; two at once would cut each other's shards short."""
+    return BadInput(
+        f"set {out}",
+        expected="no other render in it",
+        got="one that is running",
+        mend="Wait for it, stop it, or give another --out.",
+    )
 
 
 def introduce(out: Path, rest: range, original: int) -> None:

@@ -14,6 +14,7 @@ from flightdepth.commands.signals import stop_request
 from flightdepth.commands.terminal import ToldProgress, progress_bar, say
 from flightdepth.commands.textures import PROCEDURAL, gathered_textures
 from flightdepth.errors import BadInput
+from flightdepth.files import held
 
 if TYPE_CHECKING:
     from flightdepth.scenes import Textures
@@ -112,7 +113,6 @@ def run(
     from flightdepth.training.freed_memory import keep_freed_memory
     from flightdepth.training.loop import train as train_on
     from flightdepth.training.processes import this_process
-    from flightdepth.training.run_folder import held
 
     state = this_process()
     if state.device.type == "cpu":
@@ -122,7 +122,7 @@ def run(
     with stop_request(SAVING if alone else None, insist=alone) as stop, ExitStack() as stack:
         options: dict[str, Any] = {}
         if state.is_main_process:
-            stack.enter_context(held(folder))
+            stack.enter_context(held(folder, running_in(folder)))
             bar = stack.enter_context(progress_bar(recipe.name, recipe.samples, "samples"))
             options["report"] = Display(bar)
         train_on(
@@ -136,6 +136,16 @@ def run(
             threads=max(1, usable_cores() // state.num_processes),
             **options,
         )
+
+
+def running_in(folder: Path) -> BadInput:
+    """What a second training in a run's folder is told."""
+    return BadInput(
+        f"run folder {folder}",
+        expected="no other training in it",
+        got="one that is running",
+        mend="Wait for it, stop it, or train elsewhere: --runs DIR.",
+    )
 
 
 def refuse_to_overwrite(folder: Path, *, resume: bool) -> None:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -15,11 +12,6 @@ from flightdepth.files import write_json
 from flightdepth.stillbox.original_layout import OriginalLayout
 from flightdepth.stillbox.shards import Shards, forget_short_shard
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
-
 RECORD = "stillbox.json"
 
 
@@ -28,41 +20,6 @@ class Layout(StrEnum):
 
     FOLDER = "folder"
     SHARDS = "shards"
-
-
-@contextmanager
-def held(folder: Path) -> Iterator[None]:
-    """Let no other process write a set into this folder meanwhile, where the system has such locks.
-
-    Two at once cut each other's shards short. A killed one lets go.
-
-    Raises:
-        BadInput: one does already.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    if fcntl is None:
-        yield
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        _lock(descriptor, folder)
-        yield
-    finally:
-        os.close(descriptor)
-
-
-def _lock(descriptor: int, folder: Path) -> None:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        raise BadInput(
-            f"set {folder}",
-            expected="no other render in it",
-            got="one that is running",
-            mend="Wait for it, stop it, or give another --out.",
-        ) from error
-    except OSError:  # a disk without locks
-        return
 
 
 def open_set(

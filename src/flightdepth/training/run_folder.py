@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
 from flightdepth.errors import BadInput
@@ -23,7 +21,6 @@ from flightdepth.weights.card import NetworkCard
 CHECKPOINT, RECIPE, TEXTURES = "checkpoint.safetensors", "recipe.json", "textures.json"
 SETS = "sets.json"  # the stored sets that the run learns from, where there are any
 SHIPPED = "shipped.json"  # the card of the network that the run went on from
-LOCK = ".lock"  # held while a training writes here; a killed one lets go of it
 
 
 @dataclass(frozen=True)
@@ -99,31 +96,6 @@ def read_trained(folder_or_checkpoint: Path) -> Trained:
         )
     shipped = _shipped(checkpoint.parent / SHIPPED)
     return Trained(checkpoint, recipe, progress, None if shipped else _parent(checkpoint, recipe), shipped)
-
-
-@contextmanager
-def held(folder: Path) -> Iterator[None]:
-    """Let no other training write into a run's folder meanwhile.
-
-    Raises:
-        BadInput: one does already.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(folder / LOCK)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout as error:
-        raise BadInput(
-            f"run folder {folder}",
-            expected="no other training in it",
-            got="one that is running",
-            mend="Wait for it, stop it, or train elsewhere: --runs DIR.",
-        ) from error
-    try:
-        yield
-    finally:
-        (folder / LOCK).unlink(missing_ok=True)  # a run that was refused leaves an empty folder
-        lock.release()
 
 
 def read_recipe(path: Path) -> Recipe:
