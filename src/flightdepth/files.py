@@ -79,7 +79,7 @@ def folder_in_progress(target: Path) -> Iterator[Path]:
     _clear_up_after_the_killed(target)
     partial = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.{NEW}-"))
     partial.chmod(0o755)
-    held = _lock(partial)
+    lock = _lock(partial)
     try:
         yield partial
         if target.exists():
@@ -96,8 +96,8 @@ def folder_in_progress(target: Path) -> Iterator[Path]:
                 parent.rmdir()
         raise
     finally:
-        if held is not None:
-            os.close(held)
+        if lock is not None:
+            os.close(lock)
 
 
 def _clear_up_after_the_killed(target: Path) -> None:
@@ -105,24 +105,33 @@ def _clear_up_after_the_killed(target: Path) -> None:
     for kind in (OLD, NEW):
         pattern = re.compile(rf"\.{re.escape(target.name)}\.{kind}-[a-z0-9_]{{8}}")
         for left in [path for path in target.parent.iterdir() if pattern.fullmatch(path.name)]:
-            held = _lock(left)
-            if held is None:
+            try:
+                lock = _lock(left)
+            except BlockingIOError:
+                continue
+            if lock is None:
                 continue
             if kind == OLD and (left / target.name).exists() and not target.exists():
                 (left / target.name).rename(target)
             shutil.rmtree(left, ignore_errors=True)
-            os.close(held)
+            os.close(lock)
 
 
 def _lock(folder: Path) -> int | None:
-    """A descriptor that keeps others from locking this folder until it is closed, or its process ends; None where
-    another holds it, or where the system has no such locks.
+    """A descriptor that keeps others from locking this folder until it is closed, or its process ends; None where the
+    system has no such locks.
+
+    Raises:
+        BlockingIOError: another holds it.
     """
     if fcntl is None:
         return None
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise
     except OSError:
         os.close(descriptor)
         return None
@@ -130,24 +139,26 @@ def _lock(folder: Path) -> int | None:
 
 
 @contextmanager
-def held(folder: Path, refusal: BadInput) -> Iterator[None]:
-    """Let no other process write into a folder meanwhile, where the system has such locks; a killed one lets go.
+def held(folder: Path, what: str, work: str, otherwise: str) -> Iterator[None]:
+    """Let no other process do its work in a folder meanwhile, where the system has such locks; a killed one lets go.
+
+    what, work, otherwise   for the refusal: what the folder is, what is done in it, and what else to do
 
     Raises:
-        BadInput: `refusal`, where one does already.
+        BadInput: one does already.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    if fcntl is None:
-        yield
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise refusal from error
-        except OSError:  # a disk without locks
-            pass
+        descriptor = _lock(folder)
+    except BlockingIOError as error:
+        raise BadInput(
+            f"{what} {folder}",
+            expected=f"no other {work} in it",
+            got="one that is running",
+            mend=f"Wait for it, stop it, or {otherwise}.",
+        ) from error
+    try:
         yield
     finally:
-        os.close(descriptor)
+        if descriptor is not None:
+            os.close(descriptor)

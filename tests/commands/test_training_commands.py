@@ -15,7 +15,6 @@ import torch
 
 from flightdepth import cli
 from flightdepth.commands.signals import stop_request
-from flightdepth.errors import BadInput
 from flightdepth.files import held
 from flightdepth.scenes.config import SET_VERSION
 from flightdepth.stillbox import PairStream
@@ -57,7 +56,7 @@ def exported(tmp_path_factory):
 
 
 def test_two_trainings_do_not_share_a_folder(capsys):
-    with held(Path("runs/small"), BadInput("taken")):
+    with held(Path("runs/small"), "run folder", "training", "wait"):
         assert cli.main([*TRAIN, "--resume"]) == 2
     assert "expected no other training in it, got one that is running" in capsys.readouterr().err
     assert not any(Path("runs/small").iterdir())

@@ -100,7 +100,7 @@ def render(
     count = scene_count(scenes, knobs.get("scenes", SCENES), original)
     source = Source(wanted, chosen(renderer))
     dressed = dressing(wanted, textures, procedural)
-    with room_on_the_disk(out), held(out, running_in(out)):
+    with room_on_the_disk(out), held(out, "set", "render", "give another --out"):
         target = open_set(out, Layout(layout), f"stillbox-{name}", source.arguments(dressed), count)
         rest = range(target.standing, count)
         introduce(out, rest, original)
@@ -127,16 +127,6 @@ def dressing(wanted: SceneSet, folder: Path | None, procedural: int) -> Textures
     if own is not None and folder is not None:
         raise BadInput("--textures", expected="none: this set brings its own", got=str(folder))
     return gathered_textures(folder, procedural) if own is None else own
-
-
-def running_in(out: Path) -> BadInput:
-    """What a second render into a folder is told; two at once would cut each other's shards short."""
-    return BadInput(
-        f"set {out}",
-        expected="no other render in it",
-        got="one that is running",
-        mend="Wait for it, stop it, or give another --out.",
-    )
 
 
 def introduce(out: Path, rest: range, original: int) -> None:

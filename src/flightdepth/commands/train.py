@@ -122,7 +122,7 @@ def run(
     with stop_request(SAVING if alone else None, insist=alone) as stop, ExitStack() as stack:
         options: dict[str, Any] = {}
         if state.is_main_process:
-            stack.enter_context(held(folder, running_in(folder)))
+            stack.enter_context(held(folder, "run folder", "training", "train elsewhere: --runs DIR"))
             bar = stack.enter_context(progress_bar(recipe.name, recipe.samples, "samples"))
             options["report"] = Display(bar)
         train_on(
@@ -136,16 +136,6 @@ def run(
             threads=max(1, usable_cores() // state.num_processes),
             **options,
         )
-
-
-def running_in(folder: Path) -> BadInput:
-    """What a second training in a run's folder is told."""
-    return BadInput(
-        f"run folder {folder}",
-        expected="no other training in it",
-        got="one that is running",
-        mend="Wait for it, stop it, or train elsewhere: --runs DIR.",
-    )
 
 
 def refuse_to_overwrite(folder: Path, *, resume: bool) -> None:
