@@ -14,7 +14,7 @@ from torch import nn
 from training_runs import BATCH, small_recipe, small_stream, small_textures, stage
 
 from flightdepth.errors import BadInput
-from flightdepth.training import loop
+from flightdepth.training import learner, loop
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.loop import train
 from flightdepth.training.processes import Share, weigh_part
@@ -50,6 +50,7 @@ def two_accumulation_steps(tmp_path_factory):
     losses = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(loop, "PairStream", small_stream)
+        patch.setattr(learner, "mixed_precision", lambda _: "no")  # as in the processes
         recipe, textures = small_recipe(accumulate=2), small_textures()
         train(recipe, textures, folder, resume=False, report=lambda step: losses.append(step.loss_m))
     return folder, losses
