@@ -20,11 +20,15 @@ from flightdepth.training.loop import train
 from flightdepth.training.processes import Share, weigh_part
 
 
-def started(folder, process, processes, port):
-    """What torchrun does for each process of one machine."""
+def environment_of(process, processes, port):
+    """What torchrun tells each process of one machine."""
     given = {"RANK": process, "LOCAL_RANK": process, "WORLD_SIZE": processes, "LOCAL_WORLD_SIZE": processes}
     given |= {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
-    environment = os.environ | {key: str(value) for key, value in given.items()}
+    return os.environ | {key: str(value) for key, value in given.items()}
+
+
+def started(folder, process, processes, port):
+    environment = environment_of(process, processes, port)
     script = Path(training_runs.__file__)
     return subprocess.Popen([sys.executable, str(script), str(folder)], env=environment)
 
@@ -74,6 +78,31 @@ def test_two_processes_end_in_the_weights_of_two_accumulation_steps(
     for key, value in expected.items():
         if value.is_floating_point():
             assert torch.allclose(found[key], value, rtol=1e-3, atol=1e-4), key
+
+
+SAYS_ITS_PRECISION = """
+import os
+from flightdepth.training import precision
+
+precision.cpu_runs_bf16 = lambda: True
+precision.cpu_gains_by_bf16 = lambda: os.environ["RANK"] == "1"
+print(precision.mixed_precision())
+"""
+
+
+def test_processes_agree_on_their_precision():
+    """One that timed beside other work computed in float32, and the other waited for it: a third slower."""
+    port = free_port()
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-c", SAYS_ITS_PRECISION],
+            env=environment_of(process, 2, port),
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for process in range(2)
+    ]
+    assert [process.communicate(timeout=120)[0].split()[-1] for process in running] == ["bf16", "bf16"]
 
 
 def test_parts_see_other_pairs_than_the_whole(two_accumulation_steps, tmp_path, monkeypatch):
