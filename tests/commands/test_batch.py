@@ -1,5 +1,6 @@
 """Several flights: what stands is skipped, what failed or was cut short is done again; on a Ray cluster too."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from command_flights import FRAMES, make_video
 
 from flightdepth.cli import main
 from flightdepth.commands.batch import Job, here, jobs_of
+from flightdepth.commands.signals import heed_interrupt, stopped_as_by_ctrl_c
 from flightdepth.errors import FlightDepthError
 from flightdepth.outputs import FlightFolder
 
@@ -151,11 +153,28 @@ def test_a_signal_clears_away_what_was_begun(work, number):
     assert not list(work.glob("*out*"))
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_that_python_drops_is_raised_again(number):
+    """As it does with what a destructor raises; the flight went on to its end then."""
+
+    class Dropped:
+        def __del__(self):
+            os.kill(os.getpid(), number)
+
+    with stopped_as_by_ctrl_c():
+        Dropped()
+        with pytest.raises(KeyboardInterrupt):
+            heed_interrupt()
+    with stopped_as_by_ctrl_c():
+        heed_interrupt()
+
+
 def test_the_process_keeps_its_own_handlers_of_signals(run):
     """Who calls `run` from a program of their own was left with Ctrl-C for SIGTERM."""
-    before = [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)]
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
     assert run(flights=("two.mp4",))[0] == 0
-    assert [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)] == before
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
 
 
 def test_an_address_without_ray(run):

@@ -35,11 +35,30 @@ def stop_request(told: str | None = None, *, insist: bool = True) -> Iterator[th
         yield stop
 
 
+_interrupted = threading.Event()
+
+
 @contextmanager
 def stopped_as_by_ctrl_c() -> Iterator[None]:
-    """SIGTERM and SIGHUP raise KeyboardInterrupt too, so what was begun is cleared away; from the main thread only."""
-    with _handled(signal.default_int_handler, signal.SIGTERM):
+    """SIGTERM and SIGHUP raise KeyboardInterrupt too, so what was begun is cleared away; from the main thread only.
+
+    Python drops what is raised within a destructor or a callback from C; `heed_interrupt` raises it again.
+    """
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        _interrupted.set()
+        signal.default_int_handler(number, frame)
+
+    _interrupted.clear()
+    own = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not ignored, as under a script's `&`
+    with _handled(interrupt, signal.SIGTERM, *([signal.SIGINT] if own else [])):
         yield
+
+
+def heed_interrupt() -> None:
+    """Raise KeyboardInterrupt where one came within the last `stopped_as_by_ctrl_c`; to be called again and again."""
+    if _interrupted.is_set():
+        raise KeyboardInterrupt
 
 
 @contextmanager

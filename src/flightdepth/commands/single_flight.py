@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from flightdepth.commands.batch import Outcome
 from flightdepth.commands.network_options import check_align
 from flightdepth.commands.run_settings import RunSettings
+from flightdepth.commands.signals import heed_interrupt
 from flightdepth.commands.terminal import progress_bar, say, warn
 from flightdepth.errors import BadInput
 
@@ -105,6 +106,7 @@ def write_depth(
     network.warm_up(network.grid(camera).camera, ranges)
 
     def progress(frame: Frame, result: RangedDepth) -> None:
+        heed_interrupt()
         bar.advance(bar.task_ids[0])
         if watch is not None:
             watch(frame, result)
