@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from flightdepth.evaluation import int8_ranges
 from flightdepth.evaluation.fixed_set import fixed_set
 from flightdepth.evaluation.int8_ranges import SHARES, fitted_int8_ranges
 from flightdepth.evaluation.pairs import Task
@@ -22,6 +23,7 @@ def test_a_range_that_one_value_made_too_wide_is_cut(monkeypatch, wider):
     card, seen = stored.card, stored.card.int8_ranges
     wide = {name: (seen[name][0] * wider, seen[name][1] * wider) for name in NAMES}
     monkeypatch.setattr(RangeMeter, "ranges", wide)
+    monkeypatch.setattr(int8_ranges, "MOST_CHANGED", np.inf)
     pairs = list(fixed_set(card, scenes=6))
 
     def depth_m(runtime):
@@ -41,3 +43,14 @@ def test_a_range_that_one_value_made_too_wide_is_cut(monkeypatch, wider):
     else:
         assert shares == pytest.approx([0.25, 0.25], rel=1e-3)
         assert change(fitted) < 0.5 * change(wide)
+
+
+def test_what_bytes_would_change_too_much_stays_in_float(monkeypatch):
+    """A range a hundred times too wide leaves a byte ten steps at best."""
+    stored = read_network("tiny-clamped-256")
+    seen = stored.card.int8_ranges
+    wide, fine = NAMES
+    ranges = {wide: (0.0, 100 * seen[wide][1]), fine: seen[fine]}
+    monkeypatch.setattr(RangeMeter, "ranges", ranges)
+    fitted = fitted_int8_ranges(stored.card, stored.onnx, list(calibration_set(stored.card, scenes=2)))
+    assert list(fitted) == [fine]

@@ -16,6 +16,7 @@ from flightdepth.weights.card import NetworkCard
 DIGITS = 4
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of all that enters a convolution: finer steps, and a few values cut
 TRIED_PAIRS = 16
+MOST_CHANGED = 0.015  # of depth, by one convolution on bytes
 NEAREST_M = 0.1  # nearer depths change as this one does
 
 
@@ -24,7 +25,8 @@ def fitted_int8_ranges(
 ) -> dict[str, tuple[float, float]]:
     """The card's `int8_ranges`, of pairs that no test uses.
 
-    For each convolution, with all others in float, the share of what enters it that changes depth least.
+    For each convolution, with all others in float, the share of what enters it that changes depth least. One that
+    changes it by more than `MOST_CHANGED` even then has no range: it stays in float.
     """
     few = pairs[:TRIED_PAIRS]
     exact = _log_depths(card, onnx, few, {})
@@ -32,6 +34,8 @@ def fitted_int8_ranges(
     for name, ends in _all_that_enters(card, onnx, pairs).items():
         tried = [{name: (ends[0] * share, ends[1] * share)} for share in SHARES]
         changes = [np.nanmean(np.abs(_log_depths(card, onnx, few, each) - exact)) for each in tried]
+        if min(changes) > MOST_CHANGED:
+            continue
         least, largest = tried[int(np.argmin(changes))][name]
         chosen[name] = round(least, DIGITS), round(largest, DIGITS)
     return chosen
