@@ -50,8 +50,9 @@ def stopped_as_by_ctrl_c() -> Iterator[None]:
         signal.default_int_handler(number, frame)
 
     _interrupted.clear()
-    own = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not ignored, as under a script's `&`
-    with _handled(interrupt, signal.SIGTERM, *([signal.SIGINT] if own else [])):
+    # A script's `&` has Ctrl-C ignored.
+    ctrl_c = [signal.SIGINT] if signal.getsignal(signal.SIGINT) is signal.default_int_handler else []
+    with _handled(interrupt, signal.SIGTERM, *ctrl_c):
         yield
 
 
