@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from output_samples import HEIGHT, SOURCE, WIDTH, known, unknown
 
+from flightdepth.camera import Camera
 from flightdepth.flight.records import Frame
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
 from flightdepth.outputs import FlightFolder, FlightWriter, Preview
@@ -27,8 +28,9 @@ def pose(index: int, north_m: float, *, segment: int = 0, attitude: str = "log")
     )
 
 
-def picture(index: int) -> Frame:
-    return Frame(index, index * 100_000_000, np.full((HEIGHT, WIDTH, 3), RED, np.uint8))
+def picture(index: int, camera: Camera | None = None) -> Frame:
+    image = np.full((HEIGHT, WIDTH, 3), RED, np.uint8)
+    return Frame(index, index * 100_000_000, image, camera=camera)
 
 
 def write_flown(
@@ -37,6 +39,7 @@ def write_flown(
     *,
     posed: bool = True,
     poses: list[FramePose] | None = None,
+    cameras: dict[int, Camera] | None = None,
     **options: object,
 ) -> FlightFolder:
     """The wall, right in each frame; the first frame has no depth. `poses` in place of those of one segment."""
@@ -45,5 +48,5 @@ def write_flown(
     with FlightWriter(target, SOURCE, Preview(WIDTH, HEIGHT), **options) as writer:
         for i in range(frames):
             result = known(WALL_M - STEP_M * i) if i else unknown("first frame")
-            writer.add(picture(i), result, poses[i] if posed else None)
+            writer.add(picture(i, (cameras or {}).get(i)), result, poses[i] if posed else None)
     return FlightFolder(target)

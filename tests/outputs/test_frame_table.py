@@ -1,8 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from output_samples import HEIGHT, WIDTH, csv_text, frame, known, unknown
 
+from flightdepth.camera import Camera
 from flightdepth.outputs.frame_table import COLUMNS, FrameRow, cells_of, rows_from_csv
 
 
@@ -13,8 +17,8 @@ def table(row):
 def test_a_row_by_hand():
     row = FrameRow(3, 100_100_000, (2, 9), (0.25, 1.5), (12.0, 40.5), 0.75, 6.5, "", "by-hand")
     assert table(row).splitlines() == [
-        "index,stamp_ns,shifts,displacements_m,centroids_m,valid_fraction,latency_ms,reason,network",
-        "3,100100000,2 9,0.2500 1.5000,12.000 40.500,0.7500,6.50,,by-hand",
+        "index,stamp_ns,shifts,displacements_m,centroids_m,valid_fraction,latency_ms,reason,network,focal_px",
+        "3,100100000,2 9,0.2500 1.5000,12.000 40.500,0.7500,6.50,,by-hand,",
     ]
 
 
@@ -47,10 +51,16 @@ def test_the_row_of_a_frame_without_depth_says_why():
     assert (row.shifts, row.valid_fraction, row.reason) == ((), 0.0, "hovering")
 
 
-def test_a_table_of_an_older_version_names_no_network():
+def test_a_table_of_an_older_version_names_neither_network_nor_focal_length():
     row = FrameRow(3, 100, (2,), (0.25,), (12.0,), 0.75, 6.5, "")
-    older = [line.rsplit(",", 1)[0] for line in table(row).splitlines()]
+    older = [line.rsplit(",", 2)[0] for line in table(row).splitlines()]
     assert rows_from_csv("\n".join(older)) == [row]
+
+
+def test_the_focal_length_of_a_picture_that_was_zoomed_comes_back():
+    zoomed = replace(frame(), camera=Camera.from_fov(WIDTH, HEIGHT, 60))
+    row = FrameRow.of(zoomed, unknown("hovering"))
+    assert rows_from_csv(table(row))[0].focal_px == pytest.approx(48 * 3**0.5, abs=0.001)
 
 
 def test_one_column_for_each_field():

@@ -56,26 +56,26 @@ class CloudSettings:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One frame: picture [H, W, 3], depth and confidence [H, W], and the camera's place."""
+    """One frame: picture [H, W, 3], depth and confidence [H, W], the camera's place, and the camera as it zoomed."""
 
     image: Picture
     depth_m: Map
     confidence: Map
     pose: FramePose
+    camera: Camera
 
 
 def cloud_of(
     folder: FlightFolder, settings: CloudSettings, on_view: Callable[[], None] = lambda: None
 ) -> Cloud:
     """The cloud of a whole flight, east-north-up, origin at the first camera of its longest segment."""
-    camera, grid = folder.record.source.camera, VoxelGrid(settings.voxel_m)
-    step = max(1, camera.width // COLUMNS)
+    grid, step = VoxelGrid(settings.voxel_m), max(1, folder.record.source.camera.width // COLUMNS)
     for view, others in with_neighbours(views(folder, settings.every), NEIGHBOURS):
-        points_ned, rows, columns = seen_points(view, camera, step, settings)
+        points_ned, rows, columns = seen_points(view, step, settings)
         on_view()
         if not len(points_ned):
             continue
-        kept, farther = agreed(points_ned, others, camera)
+        kept, farther = agreed(points_ned, others)
         here_ned, rows, columns = view.pose.position_ned, rows[kept], columns[kept]
         points_ned = here_ned + (points_ned[kept] - here_ned) * farther[kept, None]
         grid.add(points_ned @ ENU_FROM_NED.T, view.image[rows, columns], view.confidence[rows, columns])
@@ -88,7 +88,8 @@ def views(folder: FlightFolder, every: int) -> Iterator[View]:
     depths = {row.index for row in folder.rows if not row.reason}
     for index, image in pictures(folder, every):
         if index in poses and index in depths:
-            yield View(image, folder.depth_m(index), folder.confidence(index), poses[index])
+            depth_m, confidence = folder.depth_m(index), folder.confidence(index)
+            yield View(image, depth_m, confidence, poses[index], folder.camera(index))
 
 
 def placed(folder: FlightFolder) -> dict[int, FramePose]:
@@ -127,13 +128,13 @@ def _padded(every: Iterable[View], reach: int) -> Iterator[View | None]:
 
 
 def seen_points(
-    view: View, camera: Camera, step: int, settings: CloudSettings
+    view: View, step: int, settings: CloudSettings
 ) -> tuple[Vector, NDArray[np.intp], NDArray[np.intp]]:
     """Points (NED) [N, 3] of the pixels that count, every `step`-th, and their rows and columns [N]."""
     usable = (view.confidence >= max(settings.min_confidence, 1 / 512)) & off_edges(view.depth_m)
     usable &= np.nan_to_num(view.depth_m, nan=np.inf) <= settings.max_range_m
     rows, columns = np.nonzero(usable[::step, ::step])
-    rays = pixel_rays(camera, step)[rows, columns]
+    rays = pixel_rays(view.camera, step)[rows, columns]
     rows, columns = rows * step, columns * step
     points = rays * view.depth_m[rows, columns].astype(np.float64)[:, None]
     return points @ view.pose.ned_from_camera.T + view.pose.position_ned, rows, columns
@@ -156,7 +157,7 @@ def off_edges(depth_m: Map) -> NDArray[np.bool_]:
     return np.asarray(known & (farthest / np.float32(EDGE_RATIO) <= nearest))
 
 
-def agreed(points_ned: Vector, others: list[View], camera: Camera) -> tuple[NDArray[np.bool_], Vector]:
+def agreed(points_ned: Vector, others: list[View]) -> tuple[NDArray[np.bool_], Vector]:
     """Which points [N] most of the other views that see their place saw there, and how much farther these saw them.
 
     The second, [N], is the mean of what the views that agree say over where the point lies: 1 and a little.
@@ -164,7 +165,7 @@ def agreed(points_ned: Vector, others: list[View], camera: Camera) -> tuple[NDAr
     seen, same = np.zeros(len(points_ned), int), np.zeros(len(points_ned), int)
     ratios = np.ones(len(points_ned))  # its own vote
     for other in others:
-        there_m, stored_m = looked_up(points_ned, other, camera)
+        there_m, stored_m = looked_up(points_ned, other)
         known = np.isfinite(stored_m)
         ratio = np.where(known, stored_m, 0.0) / np.where(known, there_m, 1.0)
         agrees = np.abs(ratio - 1) <= AGREE_WITHIN
@@ -174,14 +175,14 @@ def agreed(points_ned: Vector, others: list[View], camera: Camera) -> tuple[NDAr
     return np.asarray((same >= LEAST_AGREEING) & (2 * same >= seen)), ratios / (1 + same)
 
 
-def looked_up(points_ned: Vector, view: View, camera: Camera) -> tuple[Vector, Vector]:
+def looked_up(points_ned: Vector, view: View) -> tuple[Vector, Vector]:
     """Depth [N] at which points lie before a view's camera, and what the view says there; NaN where it says nothing."""
     points = (points_ned - view.pose.position_ned) @ view.pose.ned_from_camera
     depth_m = points[:, 2]
     ahead = depth_m > 0.01
     rays = points[:, :2] / np.where(ahead, depth_m, 1.0)[:, None]
     ahead &= (np.abs(rays) < WIDEST).all(axis=1)
-    pixels = distort(np.where(ahead[:, None], rays, 0.0), camera)
-    ahead &= inside(pixels, camera)
+    pixels = distort(np.where(ahead[:, None], rays, 0.0), view.camera)
+    ahead &= inside(pixels, view.camera)
     columns, rows = np.rint(np.where(ahead[:, None], pixels, 0.0)).astype(int).T
     return depth_m, np.where(ahead, view.depth_m[rows, columns], np.nan)

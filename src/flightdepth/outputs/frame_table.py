@@ -13,7 +13,7 @@ from flightdepth.ranges.result import RangedDepth
 
 COLUMNS = (
     *("index", "stamp_ns", "shifts", "displacements_m", "centroids_m"),
-    *("valid_fraction", "latency_ms", "reason", "network"),
+    *("valid_fraction", "latency_ms", "reason", "network", "focal_px"),
 )
 
 
@@ -33,6 +33,7 @@ class FrameRow:
     latency_ms       time that the depth took
     reason           why no pixel has depth; empty where one has
     network          which one gave depth or bounds; empty where none did, and in tables of older versions
+    focal_px         horizontal focal length of its picture, where the lens zooms; None where flight.json tells it
     """
 
     index: int
@@ -44,6 +45,7 @@ class FrameRow:
     latency_ms: float
     reason: str
     network: str = ""
+    focal_px: float | None = None
 
     @classmethod
     def of(cls, frame: Frame, result: RangedDepth) -> FrameRow:
@@ -59,6 +61,7 @@ class FrameRow:
             latency_ms=result.latency_ms,
             reason=result.reason or ("" if known.any() else ONLY_BOUNDS),
             network=result.network,
+            focal_px=None if frame.camera is None else frame.camera.fx,
         )
 
 
@@ -74,6 +77,7 @@ def cells_of(row: FrameRow) -> list[object]:
         f"{row.latency_ms:.2f}",
         row.reason,
         row.network,
+        "" if row.focal_px is None else f"{row.focal_px:.3f}",
     ]
 
 
@@ -90,6 +94,7 @@ def rows_from_csv(text: str) -> list[FrameRow]:
             latency_ms=float(cells["latency_ms"]),
             reason=cells["reason"],
             network=cells.get("network") or "",
+            focal_px=float(focal_px) if (focal_px := cells.get("focal_px")) else None,
         )
         for cells in csv.DictReader(io.StringIO(text))
     ]

@@ -50,7 +50,6 @@ def write_mcap(path: Path, folder: FlightFolder, on_frame: Callable[[], None] = 
     """Every frame of a flight into `path`, which appears when all of it stands."""
     poses = placed(folder) if any(pose.attitude != "unknown" for pose in folder.poses.values()) else {}
     stamps = {row.index: row.stamp_ns for row in folder.rows}
-    camera = folder.record.source.camera
     with file_in_progress(path) as file:
         recording = Recording(file)
         for index, image in pictures(folder):
@@ -58,7 +57,7 @@ def write_mcap(path: Path, folder: FlightFolder, on_frame: Callable[[], None] = 
             recording.depth(stamp_ns, folder.depth_m(index))
             recording.confidence(stamp_ns, bytes_from_confidence(folder.confidence(index)))
             recording.picture(stamp_ns, image)
-            recording.lens(stamp_ns, camera)
+            recording.lens(stamp_ns, folder.camera(index))
             if index in poses:
                 recording.transform(stamp_ns, poses[index])
             on_frame()

@@ -13,7 +13,9 @@ import cv2
 import numpy as np
 from pydantic import ValidationError
 
+from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.flight.cameras import zoomed
 from flightdepth.outputs.encoding import Map, confidence_from_bytes, depth_from_centimetres
 from flightdepth.outputs.frame_table import FrameRow, rows_from_csv
 from flightdepth.outputs.poses import FramePose, poses_from_csv
@@ -57,6 +59,12 @@ class FlightFolder:
         self.record = self._read_record()
         self.rows = self._read_rows()
         self.poses = self._read_poses()
+        self._focals_px = {row.index: row.focal_px for row in self.rows if row.focal_px is not None}
+
+    def camera(self, index: int) -> Camera:
+        """The camera of the frame with this index: that of `record`, zoomed as its picture was."""
+        camera = self.record.source.camera
+        return zoomed(camera, self._focals_px.get(index, camera.fx) / camera.fx)
 
     def depth_m(self, index: int) -> Map:
         """Depth in metres, float32 [H, W], NaN = unknown, of the frame with this index."""

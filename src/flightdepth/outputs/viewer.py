@@ -37,14 +37,6 @@ def show(
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _log_graphs(recording, flight.rows)
     _log_places(recording, flight)
-    camera = flight.record.source.camera
-    lens = rr.Pinhole(
-        image_from_camera=camera.matrix,
-        resolution=[camera.width, camera.height],
-        camera_xyz=rr.ViewCoordinates.RDF,
-        image_plane_distance=3.0,
-    )
-    recording.log(IMAGE, lens, static=True)
     stamps = {row.index: row.stamp_ns for row in flight.rows}
     for index, image in pictures(flight, every_nth(flight, most_pictures)):
         recording.set_time(TIME, duration=np.timedelta64(stamps[index], "ns"))
@@ -83,6 +75,14 @@ def layout() -> rrb.Blueprint:
 
 
 def _log_maps(recording: rr.RecordingStream, flight: FlightFolder, index: int, image: np.ndarray) -> None:
+    camera = flight.camera(index)
+    lens = rr.Pinhole(
+        image_from_camera=camera.matrix,
+        resolution=[camera.width, camera.height],
+        camera_xyz=rr.ViewCoordinates.RDF,
+        image_plane_distance=3.0,
+    )
+    recording.log(IMAGE, lens)
     recording.log(IMAGE, rr.EncodedImage(contents=jpeg(image, JPEG_QUALITY), media_type="image/jpeg"))
     depth = png(centimetres_from_depth(flight.depth_m(index)))
     recording.log(
