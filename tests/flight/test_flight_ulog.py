@@ -55,6 +55,47 @@ def test_what_pyulog_writes_is_read_alike(tmp_path):
     assert [tuple(s.velocity) for s in a.samples] == [tuple(s.velocity) for s in b.samples]
 
 
+
+def test_two_power_ups_in_one_log_are_not_mixed(tmp_path):
+    """Found in review: their samples were sorted into one flight, by two clocks that each began at power-up."""
+    stamps_us = [*range(20_000_000, 24_000_000, 100_000), *range(19_000_000, 22_000_000, 100_000)]
+    data = []
+    for i, stamp_us in enumerate(stamps_us):
+        data += [
+            (0, local_position(stamp_us, velocity(i))),
+            (1, attitude(stamp_us + 20_000, quaternion(i))),
+        ]
+    telemetry = read(tmp_path, ulog_bytes([LOCAL_POSITION, ATTITUDE], NAMES, data))
+    assert [tuple(s.velocity) for s in telemetry.samples] == [velocity(i) for i in range(40)]
+    assert len(telemetry.body_attitudes) == 40
+    assert telemetry.counts == {"records of other power-ups of the autopilot": 60}
+
+
+def test_attitudes_of_an_unknown_power_up_are_left_out(tmp_path):
+    """The second power-up has no attitude: nobody knows which of the two the attitudes are of."""
+    stamps_us = [*range(20_000_000, 23_000_000, 100_000), *range(9_000_000, 13_000_000, 100_000)]
+    data = [(0, local_position(stamp_us, velocity(i))) for i, stamp_us in enumerate(stamps_us)]
+    data += [(1, attitude(20_000_000 + i * 100_000, quaternion(i))) for i in range(30)]
+    telemetry = read(tmp_path, ulog_bytes([LOCAL_POSITION, ATTITUDE], NAMES, data))
+    assert [tuple(s.velocity) for s in telemetry.samples] == [velocity(i) for i in range(30, 70)]
+    assert telemetry.body_attitudes == ()
+    assert telemetry.counts == {"records of other power-ups of the autopilot": 60}
+
+
+@pytest.mark.parametrize("numbers", [(0, 1), (1, 0)])
+def test_of_two_logs_joined_the_first_is_read(tmp_path, numbers):
+    """Found in review: where the second was large, the velocities of both were sorted into one flight."""
+    position, turn = numbers
+    data = []
+    for i in range(400):
+        stamp_us = START_US + i * 100_000
+        data += [(position, local_position(stamp_us, velocity(-i))), (turn, attitude(stamp_us, quaternion(i)))]
+    names = [(0, position, NAMES[0][2]), (0, turn, NAMES[1][2])]
+    telemetry = read(tmp_path, ulog_flight(30) + ulog_bytes([LOCAL_POSITION, ATTITUDE], names, data))
+    assert [tuple(s.velocity) for s in telemetry.samples] == [velocity(i) for i in range(30)]
+    assert telemetry.counts == {"another log joined to this one, not read": 1}
+
+
 def test_sigma_is_of_one_axis(tmp_path):
     # Horizontal 0.5 m/s is the length of north and east together: (0.5^2 + 0.25^2) / 3.
     sample = read(tmp_path, ulog_flight(3)).samples[0]

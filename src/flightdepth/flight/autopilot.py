@@ -36,8 +36,9 @@ SHORTEST_RUN = 3
 REBOOT_GAP_NS = 2 * NS_PER_S
 # Stamps beyond are damage: microseconds since 1970 reach this in 2096, and ns still fit into int64.
 LAST_STAMP_US = 4 * 10**15
-# A reason that the walkers of binary logs share.
+# Reasons that readers share.
 DAMAGED_BYTES = "bytes skipped: damaged or cut off"
+OTHER_POWER_UPS = "records of other power-ups of the autopilot"
 # A filter's output that does not change for so long while moving has died.
 STUCK_NS = 2 * NS_PER_S
 # How old the body's heading may be where a gimbal's yaw counts from it.
@@ -89,7 +90,7 @@ def longest_boot(records: Sequence[Record], counts: Counter[str]) -> list[Record
     found = boots(np.array([record.stamp_ns for record in records], dtype=np.int64), counts)
     longest = max(found, key=len, default=np.arange(0))
     if left := sum(map(len, found)) - len(longest):
-        counts["records of other power-ups of the autopilot"] += left
+        counts[OTHER_POWER_UPS] += left
     return [records[index] for index in longest.tolist()]
 
 

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from io import BufferedReader, StringIO
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,12 @@ from numpy.typing import NDArray
 from flightdepth.errors import BadInput, MissingExtra
 from flightdepth.flight.autopilot import (
     LAST_STAMP_US,
+    OTHER_POWER_UPS,
     BodyAttitude,
     Record,
     Velocity,
     autopilot_telemetry,
+    boots,
     longest_boot,
 )
 from flightdepth.flight.gimbal import GimbalAttitude
@@ -36,19 +39,21 @@ MAX_REREADS = 30
 
 Columns = dict[str, NDArray[Any]]
 QUATERNION = ("q[0]", "q[1]", "q[2]", "q[3]")
+POSITION = "vehicle_local_position"
+JOINED = "another log joined to this one, not read"
 
 
 class BoundedFile:
-    """A file that ends early for a reader which never comes to an end; notes a read past the real end."""
+    """A file that ends early, at `end` or for a reader which never comes to an end; notes a read past the end."""
 
-    def __init__(self, file: BufferedReader, size: int) -> None:
-        self._file = file
+    def __init__(self, file: BufferedReader, size: int, end: int) -> None:
+        self._file, self._end = file, end
         self._left = MAX_REREADS * size + 65536
         self.cut = False
 
     def read(self, size: int) -> bytes:
         """Up to `size` bytes; none once too much was read."""
-        data = self._file.read(size) if self._left > 0 else b""
+        data = self._file.read(min(size, max(0, self._end - self._file.tell()))) if self._left > 0 else b""
         self._left -= len(data) + 3
         self.cut |= 0 < len(data) < size or (not data and size > 3) or self._left <= 0
         return data
@@ -76,22 +81,25 @@ def looks_like_ulog(head: bytes, path: Path) -> bool:
 def read_ulog(path: Path) -> Telemetry:
     """Read a ULog; what came before a cut is used, and the cut is counted."""
     counts: Counter[str] = Counter()
-    log, cut = load(path, list(TOPICS))
+    log, cut, joined = load(path, list(TOPICS))
+    counts[JOINED] += joined
     counts["cut off or damaged: the log is not whole"] += cut or bool(log.file_corruption)
     counts["drop-outs that the logger noted"] += len(log.dropouts)
     resets, records = 0, []
-    for topic, read_records in TOPICS.items():
-        columns = first_instance(log, topic)
-        if columns is not None:
-            records += complete_records(read_records, columns, counts)
-            resets += reset_count(columns)
+    topics = {topic: columns for topic in TOPICS if (columns := first_instance(log, topic)) is not None}
+    for topic, columns in of_one_power_up(topics, counts).items():
+        records += complete_records(TOPICS[topic], columns, counts)
+        resets += reset_count(columns)
     records.sort(key=lambda record: record.stamp_ns)
     noted = f" ({resets} resets of the attitude)" if resets else ""
     return autopilot_telemetry(f"ULog {path.name}{noted}", longest_boot(records, counts), counts)
 
 
-def load(path: Path, topics: list[str]) -> tuple[Any, bool]:
-    """pyulog's view of the file, and whether it ends in the middle of a message. Its prints go nowhere."""
+def load(path: Path, topics: list[str]) -> tuple[Any, bool, bool]:
+    """pyulog's view of the file, whether it ends in the middle of a message, and whether another log follows in it.
+
+    Its prints go nowhere.
+    """
     try:
         from pyulog import ULog
     except ModuleNotFoundError as error:
@@ -99,10 +107,12 @@ def load(path: Path, topics: list[str]) -> tuple[Any, bool]:
     try:
         size = path.stat().st_size
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()), path.open("rb") as file:
-            refuse_bombs(ULog(BoundedFile(file, size), parse_header_only=True).message_formats)
+            refuse_bombs(ULog(BoundedFile(file, size, size), parse_header_only=True).message_formats)
+            with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+                end = data.find(MAGIC, 1)
             file.seek(0)
-            bounded = BoundedFile(file, size)
-            return ULog(bounded, topics), bounded.cut
+            bounded = BoundedFile(file, size, end if end > 0 else size)
+            return ULog(bounded, topics), bounded.cut, end > 0
     except Exception as error:  # pyulog raises whatever a damaged byte leads to
         got = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         got = got or type(error).__name__
@@ -133,6 +143,29 @@ def first_instance(log: Any, topic: str) -> Columns | None:
     """The columns of a topic's first instance: PX4 publishes what it flies by there."""
     found = [dataset for dataset in log.data_list if dataset.name == topic]
     return min(found, key=lambda dataset: dataset.multi_id).data if found else None
+
+
+def of_one_power_up(topics: dict[str, Columns], counts: Counter[str]) -> dict[str, Columns]:
+    """The columns of the power-up with most velocities, where the log's time starts again.
+
+    A topic that does not start again as often is left out: nobody knows which power-up it belongs to.
+    """
+    parts = {topic: power_ups(columns) for topic, columns in topics.items()}
+    flown = parts.get(POSITION, [])
+    if not flown or all(len(each) == 1 for each in parts.values()):
+        return topics
+    longest = max(range(len(flown)), key=lambda number: len(flown[number]["timestamp"]))
+    chosen = {topic: each[longest] for topic, each in parts.items() if len(each) == len(flown)}
+    given, kept = (sum(len(columns["timestamp"]) for columns in part.values()) for part in (topics, chosen))
+    counts[OTHER_POWER_UPS] += given - kept
+    return chosen
+
+
+def power_ups(columns: Columns) -> list[Columns]:
+    """The columns of each power-up, in the order of the log; whole where there is one."""
+    stamps_ns = np.array([min(stamp, LAST_STAMP_US) * 1000 for stamp in stamps_us(columns)], dtype=np.int64)
+    found = boots(stamps_ns, Counter())
+    return [{name: values[run] for name, values in columns.items()} for run in found] if found[1:] else [columns]
 
 
 def complete_records(
@@ -201,7 +234,7 @@ def reset_count(columns: Columns) -> int:
 
 
 TOPICS: dict[str, Callable[[Columns, Counter[str]], Iterator[Record]]] = {
-    "vehicle_local_position": velocities,
+    POSITION: velocities,
     "vehicle_attitude": body_attitudes,
     "gimbal_device_attitude_status": gimbal_attitudes,
 }
