@@ -55,7 +55,6 @@ def test_what_pyulog_writes_is_read_alike(tmp_path):
     assert [tuple(s.velocity) for s in a.samples] == [tuple(s.velocity) for s in b.samples]
 
 
-
 def test_two_power_ups_in_one_log_are_not_mixed(tmp_path):
     """Found in review: their samples were sorted into one flight, by two clocks that each began at power-up."""
     stamps_us = [*range(20_000_000, 24_000_000, 100_000), *range(19_000_000, 22_000_000, 100_000)]
@@ -89,7 +88,10 @@ def test_of_two_logs_joined_the_first_is_read(tmp_path, numbers):
     data = []
     for i in range(400):
         stamp_us = START_US + i * 100_000
-        data += [(position, local_position(stamp_us, velocity(-i))), (turn, attitude(stamp_us, quaternion(i)))]
+        data += [
+            (position, local_position(stamp_us, velocity(-i))),
+            (turn, attitude(stamp_us, quaternion(i))),
+        ]
     names = [(0, position, NAMES[0][2]), (0, turn, NAMES[1][2])]
     telemetry = read(tmp_path, ulog_flight(30) + ulog_bytes([LOCAL_POSITION, ATTITUDE], names, data))
     assert [tuple(s.velocity) for s in telemetry.samples] == [velocity(i) for i in range(30)]

@@ -165,7 +165,9 @@ def power_ups(columns: Columns) -> list[Columns]:
     """The columns of each power-up, in the order of the log; whole where there is one."""
     stamps_ns = np.array([min(stamp, LAST_STAMP_US) * 1000 for stamp in stamps_us(columns)], dtype=np.int64)
     found = boots(stamps_ns, Counter())
-    return [{name: values[run] for name, values in columns.items()} for run in found] if found[1:] else [columns]
+    return (
+        [{name: values[run] for name, values in columns.items()} for run in found] if found[1:] else [columns]
+    )
 
 
 def complete_records(
