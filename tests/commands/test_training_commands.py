@@ -266,5 +266,15 @@ def test_evaluate_writes_pictures(exported, tmp_path):
     assert sorted(path.name for path in (tmp_path / "seen").iterdir()) == ["000.png", "001.png"]
 
 
+def test_evaluate_noise_writes_what_it_takes_to_repeat_it(exported):
+    network = str(exported / "small.onnx")
+    assert cli.main(["evaluate", "noise", network, "--scenes", "1", "--json", "noise.json"]) == 0
+    figures = json.loads(Path("noise.json").read_text())
+    assert {"commit", "seed", "noise_seed", "scenes", "set"} <= figures.keys()
+    card = read_network(exported / "small.onnx").card
+    assert [each["weights_sha256"] for each in figures["networks"]] == [card.sha256]
+    assert {row["size"] for row in figures["rows"]} >= {0.0, 0.05, 10.0}
+
+
 def test_the_recipe_of_a_test_is_a_recipe():
     assert Recipe.model_validate(tomllib.loads(TOML)).samples == 12

@@ -101,7 +101,7 @@ def studied(
     from flightdepth.evaluation.baseline_pairs import BaselinePairs
     from flightdepth.evaluation.baseline_sheets import SheetSights
     from flightdepth.evaluation.baselines import BaselineStudy
-    from flightdepth.evaluation.provenance import source_commit
+    from flightdepth.evaluation.provenance import network_facts, source_commit
 
     networks, grid = side_by_side(networks, flight.camera)
     pairs = BaselinePairs(flight, grid, lengths_m, every=every)
@@ -111,10 +111,7 @@ def studied(
     frames = follow(flight, pairs, study, sights)
     about = {
         "telemetry": flight.telemetry_name,
-        "networks": [
-            {"name": n.card.name, "weights_sha256": n.card.sha256, "runtime": n.runtime.description}
-            for n in networks
-        ],
+        "networks": [network_facts(network) for network in networks],
         "commit": source_commit(),
         "grid": {"width": grid.camera.width, "height": grid.camera.height, "focal_px": grid.camera.fx},
         "frames": frames,

@@ -41,7 +41,8 @@ def noise(
     """
     with extra_packages("flightdepth evaluate", "train"):
         from flightdepth.evaluation.fixed_set import fixed_set, set_name
-        from flightdepth.evaluation.noise import noise_rows
+        from flightdepth.evaluation.noise import SEED, noise_rows
+        from flightdepth.evaluation.provenance import network_facts, source_commit
 
     from flightdepth.files import check_parent, write_json
     from flightdepth.runtimes.network import load_network
@@ -52,7 +53,9 @@ def noise(
     rows = noise_rows(opened, counted(pairs, "noise", "scenes"), derotate=derotate)
     show_table(table(rows, set_name(pairs)))
     if json is not None:
-        write_json(json, {"set": set_name(pairs), "scenes": scenes, "rows": rows})
+        facts = {"commit": source_commit(), "networks": [network_facts(network) for network in opened]}
+        facts |= {"set": set_name(pairs), "scenes": scenes, "seed": pairs.seed, "noise_seed": SEED}
+        write_json(json, facts | {"rows": rows})
         say(f"figures: {json}")
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from flightdepth.evaluation.metrics import PERCENTILES, PictureErrors, picture_errors, pooled, summary
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.evaluation.peer import ClassicalPeer, best_constant_m, known_pixels
-from flightdepth.evaluation.provenance import source_commit
+from flightdepth.evaluation.provenance import network_facts, source_commit
 from flightdepth.evaluation.sigma_scale import believed
 from flightdepth.evaluation.spread import spread_summary
 from flightdepth.runtimes.network import Network
@@ -101,12 +101,9 @@ def spread_of(rows: list[Answers], card: NetworkCard) -> dict[str, Any] | None:
 def provenance(network: Network, set_name: str, seed: int | None, pairs: int) -> dict[str, Any]:
     """What was measured: the network and its weights, the runtime, the code, the test set."""
     card = network.card
-    return {
-        "name": card.name,
-        "weights_sha256": card.sha256,
+    return network_facts(network) | {
         "samples": card.samples,
         "depth_range_m": [card.depth_min_m, card.depth_max_m],
-        "runtime": network.runtime.description,
         "commit": source_commit(),
         "set": set_name,
         "seed": seed,

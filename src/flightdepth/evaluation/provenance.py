@@ -1,9 +1,13 @@
-"""Which code a number came from."""
+"""Which code and which network a number came from."""
 
 from __future__ import annotations
 
 import subprocess
 from pathlib import Path
+from typing import Any
+
+from flightdepth.runtimes.judge import judge_sha256
+from flightdepth.runtimes.network import Network
 
 
 def source_commit(folder: Path = Path(__file__).parent) -> str | None:
@@ -15,6 +19,17 @@ def source_commit(folder: Path = Path(__file__).parent) -> str | None:
     if git(folder, "ls-files", "--error-unmatch", __file__) is None:
         return None
     return f"{commit}+changes" if git(folder, "status", "--porcelain", "--untracked-files=no") else commit
+
+
+def network_facts(network: Network) -> dict[str, Any]:
+    """Its name, its weights and what runs them; `judge_sha256` None where depth is not aligned with the pictures."""
+    aligned = network.card.knows_direction and network.aligned
+    return {
+        "name": network.card.name,
+        "weights_sha256": network.card.sha256,
+        "judge_sha256": judge_sha256() if aligned else None,
+        "runtime": network.runtime.description,
+    }
 
 
 def git(folder: Path, *command: str) -> str | None:
