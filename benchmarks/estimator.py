@@ -12,8 +12,6 @@ seen in the pictures.
 from __future__ import annotations
 
 import argparse
-import json
-import platform
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -25,6 +23,9 @@ import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
+from flightdepth.evaluation.provenance import source_commit
+from flightdepth.files import write_json
+from flightdepth.processor import cpu_name
 from flightdepth.ranges import MultiRangeEstimator, derotation, estimator
 from flightdepth.ranges.turning import turned
 from flightdepth.runtimes.grid import NetworkGrid
@@ -141,14 +142,6 @@ def fly(
         flight.add_frame(stamp_ns, turned(image, wobble, camera) if index % 2 and options.wobble else image)
 
 
-def cpu() -> str:
-    """The processor's name and how many cores there are."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return f"{names[0] if names else platform.processor()}, {len(names) or '?'} threads"
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--network", help="a shipped name or an ONNX file; without it a stand-in")
@@ -166,7 +159,7 @@ def main() -> None:
     fov_deg = 2 * float(np.degrees(np.arctan(128 / network.card.focal_px)))
     camera = Camera.from_fov(*arguments.size, fov_deg)
     grid = network.grid(camera).camera
-    print(f"{network.card.name} on {cpu()}")
+    print(f"{network.card.name} on {cpu_name()}")
     print(f"source {camera.width}x{camera.height}, grid {grid.width}x{grid.height}")
     figures = {}
     for ranges in arguments.ranges:
@@ -176,9 +169,9 @@ def main() -> None:
         for stage, (median, p95) in figures[ranges].items():
             print(f"  {stage:18}{median:8.2f}{p95:8.2f}")
     if arguments.json:
-        arguments.json.write_text(
-            json.dumps({"cpu": cpu(), "network": network.card.name, "ms": figures}, indent=2)
-        )
+        settings = {name: value for name, value in vars(arguments).items() if name != "json"}
+        facts = {"commit": source_commit(), "cpu": cpu_name(), "weights_sha256": network.card.sha256}
+        write_json(arguments.json, facts | {"settings": settings, "ms": figures})
 
 
 if __name__ == "__main__":

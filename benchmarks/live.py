@@ -14,12 +14,11 @@ the ten minutes in which others used these cores least.
 from __future__ import annotations
 
 import argparse
-import json
 import multiprocessing
 import os
 import threading
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -30,9 +29,11 @@ from typing import Any, get_args
 import av
 import cv2
 import numpy as np
-from estimator import cpu
 
 import flightdepth
+from flightdepth.evaluation.network import without_nan
+from flightdepth.evaluation.provenance import source_commit
+from flightdepth.files import write_json
 from flightdepth.flight.records import Telemetry, VelocitySample
 from flightdepth.flight.steadiness import Steadiness
 from flightdepth.flight.video import Video
@@ -47,12 +48,14 @@ from flightdepth.live.status import LiveResult
 from flightdepth.live.video_address import video_address
 from flightdepth.live.video_input import VideoInput
 from flightdepth.live.video_stream import Picture
+from flightdepth.processor import cpu_name
 from flightdepth.ranges.derotation import Derotation
 from flightdepth.ranges.estimator import MultiRangeEstimator
 from flightdepth.ranges.plan import Planner
 from flightdepth.runtimes import network as runtimes_network
 from flightdepth.runtimes.contract import Precision
 from flightdepth.runtimes.network import Network, load_network
+from flightdepth.weights.store import find_network, read_card
 
 SAMPLE = Path(flightdepth.__file__).parent / "sample" / "flight.mp4"
 RATE_HZ = 30
@@ -202,12 +205,8 @@ def slope_an_hour(minutes: np.ndarray[Any, Any], values: np.ndarray[Any, Any]) -
     """Least squares: by how much `values` rise in an hour, and the standard error of that; NaN for fewer than three."""
     if len(minutes) < 3:
         return float("nan"), float("nan")
-    hours = np.asarray(minutes, dtype=np.float64) / 60
-    off = hours - hours.mean()
-    spread = float(off @ off)
-    slope = float(off @ values) / spread
-    left = values - values.mean() - slope * off
-    return slope, float(np.sqrt(left @ left / (len(hours) - 2) / spread))
+    (slope, _), covariance = np.polyfit(minutes / 60, values, 1, cov=True)
+    return float(slope), float(np.sqrt(covariance[0, 0]))
 
 
 class StageTimes:
@@ -330,13 +329,13 @@ def run_once(arguments: argparse.Namespace, precision: Precision | None) -> dict
     with stages.taken(), flying(arguments, arguments.seconds, precision) as (engine, watch, spent):
         stages.clear()
         watch.begin(engine.status().frames.received)
-        dropped_then, (sent_cpu_s, sent, _) = dict(engine.status().frames.dropped), tuple(spent)
+        dropped_then, (sent_cpu_s, sent, _) = Counter(engine.status().frames.dropped), tuple(spent)
         time.sleep(arguments.seconds)
         frames = engine.status().frames
         figures = watch.end(frames.received)
         table = stages.table(round(figures.results_a_second * arguments.seconds))
         sender_ms = 1e3 * (spent[0] - sent_cpu_s) / max(spent[1] - sent, 1)
-    dropped = {why: n - dropped_then.get(why, 0) for why, n in frames.dropped.items()}
+    dropped = dict(Counter(frames.dropped) - dropped_then)
     print(figures.line())
     print(f"{'stage':18}{'calls':>6}{'wall p50':>10}{'p95 ms':>8}{'thread cpu, ms a result':>25}")
     for row in table:
@@ -355,12 +354,12 @@ def run_minutes(arguments: argparse.Namespace) -> dict[str, Any]:
     found: list[Minute] = []
     with flying(arguments, 60 * arguments.minutes, arguments.precision[0]) as (engine, watch, _):
         watch.begin(engine.status().frames.received)
-        began = time.monotonic()
+        began, dropped_then = time.monotonic(), Counter(engine.status().frames.dropped)
         for minute in range(1, arguments.minutes + 1):
             time.sleep(max(0.0, began + 60 * minute - time.monotonic()))
             found.append(watch.end(engine.status().frames.received))
             print(f"minute {minute:3}  {found[-1].line()}", flush=True)
-        dropped = dict(engine.status().frames.dropped)
+        dropped = dict(Counter(engine.status().frames.dropped) - dropped_then)
     age, rss = slopes(found)
     print(
         f"age p95 rises by {age[0]:.2f} +- {age[1]:.2f} ms an hour, memory by {rss[0]:.2f} +- {rss[1]:.2f} MiB"
@@ -375,8 +374,8 @@ def run_minutes(arguments: argparse.Namespace) -> dict[str, Any]:
     return {
         "minutes": [asdict(minute) for minute in found],
         "quietest_from": first,
-        "age_p95_ms_an_hour": age,
-        "rss_mib_an_hour": rss,
+        "age_p95_ms_an_hour": list(age),
+        "rss_mib_an_hour": list(rss),
         "dropped": dropped,
     }
 
@@ -416,13 +415,19 @@ def main() -> None:
         found = run_minutes(arguments)
     else:
         found = {"runs": {str(each or "auto"): run_once(arguments, each) for each in arguments.precision}}
-    found |= {"cpu": cpu(), "cores": len(os.sched_getaffinity(0)), "load_average": os.getloadavg()[0]}
-    found |= {"network": arguments.network, "transport": arguments.transport, "size": arguments.size}
+    found |= {"cpu": cpu_name(), "cores": len(os.sched_getaffinity(0)), "load_average": os.getloadavg()[0]}
+    found |= {"commit": source_commit(), "weights_sha256": read_card(find_network(arguments.network)).sha256}
+    found |= {
+        "network": arguments.network,
+        "ranges": arguments.ranges,
+        "transport": arguments.transport,
+        "size": arguments.size,
+    }
     print(
         f"{found['cpu']}, {found['cores']} in use, {arguments.network}, {arguments.size}, {arguments.transport}"
     )
     if arguments.json:
-        arguments.json.write_text(json.dumps(found, indent=2))
+        write_json(arguments.json, without_nan(found))
 
 
 if __name__ == "__main__":

@@ -15,9 +15,8 @@ import cv2
 import numpy as np
 
 from flightdepth.evaluation.pairs import Task
-from flightdepth.evaluation.sigma_scale import calibration_set
+from flightdepth.evaluation.sigma_scale import believed, calibration_set
 from flightdepth.ranges.derotation import derotated
-from flightdepth.ranges.fusion import WORST_SIGMA, ends
 from flightdepth.ranges.motion_error import with_motion_error
 from flightdepth.runtimes.network import Network, load_network
 from flightdepth.scenes import chance
@@ -49,15 +48,13 @@ def answers(network: Network, pairs: Iterable[TestPair], turn_deg: float, tilt_d
 
 def report(network: Network, name: str, pairs: list[TestPair]) -> None:
     """Print a line for each wrong motion."""
-    lower, upper = (end * network.card.depth_max_m for end in ends(network.card))
     for turn_deg, tilt_deg in WRONG_DEG:
         error, own, wide, depth = answers(network, pairs, turn_deg, tilt_deg)
         shares = []
         for sigma in (own, wide):
-            believed = (lower < depth) & (depth < upper) & (sigma < WORST_SIGMA * depth)
-            moved = wide / own
-            most = believed & (moved >= np.quantile(moved[believed], 5 / 6))
-            shares += [believed.mean(), *((error < sigma)[which].mean() for which in (believed, most))]
+            counted, moved = believed(network.card, depth, sigma), wide / own
+            most = counted & (moved >= np.quantile(moved[counted], 5 / 6))
+            shares += [counted.mean(), *((error < sigma)[which].mean() for which in (counted, most))]
         print(f"{name:10}{turn_deg:6.2f}{tilt_deg:6.1f}  " + "".join(f"{share:9.1%}" for share in shares))
 
 

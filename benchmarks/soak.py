@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import math
 import os
-import platform
 import sys
 import time
 from collections.abc import Iterator
@@ -25,10 +23,13 @@ import av
 import cv2
 import numpy as np
 
+from flightdepth.evaluation.provenance import network_facts, source_commit
+from flightdepth.files import write_json
 from flightdepth.flight import AttitudeSample, Flight, Frame, VelocitySample, open_flight
 from flightdepth.flight.telemetry_csv import read_csv, write_csv
 from flightdepth.outputs import FlightWriter, Preview, Source
 from flightdepth.outputs.run import depths
+from flightdepth.processor import cpu_name
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.runtimes.network import Network, load_network
 
@@ -141,13 +142,15 @@ def main() -> None:
         raise SystemExit(f"{frames} frames are too few: {WARM_UP} are warm-up; give more --minutes")
     per_hour, error = slope(taken)
     per_frame = per_hour * 2**20 / (3600 * frames / taken[-1][0])
-    print(f"{network.card.name}, {network.runtime.description}, {platform.machine()}")
+    print(f"{network.card.name}, {network.runtime.description}, {cpu_name()}")
     print(f"{frames} frames in {taken[-1][0]:.0f} s, {taken[0][1]:.0f} to {taken[-1][1]:.0f} MiB")
     print(f"slope {per_hour:.1f} +- {error:.1f} MiB an hour, {per_frame:.0f} bytes a frame")
     print("flat" if per_hour - 2 * error < FLAT_MIB_AN_HOUR else "NOT FLAT")
     if arguments.json:
+        facts = {"commit": source_commit(), "cpu": cpu_name(), "network": network_facts(network)}
+        facts |= {"minutes": arguments.minutes, "shrink": arguments.shrink}
         figures = {"frames": frames, "mib_an_hour": per_hour, "standard_error": error, "seconds_mib": taken}
-        arguments.json.write_text(json.dumps(figures, indent=2))
+        write_json(arguments.json, facts | figures)
 
 
 if __name__ == "__main__":

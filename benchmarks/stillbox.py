@@ -8,14 +8,14 @@ python benchmarks/stillbox.py --sheet docs/images/stillbox-scenes.jpg --outdoor 
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from flightdepth.files import write_atomic
+from flightdepth.evaluation.provenance import source_commit
+from flightdepth.files import write_atomic, write_json
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures
 from flightdepth.stillbox.contact_sheet import GAP, contact_sheet
@@ -188,9 +188,9 @@ def main() -> None:
         save(options.histogram, histogram(depth_m)[..., ::-1])
     if options.json:
         figures = {name: values.tolist() for name, values in rows.items()}
-        options.json.write_text(
-            json.dumps({"set": tested.version, "renderer": VERSION, "percentiles_m": figures})
-        )
+        facts = {"commit": source_commit(), "set": tested.version, "seed": SEED, "renderer": VERSION}
+        facts |= {"scenes": options.scenes, "width": options.width}
+        write_json(options.json, facts | {"percentiles_m": figures})
 
 
 if __name__ == "__main__":
