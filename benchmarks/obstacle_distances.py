@@ -10,7 +10,6 @@ nothing was chosen. Intervals are of 95 %, by bootstrap over flights. A run that
 from __future__ import annotations
 
 import argparse
-import json
 import multiprocessing
 import os
 import tempfile
@@ -25,6 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.evaluation.network import without_nan
+from flightdepth.evaluation.provenance import network_facts, source_commit
+from flightdepth.files import write_json
 from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import UNKNOWN, distances_cm
 from flightdepth.live.obstacle_rays import sectors_of
@@ -32,10 +34,12 @@ from flightdepth.live.obstacles import ObstacleSettings, Pose, Sectors, Sight
 from flightdepth.motion import NED_FROM_CAMERA, Vector, quaternion_from_rotation
 from flightdepth.ranges import MultiRangeEstimator, RangedDepth
 from flightdepth.renderers.raycast import render
+from flightdepth.runtimes.judge import judge_sha256
 from flightdepth.runtimes.network import load_network, nearest_network
 from flightdepth.scenes.outdoor import draw_outdoor, outdoor_flight
 from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.scenes.outdoor_textures import outdoor_textures
+from flightdepth.weights.store import find_network, read_card
 
 # Low, so that much of what is seen stands in the corridor, at 3 to 40 m.
 CONFIG = OutdoorConfig(frames=90, turn_over_s=1.0, height_m=(5.5, 8.0), houses=(9, 13))
@@ -83,8 +87,9 @@ class Compared:
 
 
 def part(number: int, work: Path) -> list[Compared]:
-    """Flight `number` for each of WAYS; from `work` where it stands there."""
-    path = work / f"flight-{number:03d}.npz"
+    """Flight `number` for each of WAYS; from `work` where it stands there, flown by the same weights."""
+    weights = read_card(find_network(nearest_network(CAMERA))).sha256
+    path = work / f"flight-{number:03d}-{weights[:12]}-{judge_sha256()[:12]}.npz"
     if not path.exists():
         flown = compared(number)
         named = {f"{name}_{i}": value for i, one in enumerate(flown) for name, value in asdict(one).items()}
@@ -265,9 +270,9 @@ def main() -> None:
             if name != "sectors"
         ]
         print(f"{label} [{row['sectors'][0]:.0f}]: " + "; ".join(cells))
-    card = load_network(nearest_network(CAMERA)).card
-    about = {"rows": found, "flights": len(flights), "weights_sha256": card.sha256}
-    (work / "figures.json").write_text(json.dumps(about, indent=2) + "\n")
+    about = {"commit": source_commit(), "network": network_facts(load_network(nearest_network(CAMERA)))}
+    about |= {"seed": SEED, "flights": len(flights), "rows": found}
+    write_json(work / "figures.json", without_nan(about))
 
 
 if __name__ == "__main__":
