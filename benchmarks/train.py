@@ -8,46 +8,39 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import math
 import statistics
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import torch
 
 from flightdepth.evaluation.provenance import source_commit
+from flightdepth.files import write_json
 from flightdepth.processor import cpu_name
 from flightdepth.renderers.raycast import VERSION
 from flightdepth.scenes import Textures
-from flightdepth.stillbox import Batch, PairStream
+from flightdepth.stillbox import Batch
 from flightdepth.stillbox.engines import usable_cores
 from flightdepth.stillbox.stream import CHUNK
 from flightdepth.training import Recipe, Stage, load_recipe
 from flightdepth.training.freed_memory import keep_freed_memory
 from flightdepth.training.learner import Learner
+from flightdepth.training.loop import stage_stream
 
 POOL_SCENES = 4 * CHUNK  # filled before the clock starts; scenes a pair do not depend on it
 READY = 8  # batches kept in memory
 
 
-def measured(recipe: Recipe, stage: Stage, textures: Textures, rounds: int, threads: int) -> dict[str, float]:
-    """Samples per second of one stage, both ways."""
-    learner = Learner(recipe)
+def measured(recipe: Recipe, number: int, textures: Textures, rounds: int, threads: int) -> dict[str, float]:
+    """Samples per second of stage `number`, both ways."""
+    learner, stage = Learner(recipe), recipe.stages[number]
     learner.prepare()
-    stream = PairStream(
-        recipe.scenes.model_copy(update={"open_share": stage.open_share}),
-        textures,
-        stage.picture,
-        recipe.rule,
-        seed=1,
-        photometric=stage.photometric,
-        noise=stage.noise,
-        pairs_per_scene=recipe.pairs_per_scene,
-        pool_scenes=POOL_SCENES,
-        threads=threads,
-    )
+    learner.begin(stage)
+    drawn = stage_stream(learner, number, 0, textures=textures, sets={}, threads=threads)
+    stream = replace(drawn, pool_scenes=POOL_SCENES)
     per_round = math.lcm(CHUNK * stream.pairs_per_scene, stage.batch)
     rates: dict[str, list[float]] = {"rendered": [], "ready": []}
     with stream:
@@ -95,8 +88,10 @@ def main() -> None:
     rows = []
     for name in options.recipes:
         recipe = load_recipe(name)
-        for stage in (s for s in recipe.stages if s.name in options.stages):
-            row = measured(recipe, stage, textures, options.rounds, threads)
+        for number, stage in enumerate(recipe.stages):
+            if stage.name not in options.stages:
+                continue
+            row = measured(recipe, number, textures, options.rounds, threads)
             print(
                 f"{name:18s} {stage.width:4d}  {row['rendered']:9.1f}  {row['ready']:9.1f} {row['ratio']:17.1%}",
                 flush=True,
@@ -105,7 +100,7 @@ def main() -> None:
     if options.json:
         facts = {"cpu": cpu_name(), "threads": threads, "torch": torch.__version__, "renderer": VERSION}
         facts |= {"commit": source_commit(), "rounds": options.rounds}
-        options.json.write_text(json.dumps(facts | {"rows": rows}, indent=2) + "\n")
+        write_json(options.json, facts | {"rows": rows})
 
 
 if __name__ == "__main__":
