@@ -7,23 +7,25 @@ grows with objects, pixels and threads.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
-from cycles import cycles_frames_per_s
-
 from flightdepth.camera import Camera
+from flightdepth.evaluation.provenance import source_commit
+from flightdepth.files import write_json
 from flightdepth.processor import cpu_name
+from flightdepth.renderers.blender import Blender
+from flightdepth.renderers.blender_process import find_blender
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
 from flightdepth.stillbox.engines import usable_cores
 
 SEED = 5
 WIDTHS = (64, 128, 256, 512)
+CYCLES_SCENES = 4  # the first of those that the ray caster renders, by Cycles
 
 
 @dataclass(frozen=True)
@@ -52,10 +54,20 @@ def raycast_rate(
     return Rate(frames / clock, threads * frames / processor)
 
 
-def cycles_rate(width: int, threads: int) -> Rate | None:
-    """The same scenes through Cycles, drawing and the exchange of files included; None without Blender."""
-    rates = cycles_frames_per_s(width, threads)
-    return Rate(rates[0], threads * rates[1]) if rates else None
+def cycles_rate(blender: Blender, width: int, textures: Textures, threads: int) -> Rate:
+    """The first of the same scenes through Cycles, drawing, meshes, textures and the exchange of files included."""
+    camera, config = Camera.from_fov(width, width, 90), StillBoxConfig()
+
+    def one(number: int) -> int:
+        scene = draw_scene(config, len(textures), SEED, number)
+        return len(blender.render(scene, textures, camera).images)
+
+    one(CYCLES_SCENES)  # warms up
+    began, began_cpu = time.perf_counter(), blender.processor_s + time.process_time()
+    frames = sum(map(one, range(CYCLES_SCENES)))
+    clock = time.perf_counter() - began
+    processor = blender.processor_s + time.process_time() - began_cpu
+    return Rate(frames / clock, threads * frames / processor)
 
 
 def print_rates(ours: dict[int, Rate], theirs: dict[int, Rate]) -> None:
@@ -97,22 +109,26 @@ def main() -> None:
     textures = Textures.procedural(64, 1)
     print(f"{VERSION}, {options.threads} threads on {cpu_name()}, frames/s")
     ours = {w: raycast_rate(w, textures, options.seconds, options.threads) for w in WIDTHS}
-    cycles = {w: cycles_rate(w, options.threads) for w in WIDTHS}
-    theirs = {w: rate for w, rate in cycles.items() if rate}
-    if not theirs:
+    theirs: dict[int, Rate] = {}
+    if find_blender() is None:
         print("Cycles is left out: Blender is not installed")
+    else:
+        with Blender(threads=options.threads) as blender:
+            theirs = {w: cycles_rate(blender, w, textures, options.threads) for w in WIDTHS}
     print_rates(ours, theirs)
     scaling = print_scaling(textures, options.seconds, options.threads) if options.scaling else {}
     if options.json:
         facts = {
+            "commit": source_commit(),
             "renderer": VERSION,
+            "seed": SEED,
             "cpu": cpu_name(),
             "threads": options.threads,
             "seconds": options.seconds,
         }
         tables = {"raycast": ours, "cycles at 4 samples": theirs} | scaling
         figures = {name: {n: vars(rate) for n, rate in table.items()} for name, table in tables.items()}
-        options.json.write_text(json.dumps(facts | {"frames_per_s": figures}, indent=2))
+        write_json(options.json, facts | {"frames_per_s": figures})
 
 
 if __name__ == "__main__":
