@@ -53,9 +53,9 @@ def noise(
     rows = noise_rows(opened, counted(pairs, "noise", "scenes"), derotate=derotate)
     show_table(table(rows, set_name(pairs)))
     if json is not None:
-        facts = {"commit": source_commit(), "networks": [network_facts(network) for network in opened]}
-        facts |= {"set": set_name(pairs), "scenes": scenes, "seed": pairs.seed, "noise_seed": SEED}
-        write_json(json, facts | {"rows": rows})
+        code = {"commit": source_commit(), "networks": [network_facts(network) for network in opened]}
+        drawn = {"set": set_name(pairs), "scenes": scenes, "seed": pairs.seed, "noise_seed": SEED}
+        write_json(json, code | drawn | {"rows": rows})
         say(f"figures: {json}")
 
 
