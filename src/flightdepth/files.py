@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -19,6 +19,7 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
+HEAD_BYTES = 512
 NEW, OLD = "partial", "old"  # in the names of folders on their way in and out
 
 
@@ -59,6 +60,28 @@ def check_parent(option: str, path: Path | None) -> None:
         raise BadInput(option, expected="a file in an existing folder", got=str(path))
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise BadInput(option, expected="a folder that may be written to", got=str(path.parent))
+
+
+def names_flightdepth(head: bytes) -> bool:
+    """Whether the first bytes of a PLY, LAS, MCAP or Rerun file say that flightdepth wrote it."""
+    return b"flightdepth" in head
+
+
+def refuse_to_replace(option: str, path: Path, is_own: Callable[[bytes], bool] = names_flightdepth) -> None:
+    """Refuse a file, named on the command line, that stands already and is no older result; before the work.
+
+    is_own  tells an older result by its first bytes
+    """
+    if not path.is_file():
+        return
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    if head and not is_own(head):
+        raise BadInput(
+            f"{option} {path}",
+            expected="a new file, or an older one of the same that flightdepth wrote",
+            got="another file, which it would replace",
+        )
 
 
 def write_json(path: Path, value: Any) -> None:

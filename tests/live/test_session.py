@@ -14,8 +14,11 @@ from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.network_options import NetworkPrecision
 from flightdepth.errors import BadInput
 from flightdepth.flight.cameras import Recording
+from flightdepth.live.obstacle_messages import ObstaclePacker, TlogWriter
+from flightdepth.live.obstacles import ObstacleSettings
 from flightdepth.live.status import FrameCounts, Health, LiveStatus, SinkCounts, State
 from flightdepth.live.video_address import video_address
+from tests_logs import tlog_flight
 
 
 @pytest.fixture
@@ -125,6 +128,19 @@ def test_options_that_would_do_nothing_are_refused(session, changes, said):
 def test_options_that_would_do_nothing_with_this_stream_or_network_are_refused(session, changes, said):
     with pytest.raises(BadInput, match=said):
         Session(replace(session.settings, **changes))
+
+
+def test_a_dry_run_replaces_only_its_own_older_log(session, tmp_path):
+    """Found in review: `--dry-run flight.tlog` emptied the flight's own log, before anything was read of it."""
+    target = tmp_path / "flight.tlog"
+    target.write_bytes(tlog_flight())
+    with pytest.raises(BadInput, match=r"--dry-run .*expected a new file, .* got another file"):
+        replace(session.settings, dry_run=target)
+    with TlogWriter(target) as log:
+        log.write(1, ObstaclePacker(ObstacleSettings()).heartbeat(usable=True))
+    assert replace(session.settings, dry_run=target).dry_run == target
+    with pytest.raises(BadInput, match="--dry-run: expected a file in an existing folder"):
+        replace(session.settings, dry_run=tmp_path / "nowhere" / "a.tlog")
 
 
 def test_a_sender_of_rtp_reports_its_clock(session):

@@ -34,6 +34,19 @@ def test_a_cloud_as_ply(convert, work):
     assert f"{count:,} points" in stdout
 
 
+@pytest.mark.parametrize("kind", ["ply", "las", "mcap"])
+def test_only_its_own_older_result_is_replaced(convert, work, kind):
+    """Found in review: any file was, a flight's own recording too."""
+    target = work / f"again.{kind}"
+    target.write_bytes(b"\x89MCAP0\r\n of somebody else")
+    code, _, stderr = convert(target.name)
+    assert (code, target.read_bytes()) == (2, b"\x89MCAP0\r\n of somebody else")
+    assert "a new file, or an older one of the same that flightdepth wrote" in stderr
+    target.unlink()
+    options = [] if kind == "mcap" else ["--every", "1"]
+    assert [convert(target.name, *options)[0] for _ in range(2)] == [0, 0]
+
+
 def test_frames_without_a_place_are_counted(convert, work):
     """Found in review: after a gap in the log half of a flight was missing from its cloud, without a word."""
     poses = [pose(i, STEP_M * i, segment=int(i >= FRAMES - 3)) for i in range(FRAMES)]

@@ -41,6 +41,15 @@ def test_a_saved_recording_holds_everything(folder, tmp_path):
         assert f"/{entity}" in printed.stdout
 
 
+def test_only_its_own_older_recording_is_replaced(folder, tmp_path, capsys):
+    target = tmp_path / "flight.rrd"
+    target.write_bytes(b"RRF2 of another program")
+    assert main(["view", str(folder), "--save", str(target)]) == 2
+    assert "got another file, which it would replace" in capsys.readouterr().err
+    target.unlink()
+    assert [main(["view", str(folder), "--save", str(target)]) for _ in range(2)] == [0, 0]
+
+
 def test_web_and_save_exclude_each_other(folder, capsys):
     assert main(["view", str(folder), "--web", "--save", "a.rrd"]) == 2
     assert "one of them" in capsys.readouterr().err

@@ -10,7 +10,7 @@ import typer
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.terminal import progress_bar, say, warn
 from flightdepth.errors import BadInput
-from flightdepth.files import check_parent
+from flightdepth.files import check_parent, refuse_to_replace
 
 if TYPE_CHECKING:
     from flightdepth.outputs import FlightFolder
@@ -83,6 +83,7 @@ def checked_kind(file: Path) -> str:
     if kind not in KINDS:
         raise BadInput(f"file {file}", expected=f"a name that ends in {', '.join(KINDS)}", got=kind or "none")
     check_parent("FILE", file)
+    refuse_to_replace("file", file)
     return kind
 
 

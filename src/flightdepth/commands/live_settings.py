@@ -9,6 +9,7 @@ from pathlib import Path
 
 from flightdepth.commands.network_options import NetworkPrecision
 from flightdepth.errors import BadInput
+from flightdepth.files import check_parent, refuse_to_replace
 
 
 class Mount(StrEnum):
@@ -68,6 +69,11 @@ class LiveSettings:
             raise BadInput("--duration", expected="more than 0 seconds", got=str(self.duration))
         if self.obstacles and self.mavlink is None and self.dry_run is None:
             raise BadInput("--obstacles", expected="--mavlink to send over, or --dry-run", got="neither")
+        if self.dry_run is not None:
+            from flightdepth.live.obstacle_messages import is_own_log
+
+            check_parent("--dry-run", self.dry_run)
+            refuse_to_replace("--dry-run", self.dry_run, is_own_log)
 
     @property
     def for_record(self) -> dict[str, bool | int | float | str | None]:

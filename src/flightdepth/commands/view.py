@@ -14,7 +14,7 @@ from flightdepth.commands.convert import check_outside
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.terminal import progress_bar, say
 from flightdepth.errors import BadInput, FlightDepthError
-from flightdepth.files import check_parent, write_atomic
+from flightdepth.files import check_parent, refuse_to_replace, write_atomic
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
@@ -83,6 +83,7 @@ def write(recording: RecordingStream, flight: FlightFolder, file: Path, pictures
     if file.suffix != ".rrd":
         raise BadInput("--save", expected="a file that ends in .rrd", got=str(file))
     check_outside(flight.folder, file)
+    refuse_to_replace("--save", file)
     stream = rerun.binary_stream(recording)
     send(recording, flight, pictures)
     write_atomic(file, stream.read(flush=True) or b"")

@@ -148,6 +148,11 @@ class ObstaclePacker:
         return data
 
 
+def is_own_log(head: bytes) -> bool:
+    """Whether a log begins with a MAVLink 2 message by this component, as those of `TlogWriter` do."""
+    return len(head) > 14 and head[8] == 0xFD and head[14] == COMPONENT
+
+
 class TlogWriter:
     """A ground station's log: each message behind its time, microseconds since 1970 or of any other clock."""
 

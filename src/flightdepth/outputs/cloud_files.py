@@ -12,7 +12,7 @@ from flightdepth.files import write_atomic
 from flightdepth.outputs.voxels import Cloud
 
 PLY_TYPES = {"f4": "float", "f8": "double", "u1": "uchar"}
-FRAME = "metres east, north, up; origin: the first camera"
+FRAME = "flightdepth: metres east, north, up; origin: the first camera"
 LAS_SCALE_M = 0.001
 
 
