@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 
 from flightdepth.errors import BadInput
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
@@ -156,6 +157,47 @@ def test_after_the_last_pose_before_a_gap_the_speed_holds(seconds) -> None:
     track = posed(*seconds)
     track.forget(EPOCH + S)
     np.testing.assert_allclose(displacement(track, 1.0, 1.4), [2.0, 0, 0], atol=1e-6)
+
+
+def posed_at(*places_m: ArrayLike, every_s: float = 0.1) -> Trajectory:
+    """Poses at these places: metres north, or north, east, down."""
+    made = Trajectory()
+    for k, place in enumerate(places_m):
+        pose = np.eye(4)
+        pose[:3, 3] = place if np.ndim(place) else (place, 0, 0)
+        made.add_pose(EPOCH + round(k * every_s * S), pose)
+    return made
+
+
+def test_nothing_is_flown_over_a_jump_of_poses() -> None:
+    """Found in review: a loop closure of 3 m counted as flown, for want of what velocities have."""
+    track = posed_at(0.0, 0.2, 0.4, 0.6, 3.8, 4.0, 4.2, 4.4)
+    np.testing.assert_allclose(displacement(track, 0.0, 0.3), [0.6, 0, 0], atol=1e-8)
+    np.testing.assert_allclose(displacement(track, 0.4, 0.7), [0.6, 0, 0], atol=1e-8)
+    segments = track.at(EPOCH + np.array([0.0, 0.3, 0.35, 0.4, 0.7]) * S).segment
+    assert segments.tolist() == [0, 0, -1, 1, 1]
+    assert track.dropped == {"way between two poses: a jump": 1}
+
+
+def test_a_lone_pose_that_jumps_is_dropped() -> None:
+    track = posed_at(0.0, 0.2, 0.4, 3.6, 0.8, 1.0)
+    np.testing.assert_allclose(displacement(track, 0.0, 0.5), [1.0, 0, 0], atol=1e-8)
+    assert track.dropped == {"pose glitch": 1}
+
+
+def test_a_jump_after_the_first_pose_costs_no_more_than_that_pose() -> None:
+    track = posed_at(0.0, 9.2, 9.4, 9.6, 9.8, 10.0)
+    np.testing.assert_allclose(displacement(track, 0.2, 0.5), [0.6, 0, 0], atol=1e-8)
+
+
+def test_no_flight_of_a_drone_is_taken_for_a_jump() -> None:
+    """Full throttle, full brake, both at 20 m/s^2, with noise in each axis, at every rate of poses."""
+    rng = np.random.default_rng(0)
+    for rate_hz, noise_m in ((1, 0.02), (5, 0.02), (10, 0.02), (30, 0.015), (60, 0.015), (200, 0.01)):
+        t = np.arange(0, 8, 1 / rate_hz)
+        speed = np.cumsum(np.where(t % 4 < 2, 20.0, -20.0)) / rate_hz
+        places = np.outer(np.cumsum(speed) / rate_hz, (0.6, 0.8, 0)) + rng.normal(0, noise_m, (len(t), 3))
+        assert posed_at(*places, every_s=1 / rate_hz).dropped == {}, rate_hz
 
 
 def test_a_lone_glitch_is_dropped() -> None:

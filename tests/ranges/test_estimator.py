@@ -278,6 +278,23 @@ def test_poses_replace_velocities() -> None:
     np.testing.assert_allclose(result.depth_m, 40.0, rtol=1e-4)
 
 
+def test_no_depth_comes_from_a_jump_of_poses() -> None:
+    """Found in review: the displacement over a loop closure of 3 m was believed, and depth with it."""
+    estimator = MultiRangeEstimator(Oracle(wall(40), straight(SIDEWAYS)), CAMERA, ranges=1)
+    results = []
+    for i in range(60):
+        pose = np.eye(4)
+        pose[:3, 3] = straight(SIDEWAYS)(i) + (3.0 if i >= 30 else 0.0)
+        estimator.add_pose(i * FRAME_NS, pose)
+        results.append(estimator.add_frame(i * FRAME_NS, picture(i)))
+    known = [np.isfinite(result.depth_m).all() for result in results]
+    assert all(known[20:30])
+    assert all(known[50:])
+    for depth_m in (result.depth_m[np.isfinite(result.depth_m)] for result in results):
+        np.testing.assert_allclose(depth_m, 40.0, rtol=1e-4)
+    assert estimator.dropped == {"way between two poses: a jump": 1}
+
+
 def test_the_displacement_is_given_in_the_cameras_orientation() -> None:
     # The camera is yawed by 90 degrees: its z axis is world x (rotation about the camera's y, "down").
     world_from_camera = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])

@@ -12,10 +12,9 @@ from flightdepth.errors import BadInput
 from flightdepth.flight.records import VelocityFrame
 from flightdepth.motion import Vector, quaternion_from_rotation, unit_quaternion
 from flightdepth.ranges.attitude import MAX_GAP_S, Flags, neighbours, orientations
+from flightdepth.ranges.pose_jumps import MAX_ACCELERATION_M_S2, PoseJumps
 from flightdepth.ranges.timeline import Rows, Stamps, Timeline
 
-# A drone hardly accelerates by more; a lone sample that jumps farther is a glitch.
-MAX_ACCELERATION_M_S2 = 30.0
 SPEED_NOISE_M_S = 1.0
 
 
@@ -53,11 +52,13 @@ def integrate(stamps_ns: Stamps, velocity: Rows, at_ns: Stamps) -> tuple[Vector,
     return at, np.where(known, segment[before], -1)
 
 
-def interpolate(stamps_ns: Stamps, position: Rows, at_ns: Stamps) -> tuple[Vector, NDArray[np.int64]]:
-    """Positions [k, 3] and segments [k] at `at_ns`, straight between measured positions [m, 3] (m).
+def interpolate(
+    stamps_ns: Stamps, position: Rows, segment: NDArray[np.int64], at_ns: Stamps
+) -> tuple[Vector, NDArray[np.int64]]:
+    """Positions [k, 3] and segments [k] at `at_ns`, straight between measured positions [m, 3] (m) of segments [m].
 
-    Poses share one world, so all known ones are one segment. Past the last, and past one that a gap follows, the
-    last speed holds for HOLD_S; the mean speed over the gap where no other is known.
+    Poses share one world until they jump: between two segments nothing is known. Past the last, and past one that a
+    gap follows, the last speed holds for HOLD_S; the mean speed over the gap where no other is known.
     """
     before, elapsed_s, _, known = neighbours(stamps_ns, at_ns)
     step_s = np.diff(stamps_ns)[:, None] * 1e-9
@@ -65,7 +66,9 @@ def interpolate(stamps_ns: Stamps, position: Rows, at_ns: Stamps) -> tuple[Vecto
     for gap in np.flatnonzero(step_s[1:, 0] > MAX_GAP_S) + 1:
         speeds[gap] = speeds[gap - 1]
     speeds = np.concatenate([speeds, speeds[-1:] if len(speeds) else np.zeros((1, 3))])
-    return position[before] + elapsed_s[:, None] * speeds[before], np.where(known, 0, -1)
+    jumps = np.append(np.diff(segment) != 0, [False])[before] & (elapsed_s > 0)
+    at = position[before] + elapsed_s[:, None] * speeds[before]
+    return at, np.where(known & ~jumps, segment[before], -1)
 
 
 class Trajectory:
@@ -74,7 +77,7 @@ class Trajectory:
     Samples may come ahead of the frames; each must come after the one before of its kind, or it is dropped
     and counted in `dropped`, as are the oldest where more are given than a `Timeline` keeps. A velocity that
     jumps away by more than MAX_ACCELERATION_M_S2 waits for the next one: agreed with, both count; alone, it
-    is dropped.
+    is dropped. So does a pose that jumps (see `PoseJumps`); agreed with, it begins a new segment.
     """
 
     def __init__(self) -> None:
@@ -83,7 +86,8 @@ class Trajectory:
         self.sigma_m_s: float = 0.0
         self._velocities = Timeline(3)
         self._attitudes = Timeline(4)
-        self._poses = Timeline(7)
+        self._poses = Timeline(8)  # position, quaternion, segment
+        self._jumps = PoseJumps(self.dropped)
         self._suspect: tuple[int, Vector] | None = None
 
     @property
@@ -132,7 +136,12 @@ class Trajectory:
         if not rigid or not np.allclose(pose[3], [0, 0, 0, 1]):
             raise BadInput("pose", expected="a rigid 4x4 matrix world_from_camera", got=str(pose.tolist()))
         row = np.concatenate([pose[:3, 3], quaternion_from_rotation(pose[:3, :3])])
-        self._add(self._poses, "pose", stamp_ns, row)
+        newest_ns = self._jumps.newest_ns
+        if newest_ns is not None and stamp_ns <= newest_ns:
+            self._too_late("pose")
+            return
+        for kept_ns, kept in self._jumps.take(stamp_ns, row):
+            self._add(self._poses, "pose", kept_ns, kept)
 
     def at(self, at_ns: Stamps) -> States:
         """The camera at the rising times `at_ns`, shape (k,), k >= 1."""
@@ -151,7 +160,7 @@ class Trajectory:
     def _positions(self, first: int, last: int, at_ns: Stamps) -> tuple[Vector, NDArray[np.int64]]:
         if self.from_poses:
             stamps, rows = self._poses.between(first, last, spare=1)  # tells the speed past the last
-            return interpolate(stamps, rows[:, :3], at_ns)
+            return interpolate(stamps, rows[:, :3], rows[:, 7].astype(np.int64), at_ns)
         stamps, velocity = self._velocities.between(first, last)
         if self.frame == "camera" and not self.non_rotating and len(stamps):
             turns, known = self._orientations(int(stamps[0]), int(stamps[-1]), stamps)
@@ -163,7 +172,7 @@ class Trajectory:
     def _orientations(self, first: int, last: int, at_ns: Stamps) -> tuple[Vector, Flags]:
         if self.from_poses:
             stamps, rows = self._poses.between(first, last)
-            return orientations(stamps, rows[:, 3:], at_ns)
+            return orientations(stamps, rows[:, 3:7], at_ns)
         return orientations(*self._attitudes.between(first, last), at_ns)
 
     def _take_velocity(self, stamp_ns: int, velocity: Vector) -> None:
