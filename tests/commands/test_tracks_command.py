@@ -11,10 +11,10 @@ from flightdepth.commands.demo import CALIBRATION, LOG, VIDEO
 def test_the_slopes_of_a_flight_straight_ahead_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--telemetry", str(LOG), "--camera", str(CALIBRATION), "--end", "2.5"]
     assert cli.main(["evaluate", "tracks", str(VIDEO), *options]) == 0
-    found = re.search(
-        r"began\s+all:\s+(-?[\d.]+)\s+\[(-?[\d.]+), (-?[\d.]+)\]\s+(\d+) points", capsys.readouterr().out
-    )
+    said = capsys.readouterr().out
+    found = re.search(r"began\s+all:\s+(-?[\d.]+)\s+\[(-?[\d.]+), (-?[\d.]+)\]\s+(\d+) points", said)
     assert found is not None
+    assert re.search(r"OpenVINO .*, weights [0-9a-f]{16}, commit \w+", said)
     median, low, high, points = map(float, found.groups())
     assert low <= median <= high
     assert points >= 20

@@ -28,11 +28,6 @@ SHOWN = 3  # on the page of --report
 evaluate = typer.Typer(no_args_is_help=True, help="Measure a network, depth on a flight, or the renderer.")
 
 
-@evaluate.callback()
-def evaluations() -> None:
-    """Measure a network, depth on a flight, or the renderer."""
-
-
 evaluate.command("tracks")(tracks)
 evaluate.command("renderer")(renderer)
 evaluate.command("noise")(noise)
@@ -118,11 +113,11 @@ def evaluated(network: Network, pairs: TestSet | OutdoorTestSet) -> dict[str, An
 def show(result: dict[str, Any]) -> None:
     """Print the tables."""
     from flightdepth.evaluation.network_tables import tables
+    from flightdepth.evaluation.provenance import origin
 
     for table in tables(result):
         show_table(table)
-    commit = result["commit"] or "unknown"
-    say(f"{result['runtime']}, weights {result['weights_sha256'][:16]}, commit {commit}")
+    say(origin(result))
 
 
 def keep(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,13 @@ def network_facts(network: Network) -> dict[str, Any]:
         "judge_sha256": judge_sha256() if aligned else None,
         "runtime": network.runtime.description,
     }
+
+
+def origin(facts: Mapping[str, Any]) -> str:
+    """Where a figure comes from, in a line, of `network_facts` and its `commit`."""
+    return (
+        f"{facts['runtime']}, weights {facts['weights_sha256'][:16]}, commit {facts['commit'] or 'unknown'}"
+    )
 
 
 def git(folder: Path, *command: str) -> str | None:
