@@ -9,7 +9,9 @@ sideways: then neither the length of the displacement nor the focal length need 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -63,6 +65,12 @@ def sweep(previous: Image, current: Image, displacement: ArrayLike, camera: Came
     pictures = _grey(previous), _grey(current)
     swept = tuple(_swept(*pictures, direction, camera, level) for level in LEVELS)
     return Sweep(current, swept, motion_field(direction, camera))
+
+
+def stacked(sweeps: Iterable[Sweep]) -> tuple[NDArray[Any], ...]:
+    """Of n pairs current [n, H, W, 3], each level's `swept` [n, hypotheses, h, w], field [n, 2, H / 4, W / 4]."""
+    columns = zip(*((each.current, *each.swept, each.field) for each in sweeps), strict=True)
+    return tuple(np.stack(column) for column in columns)
 
 
 def unit_direction(displacement: ArrayLike) -> NDArray[np.float64]:

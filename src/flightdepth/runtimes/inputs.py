@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.runtimes.contract import CURRENT, FIELD, PAIRS, SWEEPS, Arrays
-from flightdepth.sweep import sweep
+from flightdepth.sweep import stacked, sweep
 
 Image = NDArray[np.uint8]
 
@@ -27,13 +27,6 @@ def swept_inputs(
     previous_n: Sequence[Image], current: Image, displacements: NDArray[np.float64], camera: Camera
 ) -> Arrays:
     """For a MotionNet: each earlier picture swept along its displacement, [n, 3]."""
-    sweeps = [
-        sweep(previous, current, moved, camera)
-        for previous, moved in zip(previous_n, displacements, strict=True)
-    ]
-    levels = zip(*(each.swept for each in sweeps), strict=True)
-    return {
-        CURRENT: np.stack([each.current for each in sweeps]),
-        **{name: np.stack(level) for name, level in zip(SWEEPS, levels, strict=True)},
-        FIELD: np.stack([each.field for each in sweeps]),
-    }
+    pairs = zip(previous_n, displacements, strict=True)
+    swept = stacked(sweep(previous, current, moved, camera) for previous, moved in pairs)
+    return dict(zip((CURRENT, *SWEEPS, FIELD), swept, strict=True))

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from flightdepth.stillbox import Batch
-from flightdepth.sweep import sweep
+from flightdepth.sweep import stacked, sweep
 from flightdepth.training.pictures import normalised
 from flightdepth.training.recipe import Recipe
 
@@ -16,18 +16,11 @@ def network_inputs(recipe: Recipe, batch: Batch, device: torch.device) -> tuple[
     """Arguments of the network's `forward`."""
     if recipe.architecture != "MotionNet":
         return (normalised(torch.from_numpy(batch.pairs).to(device)),)
-    current, *maps = (torch.from_numpy(array).to(device) for array in swept(batch))
-    return motion_inputs(current, *maps)
-
-
-def swept(batch: Batch) -> tuple[np.ndarray, ...]:
-    """current [B, H, W, 3], the levels' warped pictures [B, k, h, w], field [B, 2, h, w]."""
-    sweeps = [
+    swept = stacked(
         sweep(np.ascontiguousarray(pair[..., :3]), np.ascontiguousarray(pair[..., 3:]), moved, camera)
         for pair, moved, camera in zip(batch.pairs, batch.displacement, batch.cameras, strict=True)
-    ]
-    columns = zip(*((each.current, *each.swept, each.field) for each in sweeps), strict=True)
-    return tuple(np.stack(column) for column in columns)
+    )
+    return motion_inputs(*(torch.from_numpy(array).to(device) for array in swept))
 
 
 def motion_inputs(current: Tensor, *maps: Tensor) -> tuple[Tensor, ...]:
