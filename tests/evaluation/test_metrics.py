@@ -81,8 +81,7 @@ def test_maps_of_two_sizes_are_our_bug() -> None:
 
 @given(a=maps, b=maps)
 def test_depth_bins_add_up_to_the_l1(a: np.ndarray, b: np.ndarray) -> None:
-    edges = (0.0, 3.0, 50.0, 200.0)
-    errors = picture_errors(a, b, edges)
+    errors = picture_errors(a, b / 2)  # within the bins
     assert errors.bins[:, 0].sum() == 4
     assert errors.bins[:, 1].sum() / 4 == pytest.approx(errors.l1_m)
 

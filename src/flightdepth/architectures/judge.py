@@ -23,15 +23,15 @@ class JudgeNet(nn.Module):
     mean: Tensor
     deviation: Tensor
 
-    def __init__(self, mean: Tensor, deviation: Tensor, width: int = WIDTH) -> None:
+    def __init__(self, mean: Tensor, deviation: Tensor) -> None:
         """`mean`, `deviation`: of each clue, [k]."""
         super().__init__()
         self.register_buffer("mean", mean.reshape(1, -1, 1, 1))
         self.register_buffer("deviation", deviation.reshape(1, -1, 1, 1))
-        sizes = pairwise((mean.numel(), *[width] * LAYERS))
+        sizes = pairwise((mean.numel(), *[WIDTH] * LAYERS))
         layers = [(nn.Conv2d(before, after, 3, padding=1), nn.ReLU()) for before, after in sizes]
         self.layers = nn.Sequential(*(part for layer in layers for part in layer))
-        self.head = nn.Conv2d(width, 3, 1)
+        self.head = nn.Conv2d(WIDTH, 3, 1)
         nn.init.zeros_(self.head.weight)
 
     def forward(self, clues: Tensor) -> Tensor:

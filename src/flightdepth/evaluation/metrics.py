@@ -53,10 +53,8 @@ class PictureErrors:
     bins: NDArray[np.float64]
 
 
-def picture_errors(
-    prediction_m: Maps, truth_m: Maps, depth_edges_m: Sequence[float] = DEPTH_EDGES_M
-) -> PictureErrors:
-    """Compare two maps [h, w] in metres, NaN = unknown. The last depth bin includes its upper edge."""
+def picture_errors(prediction_m: Maps, truth_m: Maps) -> PictureErrors:
+    """Compare two maps [h, w] in metres, NaN = unknown."""
     if prediction_m.shape != truth_m.shape:
         raise ValueError(f"expected a prediction {truth_m.shape}, got {prediction_m.shape}")
     with_truth = np.isfinite(truth_m)
@@ -73,22 +71,15 @@ def picture_errors(
         abs_rel=mean(relative),
         delta=mean(close),
         known=mean(both[with_truth]),
-        bins=bin_sums(truth, error, depth_edges_m),
+        bins=bin_sums(truth, error),
     )
 
 
-def bin_sums(
-    truth: NDArray[np.float64], error: NDArray[np.float64], edges_m: Sequence[float]
-) -> NDArray[np.float64]:
-    """[k, 3] pixels, sum of errors and sum of relative errors per bin of the truth."""
-    edges = np.asarray(edges_m, dtype=np.float64)
-    number = np.searchsorted(edges, truth, side="right") - 1
-    number[truth == edges[-1]] = len(edges) - 2
-    inside = (number >= 0) & (number < len(edges) - 1)
-    relative = np.divide(error, truth, out=np.zeros_like(error), where=truth > 0)
-    columns = (np.ones_like(error), error, relative)
-    sums = [np.bincount(number[inside], column[inside], len(edges) - 1) for column in columns]
-    return np.stack(sums, axis=1)
+def bin_sums(truth_m: NDArray[np.float64], error_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[k, 3] pixels, sum of errors and sum of relative errors per bin of the truth [N]; the last has its upper edge."""
+    relative = np.divide(error_m, truth_m, out=np.zeros_like(error_m), where=truth_m > 0)
+    columns = (np.ones_like(error_m), error_m, relative)
+    return np.stack([np.histogram(truth_m, DEPTH_EDGES_M, weights=each)[0] for each in columns], axis=1)
 
 
 def mean(values: NDArray[Any]) -> float:
@@ -96,11 +87,7 @@ def mean(values: NDArray[Any]) -> float:
     return float(values.mean()) if values.size else float("nan")
 
 
-def summary(
-    pictures: Sequence[PictureErrors],
-    displacements: Sequence[ArrayLike],
-    depth_edges_m: Sequence[float] = DEPTH_EDGES_M,
-) -> dict[str, Any]:
+def summary(pictures: Sequence[PictureErrors], displacements: Sequence[ArrayLike]) -> dict[str, Any]:
     """One test set: each metric is the mean over its pictures (those where it is defined), NaN with none.
 
     `rmse_m` is thus the mean of the pictures' RMSE. Depth bins pool the pixels of all pictures; angles of
@@ -111,7 +98,7 @@ def summary(
         name: mean_of_known(np.array([getattr(picture, name) for picture in pictures])) for name in names
     }
     bins = np.sum([picture.bins for picture in pictures], axis=0) if pictures else None
-    result["depth_bins"] = [] if bins is None else depth_bins(bins, depth_edges_m)
+    result["depth_bins"] = [] if bins is None else depth_bins(bins)
     angles = np.array([travel_angle_deg(displacement) for displacement in displacements])
     result["travel_angles"] = angle_bins(angles, np.array([picture.l1_m for picture in pictures]))
     return result
@@ -122,10 +109,10 @@ def mean_of_known(values: NDArray[np.float64]) -> float:
     return mean(values[np.isfinite(values)])
 
 
-def depth_bins(bins: NDArray[np.float64], edges_m: Sequence[float]) -> list[dict[str, float]]:
+def depth_bins(bins: NDArray[np.float64]) -> list[dict[str, float]]:
     """Rows {from_m, to_m, pixels, l1_m, abs_rel} from sums [k, 3]."""
     rows = []
-    for low, high, (pixels, error, relative) in zip(edges_m[:-1], edges_m[1:], bins, strict=True):
+    for (low, high), (pixels, error, relative) in zip(pairwise(DEPTH_EDGES_M), bins, strict=True):
         per_pixel = 1 / pixels if pixels else float("nan")
         row = {"from_m": low, "to_m": high, "pixels": pixels, "l1_m": error * per_pixel}
         rows.append(row | {"abs_rel": relative * per_pixel})

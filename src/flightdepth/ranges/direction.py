@@ -47,11 +47,10 @@ HOLDS_NS = 500_000_000
 
 @dataclass(frozen=True)
 class Direction:
-    """unit (3,): of the displacement, in the cameras' axes; sigma_rad: its standard deviation, any way; inliers."""
+    """unit (3,): of the displacement, in the cameras' axes; sigma_rad: its standard deviation, any way."""
 
     unit: Vector
     sigma_rad: float
-    inliers: int
 
 
 class SeenDirections:
@@ -149,7 +148,7 @@ def direction_of(now: Vector, before: Vector, focal_px: float) -> Direction | No
         d, sigma_rad = _least_squares(normals[inside], now[inside], d)
     if sigma_rad > WORST_SIGMA_RAD or np.mean(inside[moved]) < LEAST_AGREE:
         return None
-    return Direction(d * _sign(d, now[inside], before[inside]), sigma_rad, int(np.count_nonzero(inside)))
+    return Direction(d * _sign(d, now[inside], before[inside]), sigma_rad)
 
 
 def _consensus(normals: Vector, now: Vector, focal_px: float) -> Vector:

@@ -19,6 +19,7 @@ from flightdepth.runtimes.sampling import without_nan
 WIDEST_RAD = math.radians(60)
 # Beyond the calibrated field a polynomial folds back: there, distorting and undistorting does not return.
 ROUND_TRIP_PX = 0.5
+LATTICE = 257  # rays across and down along which the view's bounds are looked for
 PRECISE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 1e-6)
 
 Points = NDArray[np.float64]
@@ -98,13 +99,13 @@ def padded(extent_px: float) -> int:
 
 
 @lru_cache(maxsize=8)
-def view_bounds(camera: Camera, steps: int = 257) -> tuple[float, float, float, float]:
+def view_bounds(camera: Camera) -> tuple[float, float, float, float]:
     """Left, right, top, bottom of what the source sees at z = 1, at most 60 degrees off the axis.
 
     Found by looking along a lattice of rays: undistorting the border instead would fail beyond 90 degrees.
     """
     limit = math.tan(WIDEST_RAD)
-    across = np.linspace(-limit, limit, steps)
+    across = np.linspace(-limit, limit, LATTICE)
     x, y = np.meshgrid(across, across)
     rays = np.stack([x, y], axis=-1)
     seen = rays[in_view(rays, camera)]
@@ -112,7 +113,7 @@ def view_bounds(camera: Camera, steps: int = 257) -> tuple[float, float, float, 
         raise BadInput(
             "camera distortion", expected="coefficients that can be inverted", got=str(camera.distortion)
         )
-    step = 2 * limit / (steps - 1)
+    step = 2 * limit / (LATTICE - 1)
     (left, top), (right, bottom) = seen.min(axis=0) - step, seen.max(axis=0) + step
     return float(left), float(right), float(top), float(bottom)
 

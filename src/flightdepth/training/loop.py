@@ -37,7 +37,6 @@ class Report:
     seen: int
     total: int
     loss_m: float
-    samples_per_s: float
 
 
 def train(
@@ -131,7 +130,7 @@ class _Run:
                 loss_m = self.learner.step(parts, self.stage, progress.sample)
                 progress = self._after(progress, loss_m)
                 rate = (progress.seen - began_at) / max(self.clock() - began, 1e-9)
-                self.report(Report(self.stage.name, progress.seen, total, progress.loss_m, rate))
+                self.report(Report(self.stage.name, progress.seen, total, progress.loss_m))
                 self._log(progress, loss_m, rate)
                 if self.learner.agreed(self.clock() - saved >= every_s):
                     self.learner.save(path, progress)
