@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from flightdepth.training.run_folder import Trained
 
 TIMED_CALLS = 30
-FIXED_SET_FOCAL_PX = 128.0  # of the set that the card of a network for any lens has its errors from
 Found = dict[str, Any]
 
 
@@ -197,7 +196,8 @@ def timing(network: Network) -> Found:
 
 
 def of_shipped() -> Iterator[tuple[Row, Found]]:
-    """Shipped networks of the table's range, with the errors on their cards."""
+    """Shipped networks of the table's range, with the errors on their cards, at the focal length of those."""
+    from flightdepth.evaluation.fixed_set import full_width
     from flightdepth.evaluation.table import shipped_row
     from flightdepth.weights.store import read_network, shipped_networks
 
@@ -206,7 +206,7 @@ def of_shipped() -> Iterator[tuple[Row, Found]]:
         card = stored.card
         if (card.depth_min_m, card.depth_max_m, card.nominal_shift) != (0, 100, 3) or not card.metrics:
             continue
-        card = card.at_focal(FIXED_SET_FOCAL_PX)
+        card = card.at_focal(full_width(card) / 2)
         found = card.metrics
         test = {"network": {each: found[each] for each in ("l1_m", "rmse_m")}}
         test |= {peer: {"l1_m": found[f"{peer}_l1_m"]} for peer in ("constant", "classical")}
