@@ -14,6 +14,7 @@ from flightdepth.evaluation.ranges_trials import CONSTANT, Trial
 
 FRAMES = MEASURED_FROM + 2
 CAMERA = Camera.from_fov(64, 64, 90)
+MACHINE = "a <machine> & more"
 
 
 def sequence(number: int = 0) -> Sequence:
@@ -27,7 +28,7 @@ def sequence(number: int = 0) -> Sequence:
 def part(trial: Trial, number: int, factor: float) -> dict:
     """What the study writes of a trial whose depth is `factor` times the truth."""
     flown = sequence(number)
-    head = {"sequence": number, "trial": trial.facts, "commit": "c0ffee", "runtime": ""}
+    head = {"sequence": number, "trial": trial.facts, "commit": "c0ffee", "runtime": "", "machine": MACHINE}
     if trial.method == CONSTANT:
         return head | fly(trial, None, flown)
     tally = Tally(flown, flow_card(CAMERA.fx))

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from range_parts import FRAMES, Flown
+from range_parts import FRAMES, MACHINE, Flown
 
 from flightdepth.errors import BadInput
 from flightdepth.evaluation.ranges_claims import FAILS, HOLDS, LEAST_SCENES, OPEN, claims, verdict
@@ -236,7 +236,7 @@ def test_too_little_is_refused(tmp_path, scenes, frames):
 
 def test_a_figure_is_the_factor_that_depth_was_off_by():
     trial = Trial(DEPTHNET, 2)
-    found = result(Flown({trial: 1.3}), machine="")
+    found = result(Flown({trial: 1.3}))
     rows = {trial_of(row["trial"]): row for row in found["trials"]}
     assert rows[trial]["errors"]["all"]["abs_rel"]["mean"] == pytest.approx(0.3, abs=1e-5)
     assert rows[trial]["errors"]["far"]["abs_rel"]["scenes"] == 2
@@ -244,6 +244,15 @@ def test_a_figure_is_the_factor_that_depth_was_off_by():
     assert rows[trial]["confidence"]["signed_error"] == pytest.approx(0.85)
     assert found["about"]["missing_networks"] == ["clamped-256"]
     json.dumps(found, allow_nan=False)
+
+
+def test_a_study_that_went_on_elsewhere_names_both_machines():
+    trial, study = Trial(DEPTHNET, 2), Flown({Trial(DEPTHNET, 2): 1.3})
+    here, there = study.parts()
+    study.parts = lambda: [here | {"runtime": "bf16"}, there | {"runtime": "f32", "machine": "another"}]
+    found = result(study)
+    assert found["about"]["runtimes"] == {trial.method: "bf16, f32"}
+    assert found["about"]["machine"] == found["trials"][0]["machine"] == f"{MACHINE}, another"
 
 
 def test_claims_follow_the_errors():

@@ -21,7 +21,7 @@ CHROMIUM = shutil.which("chromium")
 @pytest.fixture(scope="module")
 def found():
     factors = {trial: 1.05 + 0.01 * k for k, trial in enumerate(all_trials(SWEEPS))}
-    return result(Flown(factors), machine="a <machine> & more")
+    return result(Flown(factors))
 
 
 @pytest.fixture(scope="module")

@@ -77,7 +77,6 @@ def ranges(
     from flightdepth.evaluation.ranges_result import result
     from flightdepth.evaluation.ranges_trials import all_trials
     from flightdepth.files import make_folder, write_atomic, write_json
-    from flightdepth.processor import cpu_name
 
     make_folder("--out", out)
     scenes = (QUICK_SCENES if quick else SCENES) if scenes is None else scenes
@@ -95,7 +94,7 @@ def ranges(
         )
     for _ in counted(study, "ranges", "flights"):
         pass
-    found = result(study, machine=cpu_name())
+    found = result(study)
     write_json(out / FIGURES, found)
     write_atomic(out / PAGE, page(found).encode())
     show(found)

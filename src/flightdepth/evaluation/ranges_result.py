@@ -23,8 +23,8 @@ Parts = Mapping[Trial, Sequence[Part]]
 EXAMPLES = 3  # sequences whose last frame is shown
 
 
-def result(study: Study, *, machine: str) -> dict[str, Any]:
-    """Every figure of a finished study; None stands for what is not defined. `machine`: what times belong to."""
+def result(study: Study) -> dict[str, Any]:
+    """Every figure of a finished study; None stands for what is not defined."""
     parts = by_trial(study.parts())
     flown = [part for several in parts.values() for part in several]
     about = {
@@ -33,13 +33,21 @@ def result(study: Study, *, machine: str) -> dict[str, Any]:
         "measured_from_frame": MEASURED_FROM,
         "weights_sha256": study.weights,
         "missing_networks": list(study.missing),
-        "runtimes": {part["trial"]["method"]: part["runtime"] for part in flown if part.get("runtime")},
-        "commits": sorted({part["commit"] or "unknown" for part in flown}),
-        "machine": machine,
+        "runtimes": {
+            method: each_of("runtime", [part for part in flown if part["trial"]["method"] == method])
+            for method in dict.fromkeys(part["trial"]["method"] for part in flown if part.get("runtime"))
+        },
+        "commit": each_of("commit", flown),
+        "machine": each_of("machine", flown),
     }
     rows = [row(trial, several) for trial, several in parts.items()]
     found = {"about": about, "claims": claims(parts), "trials": rows, "examples": examples(parts)}
     return {key: without_nan(value) for key, value in found.items()}
+
+
+def each_of(fact: str, parts: Sequence[Part]) -> str:
+    """All that some parts say of a fact: a study may go on elsewhere."""
+    return ", ".join(sorted({part.get(fact) or "unknown" for part in parts}))
 
 
 def by_trial(parts: Sequence[Part]) -> dict[Trial, list[Part]]:
@@ -65,6 +73,7 @@ def row(trial: Trial, parts: Sequence[Part]) -> dict[str, Any]:
         "flicker": over_scenes([part["flicker"] for part in parts]),
         "predict_ms": least([part["predict_ms"] for part in parts]),
         "whole_ms": least([part["whole_ms"] for part in parts]),
+        "machine": each_of("machine", parts),
         "frames_without_depth": sum(part["without_depth"] for part in parts),
         "shifts": shift_figures(shifts, trial.ranges),
         "confidence": reliability(sums),

@@ -18,6 +18,7 @@ from flightdepth.evaluation.ranges_peers import FLOW_D0_M, FlowNetwork
 from flightdepth.evaluation.ranges_sequences import KeptSequences, Sequence, Sequences
 from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Telemetry, Trial, all_trials
 from flightdepth.files import write_json
+from flightdepth.processor import cpu_name
 from flightdepth.ranges import DepthNetwork
 from flightdepth.runtimes.judge import judge_sha256
 from flightdepth.runtimes.network import load_network, networks
@@ -118,10 +119,10 @@ class Study:
     def __iter__(self) -> Iterator[Task]:
         """Do what is not done yet; yields each task once its result is on the disk."""
         (self.folder / PARTS).mkdir(parents=True, exist_ok=True)
-        commit = source_commit()
+        measured = {"commit": source_commit(), "machine": cpu_name()}
         for task in self.tasks:
             if not task.path.exists():
-                part = {"sequence": task.number, "trial": task.trial.facts, "commit": commit}
+                part = {"sequence": task.number, "trial": task.trial.facts} | measured
                 sequence = self._kept.get(task.number, task.trial.noise_rad)
                 write_json(task.path, without_nan(part | self._fly(task.trial, sequence)))
             yield task

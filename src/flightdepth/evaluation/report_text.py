@@ -199,7 +199,7 @@ def settings(found: Mapping[str, Any]) -> str:
         f"{about['sequences']['set_version']}, "
         f"{about['sequences']['renderer']}",
         "machine": about["machine"],
-        "code": ", ".join(about["commits"]),
+        "code": about["commit"],
     }
     told |= {f"weights of {name}": sha[:16] for name, sha in about["weights_sha256"].items()}
     told |= {f"runtime of {name}": text for name, text in about["runtimes"].items()}
