@@ -29,7 +29,7 @@ def test_names_tell_sets_apart():
     card = difference_card(focal_px=256.0)
     assert set_name(fixed_set(card)) == "Still Box 256 px, crops of 512 px, shift 3"
     own = fixed_set(difference_card(), textures=Textures.procedural(1, 1))
-    assert set_name(own) == "Still Box 64 px, shift 3, own textures"
+    assert set_name(own) == f"Still Box 64 px, shift 3, own textures {own.textures.digest[:12]}"
 
 
 def test_no_scenes_are_no_set():

@@ -59,11 +59,11 @@ def full_width(card: NetworkCard) -> int:
 
 
 def set_name(pairs: TestSet | OutdoorTestSet) -> str:
-    """What a table calls a test set."""
+    """What a table calls a test set; own textures by the beginning of their hash."""
     if isinstance(pairs, OutdoorTestSet):
         return f"outdoor flights {pairs.width} px"
     picture = pairs.picture
-    textures = "" if pairs.textures is None else ", own textures"
+    textures = "" if pairs.textures is None else f", own textures {pairs.textures.digest[:12]}"
     crop = "" if picture.width == picture.full_width else f", crops of {picture.full_width} px"
     fov = pairs.config.horizontal_fov_deg
     lens = "" if fov == 90 else f", {fov:g} degrees"
