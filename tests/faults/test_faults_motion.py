@@ -12,7 +12,7 @@ from flightdepth.camera import Camera
 from flightdepth.motion import rotation_from_euler
 from flightdepth.outputs import FlightFolder
 from flightdepth.ranges import MultiRangeEstimator
-from flightdepth.ranges.repeats import SAME_LEVELS, difference
+from flightdepth.ranges.repeats import SAME_LEVELS, Repeats, difference
 from flightdepth.runtimes.network import load_network
 
 SPEED_M_S = 3.0
@@ -83,6 +83,34 @@ def test_fault_8_every_second_picture_repeated_costs_only_the_repeats(tmp_path, 
     log(tmp_path / "log.csv")
     results, _ = fly(video, network)
     assert all(result.reason is None for _, result in results[4::2])
+
+
+def test_fault_8_a_repeated_picture_is_of_the_time_when_it_was_new(network):
+    """30 pictures a second in a video of 240, as ffmpeg makes it: repeats are taken for too far as long as they have
+    not flown 0.05 m. Found in review: depth nearby was 9 % off, where it is 3."""
+    loaded, checked = load_network(network), 0
+    estimator = MultiRangeEstimator(loaded, CAMERA)
+    for index in range(240):
+        stamp_ns = index * 1_000_000_000 // 240
+        estimator.add_velocity(stamp_ns, (SPEED_M_S, 0, 0))
+        picture = np.full((128, 128, 3), 3 * (index // 8) + index // 8 % 2, np.uint8)
+        result = estimator.add_frame(stamp_ns, picture)
+        for shift, flown_m in zip(result.shifts, result.displacements_m, strict=True):
+            pictures_between = index // 8 - (index - shift) // 8
+            assert flown_m == pytest.approx(pictures_between * SPEED_M_S / 30, abs=1e-6)
+            checked += 1
+    assert checked > 100
+
+
+def test_fault_8_a_repeated_picture_that_an_encoder_mends_is_no_new_one():
+    """By 0.2 grey levels where the new one changed by 3: each counted as new, at a time that was not its own."""
+    repeats, repeated = Repeats(), []
+    for index in range(32):
+        picture = np.full((40, 50, 3), 10 + 3 * (index // 8), np.uint8)
+        picture[: 4 * (index % 8 > 2), :, :2] += 3  # a tenth of the picture, two of three colours
+        repeats.add(index * 4_000_000, picture)
+        repeated.append(repeats.repeated)
+    assert [index for index in range(16, 32) if not repeated[index]] == [16, 24]
 
 
 def test_fault_8_a_picture_that_stands_still_while_hovering_is_hovering(tmp_path, network):

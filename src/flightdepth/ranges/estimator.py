@@ -171,7 +171,10 @@ class MultiRangeEstimator:
         self._trajectory.add_attitude(stamp_ns, world_from_camera)
 
     def add_pose(self, stamp_ns: int, world_from_camera: ArrayLike) -> None:
-        """The camera's pose (4, 4); once one is given, poses replace velocities and attitudes."""
+        """The camera's pose (4, 4); once one is given, poses replace velocities and attitudes.
+
+        Nothing is paired across a jump that no drone can fly (a loop closure, a GPS reset); `dropped` counts it.
+        """
         self._trajectory.add_pose(stamp_ns, world_from_camera)
 
     def see_through(self, camera: Camera) -> None:
@@ -222,9 +225,10 @@ class MultiRangeEstimator:
             return self._skip(unusable, started)
         prepared = self._grid.image(image)
         # A picture that fits the grid comes back as it is; the caller may write its next frame into it.
-        current = Frame(self._frames_given, stamp_ns, prepared.copy() if prepared is image else prepared)
-        self._repeats.add(stamp_ns, current.image)
-        chosen = self._pairs(current)
+        picture = prepared.copy() if prepared is image else prepared
+        self._repeats.add(stamp_ns, picture)
+        current = Frame(self._frames_given, self._repeats.taken_ns(stamp_ns), picture)
+        chosen = self._pairs(current, stamp_ns)
         if not self._repeats.frozen:
             self._buffer.add(current)
         if isinstance(chosen, str):
@@ -239,19 +243,19 @@ class MultiRangeEstimator:
         fused = self._fuse(pairs, prediction, seer.card)
         seer.planner.learn(stamp_ns, fused, self._grid.valid)
         if seer is self._first:  # depths of two networks are not averaged
-            fused = self._held_still(stamp_ns, pairs, fused)
+            fused = self._held_still(current.stamp_ns, pairs, fused)
         if self._fusion is Fusion.SATURATION:
             fused = within_reach(fused)
         at_source = self._grid.along_edges(fused.depth_m, current.image)
         return self._result(pairs, prediction, fused, at_source, seer=seer, started=started)
 
-    def _pairs(self, current: Frame) -> tuple[tuple[Pair, ...], Seer] | str:
+    def _pairs(self, current: Frame, now_ns: int) -> tuple[tuple[Pair, ...], Seer] | str:
         """Numeric integration and the frame pairs picker, and who sees the pairs; a string says why there is none."""
         self._forget_before(current.stamp_ns - self._span_ns)
+        if self._is_frozen(current, now_ns):
+            return f"frozen picture: the same for {_seconds(self._repeats.shown_ns, now_ns):.2f} s in flight"
         frames = self._buffer.frames
         lines = baselines(self._trajectory, frames, current.stamp_ns, self._max_turn_rad)
-        if self._is_frozen(lines, frames):
-            return f"frozen picture: the same for {_seconds(self._repeats.shown_ns, current.stamp_ns):.2f} s in flight"
         if lines.reason is not None:
             return lines.reason
         pairs = self._picked(lines, frames, current, self._first)
@@ -288,12 +292,12 @@ class MultiRangeEstimator:
         wanted_m, depths_m = seer.planner.wanted(current.stamp_ns, lines.length_m[lines.usable])
         return pick(lines, frames, current.index, wanted_m[:most], depths_m[:most])
 
-    def _is_frozen(self, lines: Baselines, frames: Sequence[Frame]) -> bool:
+    def _is_frozen(self, current: Frame, now_ns: int) -> bool:
         """Whether the camera moved while it showed this picture; then that holds until it shows another."""
-        since_ns = self._repeats.shown_ns
         if self._repeats.repeated and not self._repeats.frozen:
-            shown = np.array([frame.stamp_ns >= since_ns for frame in frames], dtype=np.bool_)
-            self._repeats.frozen = bool((shown & lines.usable).any())
+            shown = replace(current, stamp_ns=self._repeats.shown_ns)
+            since = baselines(self._trajectory, (shown,), now_ns, self._max_turn_rad)
+            self._repeats.frozen = bool(since.usable[0])
         return self._repeats.frozen
 
     def _predict(self, pairs: tuple[Pair, ...], current: Frame, network: DepthNetwork) -> Prediction:

@@ -12,6 +12,9 @@ from flightdepth.ranges.network import Image
 # Mean difference of two pictures, grey levels. Measured on H.264: a picture shown again, up to 0.04; two pictures
 # of a real flight at 30 a second, 1.4 and more.
 SAME_LEVELS = 0.1
+# An encoder mends a repeated picture bit by bit: up to this share of what new ones change (median of three: a cut
+# changes more), and so many levels.
+MENDED_SHARE, MENDED_LEVELS = 0.1, 0.5
 # After so long the same, one other picture is a key frame that shows the old one anew: two in a row are needed.
 HANGS_NS = 300_000_000
 
@@ -23,6 +26,7 @@ class Repeats:
         self._image: Image | None = None
         self._shown_ns = 0
         self._changed_once = False
+        self._changes = 0.0, 0.0, 0.0  # that the last new pictures made, grey levels
         self.repeated = False
         self.frozen = False  # set by who knows that the camera moved meanwhile; until a new picture comes
 
@@ -31,16 +35,26 @@ class Repeats:
         """Stamp at which the picture shown now was new."""
         return self._shown_ns
 
+    def taken_ns(self, stamp_ns: int) -> int:
+        """When the picture given at `stamp_ns` was taken: as it was new, where it is repeated and does not hang.
+
+        Video of 25 or 30 pictures a second in a file or link of more holds each several times.
+        """
+        return self._shown_ns if self.repeated and stamp_ns - self._shown_ns < HANGS_NS else stamp_ns
+
     def add(self, stamp_ns: int, image: Image) -> None:
         """Compare a picture, uint8 [H, W, 3], with the one before."""
         before = self._image
-        same = before is not None and before.shape == image.shape and difference(before, image) < SAME_LEVELS
+        alike = before is not None and before.shape == image.shape
+        change = difference(before, image) if before is not None and alike else 0.0
+        mended = min(MENDED_SHARE * sorted(self._changes)[1], MENDED_LEVELS)
+        same = alike and change < max(SAME_LEVELS, mended)
         hangs = self.repeated and stamp_ns - self._shown_ns >= HANGS_NS
         refreshed = hangs and not same and not self._changed_once
         self._changed_once = refreshed
         self.repeated = same or refreshed
         if not same:
-            self._image = image
+            self._image, self._changes = image, (*self._changes[1:], change)
         if not self.repeated:
             self._shown_ns, self.frozen = stamp_ns, False
 
