@@ -113,6 +113,18 @@ def test_turning_to_and_fro_is_ambiguous():
     assert "another offset fits nearly" in found.reason
 
 
+@pytest.mark.parametrize(("seen_until_s", "right"), [(15.1, None), (30.0, True)])
+def test_a_single_turn_is_believed_if_all_of_it_is_seen(seen_until_s, right):
+    """Found in review: a turn, half of which passed for sideways flight, told an offset 0.3 s off, within 0.07."""
+    at_s = np.arange(-10, 50, 0.02)
+    turn = (0.2 / np.cosh(1.5 * (at_s - 15)) ** 2)[:, None] * [0, 1, 0]
+    seen = np.where(at_s[:, None] < seen_until_s, turn, 0)
+    log = Telemetry("t", even_speed(), gyroscope=GyroscopeTrack(np.array(stamps_of(at_s)), turn))
+    found = estimate_offset(pictures((at_s, seen), (at_s, 0 * at_s + 0.3), 0.001), log)
+    assert (found.offset_s is None) == (right is None)
+    assert found.offset_s == (right and pytest.approx(0, abs=2 * found.sigma_s))
+
+
 def test_a_video_of_one_picture_tells_nothing():
     none = ApparentMotion(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0))
     found = estimate_offset(none, Telemetry("t", even_speed()))

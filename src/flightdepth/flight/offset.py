@@ -242,8 +242,8 @@ def _judged(witness: Witness, curve: _Curve, video: Vector) -> ClockOffset:
     before, after = values[top - 1], values[top + 1]
     bend = max(2 * peak - before - after, 1e-12)
     offset_s = (curve.lags[top] + (after - before) / 2 / bend) * STEP_S
-    # A correlation c that bends by c'' is off by sqrt((1 - c^2) / (n c'')), n the independent samples.
-    independent = max(curve.samples[top] * STEP_S / _memory_s(video), 1.0)
+    # A correlation c that bends by c'' is off by sqrt((1 - c^2) / (n c'')), n the independent samples that tell of it.
+    independent = max(curve.samples[top] * STEP_S / _memory_s(video) * _telling_share(video), 1.0)
     sigma_s = float(np.sqrt(_unexplained(peak) / (independent * bend / STEP_S**2)))
     doubt = float((_unexplained(peak) / _unexplained(_runner_up(values, top))) ** (independent / 2))
     reason = ""
@@ -266,6 +266,16 @@ def _runner_up(values: Vector, top: int) -> float:
     beyond_left = values[: left[-1]] if len(left) else values[:0]
     beyond_right = values[top + right[0] :] if len(right) else values[:0]
     return float(max(beyond_left.max(initial=0.0), beyond_right.max(initial=0.0)))
+
+
+def _telling_share(values: Vector) -> float:
+    """The share of a signal's samples [n, c] that tell of its offset: all of noise, but of one turn only the turn.
+
+    (sum of e)^2 over n times the sum of e^2, e the squares of the samples; 1/3 for noise of one column.
+    """
+    squares = np.square(np.nan_to_num(values - np.nanmean(values, axis=0))).sum(axis=1)
+    fourth = float(np.square(squares).sum()) * np.count_nonzero(np.isfinite(values).all(axis=1))
+    return min(3 * float(squares.sum()) ** 2 / fourth, 1.0) if fourth else 1.0
 
 
 def _memory_s(values: Vector) -> float:
