@@ -36,7 +36,8 @@ def test_figures_and_picture_of_the_sample(tmp_path, capsys):
     assert "36 frames" in said
     assert "told by the log" in said
     figures = json.loads((tmp_path / "figures.json").read_text())
-    assert figures["flight"] == VIDEO.name
+    assert (figures["flight"], figures["start_s"], figures["end_s"]) == (VIDEO.name, None, 1.2)
+    assert figures["camera"]
     assert figures["networks"][0]["weights_sha256"]
     for what, methods in (("photometric", 3), ("agreement", 2), ("slope", 2)):
         assert len({row["method"] for row in figures[what]}) == methods

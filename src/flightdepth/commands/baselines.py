@@ -75,7 +75,7 @@ def baselines(
     with open_flight(flight, telemetry, camera, hfov_deg=hfov, start_s=start, end_s=end) as opened:
         opened_networks = [load_network(n) for n in network or [nearest_network(opened.camera)]]
         result, sights, valid = studied(opened, opened_networks, lengths_m, every)
-    result = {"flight": flight.name, **result}
+    result = {"flight": flight.name, "start_s": start, "end_s": end, **result}
     show(result)
     keep(result, json)
     if picture is not None:
@@ -111,6 +111,7 @@ def studied(
     frames = follow(flight, pairs, study, sights)
     about = {
         "telemetry": flight.telemetry_name,
+        "camera": flight.camera_source,
         "networks": [network_facts(network) for network in networks],
         "commit": source_commit(),
         "grid": {"width": grid.camera.width, "height": grid.camera.height, "focal_px": grid.camera.fx},
