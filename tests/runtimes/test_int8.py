@@ -129,7 +129,7 @@ def test_the_shipped_networks_convolutions_are_on_bytes(tiny):
 def test_what_it_costs_stands_on_the_card(name):
     card = read_network(name).card
     assert len(card.int8_ranges) >= 12
-    assert abs(card.metrics["int8_relative_cost"]) < 0.06
+    assert abs(card.metrics["int8_relative_cost"]) < 0.02
 
 
 def test_depth_is_nearly_that_of_float32(tiny):
