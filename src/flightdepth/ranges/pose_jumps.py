@@ -13,7 +13,7 @@ from flightdepth.ranges.timeline import Rows
 
 # A drone hardly accelerates by more; a lone sample that jumps farther is a glitch.
 MAX_ACCELERATION_M_S2 = 30.0
-POSITION_NOISE_M = 0.2  # of three poses in a row, with a centimetre or two of noise in each axis
+POSITION_NOISE_M = 0.5  # of three poses in a row, with up to four centimetres of noise in each axis
 
 
 class PoseJumps:
