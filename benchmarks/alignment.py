@@ -25,6 +25,7 @@ from rich.table import Table
 from flightdepth.commands.terminal import counted, progress_bar
 from flightdepth.evaluation.alignment import MOVING_SHARE, fitting_pairs
 from flightdepth.evaluation.judging import RATE, STEPS, fitted_judge, told_of
+from flightdepth.evaluation.provenance import origin_of
 from flightdepth.processor import cpu_name
 from flightdepth.runtimes.judge import JUDGE
 from flightdepth.runtimes.network import Network, load_network, networks
@@ -75,7 +76,14 @@ def measure(name: str, count: int) -> Table:
             parts.append(np.minimum(np.abs(found.depth_m[0] / truth_m - 1)[known], LARGEST_ERROR))
     moved_px = np.concatenate(moved)
     title = f"{name}: relative error, mean / median, by pixels moved (sideways); ms a pair, one core"
-    table = Table("", *(f"{a:g}-{b:g}" for a, b in pairwise(EDGES_PX)), "all", "ms", title=title)
+    table = Table(
+        "",
+        *(f"{a:g}-{b:g}" for a, b in pairwise(EDGES_PX)),
+        "all",
+        "ms",
+        title=title,
+        caption=origin_of(network),
+    )
     for aligned, parts in errors.items():
         values = np.concatenate(parts)
         groups = [values[(a <= moved_px) & (moved_px < b)] for a, b in pairwise(EDGES_PX)]

@@ -24,6 +24,7 @@ from rich.table import Table
 
 from flightdepth.camera import Camera
 from flightdepth.commands.terminal import counted
+from flightdepth.evaluation.provenance import origin_of
 from flightdepth.processor import cpu_name
 from flightdepth.renderers.raycast import render
 from flightdepth.runtimes.network import Network, load_network
@@ -124,7 +125,9 @@ def table(name: str, scenes: int) -> Table:
             }
             for way, sample in ways.items():
                 rows[f"{kind}, {way}"].append(measured(sample, truth_m))
-    shown = Table("", *HEADINGS, title=f"{name}: relative error at the pictures' own pixels")
+    shown = Table(
+        "", *HEADINGS, title=f"{name}: relative error at the pictures' own pixels", caption=origin_of(network)
+    )
     for row, errors in rows.items():
         means = np.nanmean([list(vars(each).values()) for each in errors], axis=0)
         ms = np.median([each.ms for each in errors])

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from flightdepth.evaluation.pairs import Task
+from flightdepth.evaluation.provenance import origin_of
 from flightdepth.evaluation.sigma_scale import believed, calibration_set
 from flightdepth.ranges.derotation import derotated
 from flightdepth.ranges.motion_error import with_motion_error
@@ -65,6 +66,7 @@ def main() -> None:
     given = parser.parse_args()
     cv2.setNumThreads(1)
     network = load_network(given.network)
+    print(origin_of(network))
     print(
         "degrees turned, tilted; believed, inside one sigma, of the sixth: the network's bar; then the widened one"
     )

@@ -20,6 +20,7 @@ from rich.table import Table
 from flightdepth.commands.terminal import counted
 from flightdepth.evaluation.alignment import fitting_pairs
 from flightdepth.evaluation.moving import with_moving_thing
+from flightdepth.evaluation.provenance import origin_of
 from flightdepth.ranges.fusion import WORST_SIGMA
 from flightdepth.runtimes.network import Network, load_network
 from flightdepth.scenes import Textures
@@ -58,10 +59,17 @@ def told(network: Network, count: int) -> dict[str, np.ndarray]:
     return {key: np.concatenate(values) for key, values in parts.items()}
 
 
-def as_table(name: str, values: dict[str, np.ndarray]) -> Table:
-    around = f"{name}: things that move by themselves; around them {values['around'].mean():.0%} has a depth"
+def as_table(network: Network, values: dict[str, np.ndarray]) -> Table:
+    name, around = network.card.name, values["around"].mean()
+    title = f"{name}: things that move by themselves; around them {around:.0%} has a depth"
     table = Table(
-        "pixels off its line", "blocks", "depth told", "their error", "inside one sigma", title=around
+        "pixels off its line",
+        "blocks",
+        "depth told",
+        "their error",
+        "inside one sigma",
+        title=title,
+        caption=origin_of(network),
     )
     for low, high in pairwise(EDGES_PX):
         of = (low <= values["off_px"]) & (values["off_px"] < high)
@@ -84,7 +92,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     for name in given.networks:
         network = load_network(name, precision="f32", threads=1)
-        Console(width=110).print(as_table(name, told(network, given.pairs)))
+        Console(width=110).print(as_table(network, told(network, given.pairs)))
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ from rich.table import Table
 
 from flightdepth.camera import Camera
 from flightdepth.evaluation.peer import ClassicalPeer
+from flightdepth.evaluation.provenance import origin_of
 from flightdepth.ranges.fusion import WORST_SIGMA
 from flightdepth.runtimes.network import load_network
 
@@ -122,6 +123,8 @@ def main() -> None:
     parser.add_argument("--networks", nargs="+", default=["motion", "motion-tiny"])
     parser.add_argument("--detail", nargs="+", type=float, default=[1.0, 2.0], help="as of `run --detail`")
     given = parser.parse_args()
+    for name in given.networks:
+        print(f"{name}: {origin_of(load_network(name, 'openvino', precision='f32'))}")
     for pair in real_pairs(given.motorcycle, given.aloe, given.cones):
         title = f"{pair.name}, {pair.camera.width}x{pair.camera.height}: relative error at the pictures' own pixels"
         table = Table("", "mean", "median", "over 5 %", "over 25 %", "known", "mean of these", title=title)

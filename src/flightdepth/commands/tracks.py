@@ -49,7 +49,7 @@ def tracks(
 
       flightdepth evaluate tracks flight.mp4 --hfov 73
     """
-    from flightdepth.evaluation.provenance import network_facts, origin, source_commit
+    from flightdepth.evaluation.provenance import origin_of
     from flightdepth.evaluation.tracked_points import TrackedPoints
     from flightdepth.flight import open_flight
     from flightdepth.ranges import MultiRangeEstimator
@@ -67,7 +67,7 @@ def tracks(
         what = "all" if far == float("inf") else f"{near:g}-{far:g} m"
         interval = f"{part.median:6.2f}  [{part.low:.2f}, {part.high:.2f}]" if len(part.slopes) else "     -"
         say(f"  began {what:>9}: {interval}  {len(part.slopes)} points")
-    say(origin(network_facts(chosen) | {"commit": source_commit()}))
+    say(origin_of(chosen))
 
 
 def _follow(flight: Flight, estimator: MultiRangeEstimator, points: TrackedPoints) -> None:

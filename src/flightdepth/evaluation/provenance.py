@@ -40,6 +40,11 @@ def origin(facts: Mapping[str, Any]) -> str:
     )
 
 
+def origin_of(network: Network) -> str:
+    """Where a figure of this network comes from, in a line, if it was measured now."""
+    return origin(network_facts(network) | {"commit": source_commit()})
+
+
 def git(folder: Path, *command: str) -> str | None:
     """Output of a git command, or None where it fails or git is not installed."""
     try:
