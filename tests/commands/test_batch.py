@@ -162,12 +162,16 @@ def test_an_interrupt_that_python_drops_is_raised_again(number):
         def __del__(self):
             os.kill(os.getpid(), number)
 
-    with stopped_as_by_ctrl_c():
-        Dropped()
-        with pytest.raises(KeyboardInterrupt):
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a script's `&` has it ignored
+    try:
+        with stopped_as_by_ctrl_c():
+            Dropped()
+            with pytest.raises(KeyboardInterrupt):
+                heed_interrupt()
+        with stopped_as_by_ctrl_c():
             heed_interrupt()
-    with stopped_as_by_ctrl_c():
-        heed_interrupt()
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_the_process_keeps_its_own_handlers_of_signals(run):
