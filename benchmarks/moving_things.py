@@ -52,7 +52,7 @@ def told(network: Network, count: int) -> dict[str, np.ndarray]:
         sure = sigma_m < WORST_SIGMA * depth_m
         error_m = np.abs(depth_m - truth_m)
         parts["off_px"].append(np.full(inside.sum(), thing.off_px))
-        parts["error"].append(np.minimum(error_m / truth_m, LARGEST_ERROR)[inside])
+        parts["error"].append(np.minimum(error_m[inside] / truth_m[inside], LARGEST_ERROR))
         parts["told"].append(sure[inside])
         parts["held"].append((error_m < sigma_m)[inside])
         parts["around"].append(sure[known & (covered == 0)])
