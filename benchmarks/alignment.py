@@ -2,7 +2,8 @@
 
     python benchmarks/alignment.py [--networks NAME ...] [--pairs N]
     python benchmarks/alignment.py --fit FILE.onnx [--pairs 2400]    fits the judge anew, on other pairs
-    python benchmarks/alignment.py --fit FILE.onnx --go-on           the error bars alone, of the one that ships
+    python benchmarks/alignment.py --fit FILE.onnx --go-on           the error bars alone, of the one that ships, where
+                                                                     the motion is known
 
 Rendered rooms and flights outdoors that nothing else uses, as `flightdepth.evaluation.alignment` draws them: any lens,
 camera effects, motions that are reported wrongly; to fit, also things that move by themselves. One core, without and
@@ -46,10 +47,10 @@ def drawn_for(network: Network, count: int, **options: Any) -> list[Pair]:
 
 
 def fit(names: list[str], file: Path, count: int, steps: int, *, go_on: bool) -> None:
-    told = []
+    told, wrong = [], {"wrong_share": 0.0} if go_on else {}  # what an uncertain motion adds comes on top
     for name in names:
         network = load_network(name, aligned=False, threads=1)
-        pairs = drawn_for(network, count, moving_share=MOVING_SHARE)
+        pairs = drawn_for(network, count, moving_share=MOVING_SHARE, **wrong)
         told += [told_of(network, pair) for pair in counted(pairs, name, "pairs")]
     start: dict[str, Any] = {"start": JUDGE.read_bytes(), "rate": RATE / 2} if go_on else {}
     with progress_bar("judge", steps, "steps") as bar:

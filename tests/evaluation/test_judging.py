@@ -8,10 +8,11 @@ import numpy as np
 import onnx
 import onnxruntime
 import pytest
+import torch
 from onnx import numpy_helper
 
 from flightdepth.evaluation.alignment import fitting_pairs
-from flightdepth.evaluation.judging import Told, fitted_judge, told_of
+from flightdepth.evaluation.judging import Told, bar_loss, fitted_judge, told_of
 from flightdepth.runtimes.judge import JUDGE, Judge, judge
 from flightdepth.runtimes.network import load_network
 
@@ -92,6 +93,17 @@ def test_it_learns_whom_to_trust_and_how_far(agrees):
     assert off.mean() < 0.4 * untaught
     assert np.median(error_bar) < 0.4 * untaught
     assert (off < error_bar[clues[-1] > 0]).mean() > 0.5
+
+
+def test_the_bar_with_the_least_loss_holds_two_errors_in_three_small_or_large():
+    errors = torch.from_numpy(np.abs(np.random.default_rng(0).laplace(size=4001)) * 0.01)
+    bars = torch.logspace(-3, -1, 2001, dtype=torch.float64)
+    losses = torch.stack([bar_loss(errors, bar.expand_as(errors)) for bar in bars])
+    best = bars[losses.argmin()]
+    assert float(best) == pytest.approx(float(np.quantile(errors.numpy(), 0.68)), rel=0.01)
+    for factor in (5.0, 100.0):
+        larger = bar_loss(factor * errors, factor * bars[500].expand_as(errors))
+        assert float(larger) == pytest.approx(float(losses[500]), rel=0.01)
 
 
 def test_one_that_goes_on_learns_its_error_bar_alone():

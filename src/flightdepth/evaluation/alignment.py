@@ -40,8 +40,18 @@ MOVING_SHARE, MOST_THINGS = 0.4, 3
 LEAST_OFF_PX = 1.0
 
 
-def fitting_pairs(count: int, shrunk: int = 1, seed: int = SEED, moving_share: float = 0.0) -> Iterator[Pair]:
-    """Pairs of pictures 1 / `shrunk` as large as SHAPES, a share of them with things that move by themselves."""
+def fitting_pairs(
+    count: int,
+    shrunk: int = 1,
+    seed: int = SEED,
+    *,
+    moving_share: float = 0.0,
+    wrong_share: float = WRONG_SHARE,
+) -> Iterator[Pair]:
+    """Pairs of pictures 1 / `shrunk` as large as SHAPES.
+
+    `moving_share` of them show things that move by themselves, `wrong_share` have a motion that is reported wrongly.
+    """
     effects = Photometric()
     for number in range(count):
         rng = np.random.default_rng([seed, number])
@@ -66,7 +76,7 @@ def fitting_pairs(count: int, shrunk: int = 1, seed: int = SEED, moving_share: f
             pair = with_moving_things(pair, textures, moving)
         if rng.random() < EFFECTS_SHARE:
             pair = effects(rng, pair)
-        yield reported_wrongly(pair, rng) if rng.random() < WRONG_SHARE else pair
+        yield reported_wrongly(pair, rng) if rng.random() < wrong_share else pair
 
 
 def with_moving_things(pair: Pair, textures: Textures, rng: np.random.Generator) -> Pair:
