@@ -105,6 +105,7 @@ def measure(network: Any, camera: Camera, ranges: int, options: argparse.Namespa
             (flight, "add_frame", "all"),
             (flight._grid, "image", "resample"),
             (flight, "_pairs", "integrate, pairs"),
+            (flight._directions, "of", "  direction seen"),
             (flight._derotation, "of", "derotation"),
             (flight._derotation._tracker, "rays_turned", "  corners, tracks"),
             (derotation, "remainder", "  solution"),

@@ -50,6 +50,7 @@ from flightdepth.live.video_input import VideoInput
 from flightdepth.live.video_stream import Picture
 from flightdepth.processor import cpu_name
 from flightdepth.ranges.derotation import Derotation
+from flightdepth.ranges.direction import SeenDirections
 from flightdepth.ranges.estimator import MultiRangeEstimator
 from flightdepth.ranges.plan import Planner
 from flightdepth.runtimes import network as runtimes_network
@@ -72,6 +73,7 @@ STAGES: tuple[tuple[str, Any, str], ...] = (
     ("to RGB", Picture, "rgb"),
     ("turning?", Steadiness, "add"),
     ("pairs", MultiRangeEstimator, "_pairs"),
+    ("  direction", SeenDirections, "of"),
     ("derotate", Derotation, "of"),
     ("network", MultiRangeEstimator, "_predict"),
     ("  its inputs", Network, "_batch"),

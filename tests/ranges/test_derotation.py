@@ -159,20 +159,27 @@ def test_a_pair_keeps_what_was_known_of_its_turn(pairs, degrees):
     previous = rotated(pair.previous, CAMERA, cv2.Rodrigues(whole)[0][:, 0])
     tracker = Tracker(CAMERA)
     asked = pair_of(pair, previous, turn=reported)
-    found = Derotation(CAMERA, tracker).of([asked], Frame(1, 1, pair.current), seen=False)[0]
+    found = Derotation(CAMERA, tracker).of([asked], Frame(1, 1, pair.current))[0]
     left = cv2.Rodrigues(found.current_from_previous @ whole.T)[0]
     assert np.degrees(np.linalg.norm(left)) < 0.08
     assert found.turn_rad == pytest.approx(np.linalg.norm(cv2.Rodrigues(whole)[0]), abs=1e-3)
     assert found.length_m == asked.length_m
 
 
-def test_a_direction_that_no_one_knows_is_seen_for_the_rotation_alone(pairs):
-    """A network that asks for the length only: the displacement stays in world axes."""
+def test_a_direction_seen_elsewhere_tells_the_rotation(pairs):
+    """One that is 5 degrees off, as where it was seen in a pair of another length."""
     pair = pairs[0]
     asked = pair_of(pair, rotated(pair.previous, CAMERA, TURN), directed=False)
-    found = Derotation(CAMERA, Tracker(CAMERA)).of([asked], Frame(1, 1, pair.current), seen=False)[0]
+    seen_m = tilted(pair.displacement, np.array([0.3, 0.5, -0.8]), 5.0)
+    asked = replace(asked, displacement_m=seen_m, seen=True)
+    found = Derotation(CAMERA, Tracker(CAMERA)).of([asked], Frame(1, 1, pair.current))[0]
     assert np.degrees(np.linalg.norm(cv2.Rodrigues(found.current_from_previous)[0][:, 0] - TURN)) < 0.15
-    assert (found.displacement_m == asked.displacement_m).all()
+
+
+def test_a_pair_whose_direction_nobody_tells_stays_as_it_is(pairs):
+    pair = pairs[0]
+    asked = pair_of(pair, rotated(pair.previous, CAMERA, TURN), directed=False)
+    assert Derotation(CAMERA, Tracker(CAMERA)).of([asked], Frame(1, 1, pair.current))[0] is asked
 
 
 @pytest.mark.parametrize("fault", ["moves by itself", "turned by 9 degrees", "heads elsewhere"])
@@ -192,7 +199,7 @@ def test_a_pair_that_nothing_small_makes_right_is_left_out(pairs, fault):
     if fault == "heads elsewhere":
         wrong = replace(wrong, displacement_m=-pair.displacement)
     right = pair_of(pair, pair.previous)
-    found = Derotation(CAMERA, Tracker(CAMERA)).of([wrong, right], current, seen=False)
+    found = Derotation(CAMERA, Tracker(CAMERA)).of([wrong, right], current)
     assert [each.previous for each in found] == [right.previous]
 
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
-from flightdepth.ranges import MultiRangeEstimator
+from flightdepth.ranges import MultiRangeEstimator, derotation, direction
 from flightdepth.ranges.estimator import NO_DIRECTION
 from flightdepth.runtimes.network import Network
-from tests_networks import BestHypothesis, swept_card
+from tests_networks import BestHypothesis, difference_card, swept_card
 
 CAMERA = Camera.from_fov(192, 128, 90)
 FRAME_NS = 100_000_000
@@ -24,6 +24,19 @@ class Told(Network):
     def predict(self, previous_n, current, displacements, camera):
         self.displacements.extend(np.asarray(displacements))
         return super().predict(previous_n, current, displacements, camera)
+
+
+class NearAndFar:
+    """A DepthNet without weights: 5 m on the left, 90 m on the right, as it were at D0."""
+
+    description = "numpy"
+    architecture = "DepthNet"
+
+    def __call__(self, inputs):
+        n, height, width, _ = inputs["pairs"].shape
+        depth_m = np.full((n, height // 4, width // 4), 5.0, np.float32)
+        depth_m[..., width // 8 :] = 90.0
+        return {"depth_m": depth_m}
 
 
 def picture(number: int) -> np.ndarray:
@@ -114,3 +127,19 @@ def test_a_direction_does_not_hold_round_a_bend():
         shown = picture(number) if number < 4 else blank(number)
         result = estimator.add_frame(number * FRAME_NS, shown)
     assert result.reason == NO_DIRECTION
+
+
+def test_a_frame_s_direction_is_seen_once_for_all_its_pairs(monkeypatch):
+    """To see it may take as long as the network; one that asks for the length alone needs it for the rotation."""
+    calls, see = [], direction.direction_seen
+    for module in (direction, derotation):
+        monkeypatch.setattr(
+            module, "direction_seen", lambda *rays: calls.append(1) or see(*rays), raising=False
+        )
+    estimator = MultiRangeEstimator(Network(difference_card(focal_px=64.0), NearAndFar()), CAMERA, ranges=2)
+    pairs = 0
+    for number in range(12):
+        estimator.add_velocity(number * FRAME_NS, [0.0, 0.0, 1.0], frame="world")
+        pairs += len(estimator.add_frame(number * FRAME_NS, picture(number)).shifts)
+    assert pairs > 14
+    assert len(calls) == 11  # each frame but the first

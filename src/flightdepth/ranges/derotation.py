@@ -10,7 +10,7 @@ import numpy as np
 
 from flightdepth.camera import Camera
 from flightdepth.motion import Vector, rotation_angle_rad
-from flightdepth.ranges.direction import direction_seen, rays_of
+from flightdepth.ranges.direction import rays_of
 from flightdepth.ranges.network import Image
 from flightdepth.ranges.pairs import Frame, Pair
 from flightdepth.ranges.remainder import LOG_SIGMA_RAD, SEEN_SIGMA_RAD, remainder
@@ -28,28 +28,26 @@ class Derotation:
     def __init__(self, camera: Camera, tracker: Tracker) -> None:
         self._camera, self._tracker = camera, tracker
 
-    def of(self, pairs: Sequence[Pair], current: Frame, *, seen: bool) -> tuple[Pair, ...]:
-        """The pairs with rotation and direction mended; `seen`: the pictures told the direction where no log did.
+    def of(self, pairs: Sequence[Pair], current: Frame) -> tuple[Pair, ...]:
+        """The pairs with rotation and direction mended; those whose direction nobody tells stay as they are.
 
         Pairs that no small mending makes right are left out.
         """
-        mended = (self._without_remainder(pair, current, seen=seen) for pair in pairs)
+        mended = (self._without_remainder(pair, current) for pair in pairs)
         return tuple(pair for pair in mended if pair is not None)
 
-    def _without_remainder(self, pair: Pair, current: Frame, *, seen: bool) -> Pair | None:
-        now, before = rays_of(pair, current, self._tracker)
-        known = pair.directed or seen
-        direction = pair.displacement_m if known else direction_seen(now, before, self._camera.fx)
-        if direction is None:
+    def _without_remainder(self, pair: Pair, current: Frame) -> Pair | None:
+        if not (pair.directed or pair.seen):
             return pair
+        now, before = rays_of(pair, current, self._tracker)
         sigma_rad = LOG_SIGMA_RAD if pair.directed else SEEN_SIGMA_RAD
-        left = remainder(now, before, direction, self._camera.fx, direction_sigma_rad=sigma_rad)
+        left = remainder(now, before, pair.displacement_m, self._camera.fx, direction_sigma_rad=sigma_rad)
         if left is None:
             return pair
         if not left.is_small(sigma_rad) or left.left_px(now, before, self._camera.fx) > MOST_LEFT_PX:
             return None
-        wrong = known and left.heads_elsewhere
-        pair = replace(pair, covariance=left.left_open(turned_back=left.turns, redirected=wrong or not known))
+        wrong = left.heads_elsewhere
+        pair = replace(pair, covariance=left.left_open(turned_back=left.turns, redirected=wrong))
         pair = turned_by(pair, left.rotation) if left.turns else pair
         return replace(pair, displacement_m=left.unit * pair.length_m) if wrong else pair
 

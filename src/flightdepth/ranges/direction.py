@@ -61,14 +61,13 @@ class SeenDirections:
         self._last: tuple[int, Vector, Vector] | None = None  # stamp, world displacement, unit in camera axes
 
     def of(self, served: Sequence[Served], current: Frame) -> tuple[Pair, ...]:
-        """The pairs whose direction is seen, or was a moment ago; shortest shift first. No log directs them."""
+        """The pairs, shortest shift first, `seen` where the direction is, or was a moment ago; no log directs them."""
         found: list[Pair] = []
         for through, pairs in served:
             unit = self._seen(through, pairs[0].displacement_m, current)
-            if unit is not None:
-                found += [
-                    replace(pair, displacement_m=unit * pair.length_m, directed=False) for pair in pairs
-                ]
+            for pair in pairs:
+                moved_m = pair.displacement_m if unit is None else unit * pair.length_m
+                found.append(replace(pair, displacement_m=moved_m, directed=False, seen=unit is not None))
         return tuple(sorted(found, key=lambda pair: pair.shift))
 
     def _seen(self, through: Sequence[Pair], world_m: Vector, current: Frame) -> Vector | None:

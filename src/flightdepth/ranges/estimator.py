@@ -235,7 +235,7 @@ class MultiRangeEstimator:
             return self._unknown(chosen, started)
         pairs, seer = chosen
         if self._derotate:
-            pairs = self._derotation.of(pairs, current, seen=seer.card.knows_direction)
+            pairs = self._derotation.of(pairs, current)
         if not pairs:
             return self._unknown(NOT_RIGID, started)
         predict = partial(self._predict, current=current, network=seer.network)
@@ -261,10 +261,12 @@ class MultiRangeEstimator:
         pairs = self._picked(lines, frames, current, self._first)
         through = seen_from(lines, frames, current.index, pairs)
         self._denied = self._log_denied(pairs, through, current)
-        if self._denied:
-            pairs = undirected(pairs)
-        if self._network.card.knows_direction and not all(pair.directed for pair in pairs):
+        told = all(pair.directed for pair in pairs) and not self._denied
+        asks = self._network.card.knows_direction
+        if not told and (asks or self._derotate):
             pairs = self._directions.of(through, current)
+        if asks:
+            pairs = tuple(pair for pair in pairs if pair.directed or pair.seen)
         if pairs:
             return pairs, self._first
         if self._open_fallback is None:
@@ -278,7 +280,8 @@ class MultiRangeEstimator:
             planner = self._planner_of(network.card, ranges=self.ranges, sides=sides_of(self._camera))
             self._fallback = Seer(network, network.card, planner)
         pairs = self._picked(lines, frames, current, self._fallback)
-        return undirected(pairs) if self._denied else pairs, self._fallback
+        through = seen_from(lines, frames, current.index, pairs)
+        return self._directions.of(through, current), self._fallback
 
     def _log_denied(self, pairs: Sequence[Pair], through: Sequence[Served], current: Frame) -> bool:
         """Whether the pictures contradict the direction that a log tells of these pairs."""
@@ -394,11 +397,6 @@ def _bound(bound_m: Map, at_source: AtSource) -> Map:
     if not np.isfinite(bound_m).any():
         return np.full_like(at_source.depth_m, np.nan)
     return np.where(np.isfinite(at_source.depth_m), np.float32(np.nan), at_source.marks(bound_m))
-
-
-def undirected(pairs: Sequence[Pair]) -> tuple[Pair, ...]:
-    """The pairs as though their direction were not told."""
-    return tuple(replace(pair, directed=False) for pair in pairs)
 
 
 def sides_of(camera: Camera) -> float:

@@ -117,9 +117,10 @@ def baselines(
 class Pair:
     """An earlier frame chosen for the current one.
 
-    displacement_m (3,) and directed as in Baselines, length_m its length, shift in frames, depth_m the depth
-    that asked for it, current_from_previous (3, 3), turn_rad its angle; covariance (6, 6) of what its rotation and
-    direction may still be off (`Remainder.left_open`), None where the pictures were not asked.
+    displacement_m (3,) and directed as in Baselines, or seen, where the pictures tell its direction to the camera;
+    length_m its length, shift in frames, depth_m the depth that asked for it, current_from_previous (3, 3), turn_rad
+    its angle; covariance (6, 6) of what its rotation and direction may still be off (`Remainder.left_open`), None
+    where the pictures were not asked.
     """
 
     previous: Frame
@@ -130,6 +131,7 @@ class Pair:
     current_from_previous: Vector
     turn_rad: float
     directed: bool = True
+    seen: bool = False
     covariance: Vector | None = None
 
 
