@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation.provenance import source_commit
+from flightdepth.evaluation.provenance import network_facts, origin_of, source_commit
 from flightdepth.files import write_json
 from flightdepth.processor import cpu_name
 from flightdepth.ranges import MultiRangeEstimator, derotation, estimator
@@ -160,7 +160,8 @@ def main() -> None:
     fov_deg = 2 * float(np.degrees(np.arctan(128 / network.card.focal_px)))
     camera = Camera.from_fov(*arguments.size, fov_deg)
     grid = network.grid(camera).camera
-    print(f"{network.card.name} on {cpu_name()}")
+    origin = "nothing runs" if isinstance(network, StandIn) else origin_of(network)
+    print(f"{network.card.name} on {cpu_name()}: {origin}")
     print(f"source {camera.width}x{camera.height}, grid {grid.width}x{grid.height}")
     figures = {}
     for ranges in arguments.ranges:
@@ -171,7 +172,8 @@ def main() -> None:
             print(f"  {stage:18}{median:8.2f}{p95:8.2f}")
     if arguments.json:
         settings = {name: value for name, value in vars(arguments).items() if name != "json"}
-        facts = {"commit": source_commit(), "cpu": cpu_name(), "weights_sha256": network.card.sha256}
+        told = None if isinstance(network, StandIn) else network_facts(network)
+        facts = {"commit": source_commit(), "cpu": cpu_name(), "network": told}
         write_json(arguments.json, facts | {"settings": settings, "ms": figures})
 
 

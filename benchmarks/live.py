@@ -32,7 +32,7 @@ import numpy as np
 
 import flightdepth
 from flightdepth.evaluation.network import without_nan
-from flightdepth.evaluation.provenance import source_commit
+from flightdepth.evaluation.provenance import network_facts, origin_of, source_commit
 from flightdepth.files import write_json
 from flightdepth.flight.records import Telemetry, VelocitySample
 from flightdepth.flight.steadiness import Steadiness
@@ -56,7 +56,6 @@ from flightdepth.ranges.plan import Planner
 from flightdepth.runtimes import network as runtimes_network
 from flightdepth.runtimes.contract import Precision
 from flightdepth.runtimes.network import Network, load_network
-from flightdepth.weights.store import find_network, read_card
 
 SAMPLE = Path(flightdepth.__file__).parent / "sample" / "flight.mp4"
 RATE_HZ = 30
@@ -273,11 +272,9 @@ def steady(seconds: float) -> Telemetry:
 
 @contextmanager
 def flying(
-    arguments: argparse.Namespace, seconds: float, precision: Precision | None
+    arguments: argparse.Namespace, seconds: float, network: Network
 ) -> Iterator[tuple[LiveEngine, Watch, Any]]:
     """An engine at work, its watch, and what the sender spends; begun and warm."""
-    network = load_network(arguments.network, precision=precision)
-    print(f"{arguments.network}: {network.runtime.description}", flush=True)
     store, size = MotionStore(), (arguments.size[0], arguments.size[1])
     stage = DepthStage(network, Lens(hfov_deg=FOV_DEG), store, ranges=arguments.ranges, fixed=False)
     stage.prepare(*size)
@@ -325,10 +322,10 @@ def flying(
         sender.join()
 
 
-def run_once(arguments: argparse.Namespace, precision: Precision | None) -> dict[str, Any]:
+def run_once(arguments: argparse.Namespace, network: Network) -> dict[str, Any]:
     """The figures of `--seconds`, printed."""
     stages = StageTimes()
-    with stages.taken(), flying(arguments, arguments.seconds, precision) as (engine, watch, spent):
+    with stages.taken(), flying(arguments, arguments.seconds, network) as (engine, watch, spent):
         stages.clear()
         watch.begin(engine.status().frames.received)
         dropped_then, (sent_cpu_s, sent, _) = Counter(engine.status().frames.dropped), tuple(spent)
@@ -351,10 +348,10 @@ def run_once(arguments: argparse.Namespace, precision: Precision | None) -> dict
     return asdict(figures) | own
 
 
-def run_minutes(arguments: argparse.Namespace) -> dict[str, Any]:
+def run_minutes(arguments: argparse.Namespace, network: Network) -> dict[str, Any]:
     """The figures of `--minutes`, printed as they come."""
     found: list[Minute] = []
-    with flying(arguments, 60 * arguments.minutes, arguments.precision[0]) as (engine, watch, _):
+    with flying(arguments, 60 * arguments.minutes, network) as (engine, watch, _):
         watch.begin(engine.status().frames.received)
         began, dropped_then = time.monotonic(), Counter(engine.status().frames.dropped)
         for minute in range(1, arguments.minutes + 1):
@@ -397,6 +394,14 @@ def quietest(found: list[Minute], length: int = 10) -> int:
     return int(np.argmin(sums))
 
 
+def run(arguments: argparse.Namespace, precision: Precision | None) -> dict[str, Any]:
+    """The figures of one precision, and what was measured."""
+    network = load_network(arguments.network, precision=precision)
+    print(f"{arguments.network}: {origin_of(network)}", flush=True)
+    figures = run_minutes if arguments.minutes else run_once
+    return figures(arguments, network) | {"network": network_facts(network)}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--network", default="tiny-clamped-256")
@@ -412,15 +417,11 @@ def main() -> None:
     parser.add_argument("--port", type=int, default=5654)
     parser.add_argument("--json", type=Path, help="also write the figures here")
     arguments = parser.parse_args()
-    found: dict[str, Any]
-    if arguments.minutes:
-        found = run_minutes(arguments)
-    else:
-        found = {"runs": {str(each or "auto"): run_once(arguments, each) for each in arguments.precision}}
+    wanted = arguments.precision[:1] if arguments.minutes else arguments.precision
+    found: dict[str, Any] = {"runs": {str(each or "auto"): run(arguments, each) for each in wanted}}
     found |= {"cpu": cpu_name(), "cores": len(os.sched_getaffinity(0)), "load_average": os.getloadavg()[0]}
-    found |= {"commit": source_commit(), "weights_sha256": read_card(find_network(arguments.network)).sha256}
     found |= {
-        "network": arguments.network,
+        "commit": source_commit(),
         "ranges": arguments.ranges,
         "transport": arguments.transport,
         "size": arguments.size,

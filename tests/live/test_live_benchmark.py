@@ -9,6 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from flightdepth.evaluation.provenance import network_facts
+from flightdepth.runtimes.network import load_network
+
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
@@ -89,8 +92,16 @@ def test_pictures_dropped_while_it_warmed_up_do_not_count(benchmark, monkeypatch
     flown = SimpleNamespace(status=lambda: SimpleNamespace(frames=frames)), AMinute(), None
     monkeypatch.setattr(benchmark, "flying", lambda *_: nullcontext(flown))
     monkeypatch.setattr(benchmark.time, "sleep", lambda _: None)
-    found = benchmark.run_minutes(SimpleNamespace(minutes=1, precision=[None]))
+    found = benchmark.run_minutes(SimpleNamespace(minutes=1), None)
     assert found["dropped"] == {"late": 2, "damaged": 1}
+
+
+def test_figures_say_which_network_they_are_of(benchmark, monkeypatch):
+    network = load_network("tiny-clamped-256")
+    monkeypatch.setattr(benchmark, "load_network", lambda name, precision: network)
+    monkeypatch.setattr(benchmark, "run_once", lambda arguments, network: {"fps": 30})
+    found = benchmark.run(SimpleNamespace(minutes=None, network="tiny-clamped-256"), None)
+    assert found == {"fps": 30, "network": network_facts(network)}
 
 
 def test_this_process_does_not_count_as_others(benchmark):
