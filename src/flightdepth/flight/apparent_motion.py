@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.flight.records import NS_PER_S, Frame
-from flightdepth.flight.rotation import Flow, rotation_flow, smallest_rotation
+from flightdepth.flight.rotation import Flow, likeliest_rotation, rotation_flow
 from flightdepth.flight.steadiness import FEWEST_FOLLOWED, NOISE_PX, Grey, follow, small_camera, small_grey
 from flightdepth.motion import Vector
 from flightdepth.runtimes.lens import undistort
@@ -62,7 +62,7 @@ def followed(frames: Iterable[Frame], camera: Camera) -> Iterator[Followed]:
 
 
 def apparent_motion(frames: Iterable[Frame], camera: Camera) -> ApparentMotion:
-    """Of the pictures of a camera; about 4 ms a picture beside decoding."""
+    """Of the pictures of a camera; about 5 ms a picture beside decoding."""
     small = small_camera(camera)
     stamps, rows = [], []
     for pair in followed(frames, camera):
@@ -77,7 +77,7 @@ def _motion(pair: Followed, camera: Camera) -> Vector:
     if len(pair.before) < FEWEST_FOLLOWED:
         return np.full(4, np.nan)
     flow = Flow.between(undistort(pair.before, camera), undistort(pair.after, camera))
-    turn = smallest_rotation(flow, NOISE_PX / camera.fx)
+    turn = likeliest_rotation(flow, NOISE_PX / camera.fx)
     along_x, along_y = rotation_flow(flow.points)
     left = flow.motions - np.stack([along_x @ turn, along_y @ turn], axis=1)
     return np.append(turn, np.median(np.linalg.norm(left, axis=1)))

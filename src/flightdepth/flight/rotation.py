@@ -2,24 +2,36 @@
 
 Small motion (Longuet-Higgins and Prazdny 1980): a point at normalised (x, y) and depth Z moves by
 flow = A(x, y) t / Z + B(x, y) w, with t the translation and w the rotation (rad, right-down-forward axes).
-Perpendicular to A t nothing is left of the depth: n . flow = n . B w, linear in w for a given direction of t.
+Perpendicular to A t nothing is left of the depth: n . flow = n . B w, linear in w for a given direction of t; along
+A t a point with a depth moves forward only. Directions spread over the sphere tell where to start; from the best of
+them w and the direction are found together, by least squares with the weights of Geman and McClure (1987), since
+beside near things a direction that is off by two degrees leaves as much as a turn of half a degree does.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flightdepth.epipolar import NEAREST_TO_FOCUS, aside
 from flightdepth.motion import Vector
 
 COARSE_DIRECTIONS = 32
-FINE_DIRECTIONS = 12
-REFINEMENTS = (0.2, 0.06)  # radians around the best direction so far
-ROUNDS = 3
+ROUNDS = 2
 STEADY_ROUNDS = 6
-AS_GOOD = 1.2  # costs up to this ratio of the best one's explain the pictures as well
+STARTS = 3  # of these directions, beside the one in which nothing turns
+STEPS = 8
+LONGEST_STEP_RAD = 0.5  # of the direction
+# A turn within a pair that is as likely as not; larger ones are rarer, not ruled out (Cauchy). A narrow view can
+# hardly tell turning from flying sideways, and a steady picture must not be called turning.
+USUAL_TURN_RAD = 0.005
+TOGETHER = (
+    1.5  # neighbouring points err together: by so many times as much as the same number of independent ones
+)
+OUTLIER = 2.0  # noises; points farther off than some of them count alike, so that what moves by itself has little say
+ANY_DIRECTION = 1e-3  # weight that holds a direction of which points tell nothing, 1 / radians^2
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,26 +47,28 @@ class Flow:
         return cls((before + after) / 2, after - before)
 
 
-def smallest_rotation(flow: Flow, noise: float) -> Vector:
-    """Rotation vector w (rad, [3]): the smallest of those that explain the flow as well as the best one does.
+class _Motion(NamedTuple):
+    """m motions that might explain a flow: rotation vectors [m, 3] (rad) and unit directions of t [m, 3]."""
 
-    `noise` is the tracking noise in normalised units. The smallest, because a narrow view can hardly tell
-    turning from flying sideways, and a steady picture must not be called turning.
+    turns: Vector
+    directions: Vector
+
+
+def likeliest_rotation(flow: Flow, noise: float) -> Vector:
+    """Rotation vector w (rad, [3]) that explains the flow best, together with some direction of t.
+
+    `noise` is the tracking noise in normalised units. Where turning and flying explain the flow alike it is small.
     """
     steady = steady_direction(flow, noise)
     directions = np.concatenate([_hemisphere(COARSE_DIRECTIONS), steady[None]])
-    rotations, costs = _rotations(flow, directions, noise)
-    for radius in REFINEMENTS:
-        fine = _around(directions[int(np.argmin(costs))], radius)
-        fine_rotations, fine_costs = _rotations(flow, fine, noise)
-        directions = np.concatenate([directions, fine])
-        rotations = np.concatenate([rotations, fine_rotations])
-        costs = np.concatenate([costs, fine_costs])
-    rotations = np.concatenate([rotations, np.zeros((1, 3))])
-    costs = np.append(costs, steady_cost(flow, steady, noise))
-    good = rotations[costs <= AS_GOOD * costs.min() + 0.02]
-    smallest: Vector = good[int(np.argmin(np.linalg.norm(good, axis=1)))]
-    return smallest
+    turns, costs = _rotations(flow, directions, noise)
+    best = np.argsort(costs)[:STARTS]
+    turns = np.concatenate([turns[best], np.zeros((1, 3))])
+    motion = _forward(flow, _Motion(turns, np.concatenate([directions[best], steady[None]])))
+    for _ in range(STEPS):
+        motion = _improved(flow, motion, noise)
+    likeliest: Vector = motion.turns[int(np.argmin(_costs(flow, motion, noise)))]
+    return likeliest
 
 
 def steady_direction(flow: Flow, noise: float) -> Vector:
@@ -73,13 +87,6 @@ def steady_direction(flow: Flow, noise: float) -> Vector:
         sight = np.linalg.norm(flow.points * direction[2] - direction[:2], axis=1)
         scale = 1 / (np.maximum(sight, 1e-2) * np.sqrt(1 + (left / noise) ** 2))
     return direction
-
-
-def steady_cost(flow: Flow, direction: Vector, noise: float) -> float:
-    """Robust mean cost of the flow where nothing turns and t has this direction."""
-    normal_x, normal_y = _normals(flow.points, direction[None])
-    left = normal_x * flow.motions[:, 0] + normal_y * flow.motions[:, 1]
-    return float(np.log1p((left / noise) ** 2).mean())
 
 
 def rotation_flow(points: Vector) -> tuple[Vector, Vector]:
@@ -109,6 +116,65 @@ def _rotations(flow: Flow, directions: Vector, noise: float) -> tuple[Vector, Ve
     return rotations[..., 0], np.log1p(squares).mean(axis=1)
 
 
+def _forward(flow: Flow, motion: _Motion) -> _Motion:
+    """The same with each direction's sign such that most of what moves along it does so forward."""
+    _, along, _ = _left(flow, motion)
+    back = along.sum(axis=1, keepdims=True) < 0
+    return motion._replace(directions=np.where(back, -motion.directions, motion.directions))
+
+
+def _improved(flow: Flow, motion: _Motion, noise: float) -> _Motion:
+    """A step of Gauss-Newton, whose normal equations are (5, 5): the turn, two angles of the direction."""
+    off, along, (moved, ahead, reach) = _left(flow, motion)
+    (x, y), (along_x, along_y) = flow.points.T, rotation_flow(flow.points)
+    right, down = ahead[0] / reach, ahead[1] / reach
+    around = np.stack([aside(each) for each in motion.directions])
+    planes = np.stack([-moved[1], moved[0], x * moved[1] - y * moved[0]], axis=1) / reach[:, None]
+    rows = np.zeros((len(off), 5, 2 * len(x)))
+    rows[:, :3, : len(x)] = down[:, None] * along_x.T - right[:, None] * along_y.T
+    rows[:, 3:, : len(x)] = around.transpose(0, 2, 1) @ planes
+    rows[:, :3, len(x) :] = -right[:, None] * along_x.T - down[:, None] * along_y.T
+    left = np.concatenate([off, np.minimum(along, 0)], axis=1)
+    weights = 1 / (noise * (1 + np.square(left / (OUTLIER * noise)))) ** 2
+    weights[:, len(x) :] *= along < 0
+    weighted = rows * (weights / TOGETHER**2)[:, None]
+    prior = 1 / (USUAL_TURN_RAD**2 + np.square(motion.turns).sum(axis=1, keepdims=True))
+    information = weighted @ rows.transpose(0, 2, 1)
+    information[:, range(3), range(3)] += prior
+    information[:, range(3, 5), range(3, 5)] += ANY_DIRECTION
+    pull = (weighted @ left[..., None])[..., 0]
+    pull[:, :3] += prior * motion.turns
+    step = -np.linalg.solve(information, pull[..., None])[..., 0]
+    far = np.linalg.norm(step[:, 3:], axis=1, keepdims=True) / LONGEST_STEP_RAD
+    step /= np.maximum(far, 1)
+    tilted = motion.directions + (around @ step[:, 3:, None])[..., 0]
+    return _Motion(motion.turns + step[:, :3], tilted / np.linalg.norm(tilted, axis=1, keepdims=True))
+
+
+def _costs(flow: Flow, motion: _Motion, noise: float) -> Vector:
+    """What `_improved` makes least of each motion, [m]: squared deviations of points, bounded, and of the turn."""
+    off, along, _ = _left(flow, motion)
+    squares = np.square(np.concatenate([off, np.minimum(along, 0)], axis=1) / (OUTLIER * noise))
+    unusual = np.log1p(np.square(motion.turns / USUAL_TURN_RAD).sum(axis=1))
+    return np.asarray((OUTLIER / TOGETHER) ** 2 * (squares / (1 + squares)).sum(axis=1) + unusual)
+
+
+def _left(flow: Flow, motion: _Motion) -> tuple[Vector, Vector, tuple[Vector, Vector, Vector]]:
+    """What m turns leave of the flow of n points across the lines of flight, and along them, forward, each [m, n].
+
+    Then that flow itself [2, m, n], A t [2, m, n] and its length, at least NEAREST_TO_FOCUS, [m, n].
+    """
+    (x, y), (along_x, along_y) = flow.points.T, rotation_flow(flow.points)
+    turned = np.stack([motion.turns @ along_x.T, motion.turns @ along_y.T])
+    moved = flow.motions.T[:, None] - turned
+    tx, ty, tz = motion.directions.T[..., None]
+    ahead = np.stack([x * tz - tx, y * tz - ty])
+    reach = np.maximum(np.sqrt(np.square(ahead).sum(axis=0)), NEAREST_TO_FOCUS)
+    off = (ahead[0] * moved[1] - ahead[1] * moved[0]) / reach
+    along = (ahead * moved).sum(axis=0) / reach
+    return off, along, (moved, ahead, reach)
+
+
 def _normals(points: Vector, directions: Vector) -> tuple[Vector, Vector]:
     """Unit vectors perpendicular to A t for m directions and n points: x and y parts, each [m, n]."""
     tx, ty, tz = (part[:, None] for part in directions.T)
@@ -124,21 +190,3 @@ def _hemisphere(count: int) -> Vector:
     angle = step * np.pi * (3 - np.sqrt(5))
     ring = np.sqrt(1 - z * z)
     return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
-
-
-def _around(direction: Vector, radius: float) -> NDArray[np.float64]:
-    """Directions within about `radius` radians of one, in two rings."""
-    helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    side = _cross(direction, helper)
-    side /= np.linalg.norm(side)
-    up = _cross(direction, side)
-    angle = np.arange(FINE_DIRECTIONS) * 2 * np.pi / FINE_DIRECTIONS
-    reach = radius * np.where(np.arange(FINE_DIRECTIONS) % 2, 1.0, 0.5)[:, None]
-    near = direction + reach * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up)
-    return np.asarray(near / np.linalg.norm(near, axis=1, keepdims=True))
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    """`np.cross` of two vectors (3,) takes ten times as long."""
-    (ax, ay, az), (bx, by, bz) = a, b
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
