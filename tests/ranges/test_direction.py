@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
+from flightdepth.ranges import direction
 from flightdepth.ranges.direction import direction_of, direction_seen, estimate_direction
 from flightdepth.stillbox import PairRule, Picture, TestSet
 
@@ -120,3 +121,14 @@ def test_rendered_pairs():
     errors = [degrees_between(each.unit, moved) for each, moved in found if each is not None]
     assert len(errors) >= 11
     assert np.median(errors) < 2
+
+
+@pytest.mark.parametrize(("noise_px", "turn_deg", "sought"), [(0.5, 0.0, False), (0.1, 0.5, True)])
+def test_a_turn_is_sought_round_the_sphere_only_where_one_shows(noise_px, turn_deg, sought, monkeypatch):
+    """Long pairs have poor tracks: each was sought through eleven starts, which took most of a small network's time."""
+    starts, seek = [], direction._turning
+    monkeypatch.setattr(direction, "_turning", lambda *given: starts.append(1) or seek(*given))
+    now, before = rays_of((1, 0, 0.3), noise_px=noise_px)
+    before = before @ cv2.Rodrigues(np.radians([0.0, 0.0, turn_deg]))[0]
+    assert degrees_between(direction_seen(now, before / before[:, 2:], FOCAL), (1, 0, 0.3)) < 5
+    assert bool(starts) == sought

@@ -103,13 +103,17 @@ def estimate_direction(previous: Image, current: Image, camera: Camera) -> Direc
 def direction_seen(now: Vector, before: Vector, focal_px: float) -> Vector | None:
     """From rays [N, 3] of a camera that may have turned by a few degrees to the unit vector (3,), or None.
 
-    Without a turn (`direction_of`), unless that leaves much and a turn explains it.
+    Without a turn (`direction_of`), unless that leaves much, a turn shows, and it explains what was left.
     """
     still = direction_of(now, before, focal_px)
     unit = None if still is None else still.unit
     left_px = MOST_OFF_PX if unit is None else off_lines_px(now, before, unit, focal_px)
     if left_px < CLEAN_PX or not _tells(_moved(now, before, focal_px)):
         return unit
+    if unit is not None:  # most tracks that leave as much are poor ones of a camera that did not turn
+        near = remainder(now, before, unit, focal_px, direction_sigma_rad=ANY_SIGMA_RAD)
+        if near is None or not near.turns:
+            return unit
     turning = _turning(now, before, focal_px, STARTS if unit is None else np.vstack([unit, STARTS]))
     if turning is None or turning[1] > min(MOST_LEFT_PX, LEFT_SHARE * left_px):
         return unit
