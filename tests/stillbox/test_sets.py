@@ -76,6 +76,7 @@ def test_a_width_alone_keeps_the_picture_square(change, size):
         ("64", {"scenes": True}, r"scenes of a set: .* got True"),
         ("64", {"width": 0}, r"width of a set: expected a whole number from 1 on, got 0"),
         ("64", {"seed": -1}, r"seed of a set: expected a whole number from 0 on, got -1"),
+        ("64", {"seed": 2**32}, r"seed of a set: expected at most 4294967295, got 4294967296"),
         ("64", {"height": 3.5}, r"height of a set: .* got 3\.5"),
         ("outdoor", {"legs": "up"}, r"set, legs: expected .*'any', got up"),
         ("outdoor", {"texture_ratio": 1}, r"got 'texture_ratio'"),

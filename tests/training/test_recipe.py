@@ -109,6 +109,7 @@ def test_a_recipe_from_a_file(written):
         ('"none"', '"relu"', "activation: expected 'elu\\+1' or 'none', got relu"),
         ("ema_decay = 0.99", "ema_decay = 1.0", "ema_decay: expected less than 1, got 1.0"),
         ("seed = 0", "seed = ", "mine.toml: expected TOML"),
+        ("seed = 0", "seed = 5000000", "seed: expected less than or equal to 4000000, got 5000000"),
         ("learning_rate = 1e-3", "learning_rate = nan", "learning_rate"),
     ],
 )

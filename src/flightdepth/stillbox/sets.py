@@ -26,6 +26,8 @@ ConfigT = TypeVar("ConfigT", bound=Config)
 
 # Scenes in the original sets, by the width of their pictures.
 ORIGINAL_SCENES = {64: 80_000, 128: 16_000, 256: 3_200, 512: 3_200}
+# A random stream's key is taken apart into words of 32 bits: scene 0 of seed 2^32 would be scene 1 of seed 0.
+LAST_SEED = 2**32 - 1
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,8 @@ class SceneSet:
                 raise BadInput(
                     f"{name} of a set", expected=f"a whole number from {least} on", got=repr(value)
                 )
+        if self.seed > LAST_SEED:
+            raise BadInput("seed of a set", expected=f"at most {LAST_SEED}", got=str(self.seed))
 
     @property
     def camera(self) -> Camera:

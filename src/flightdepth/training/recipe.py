@@ -116,7 +116,7 @@ class Recipe(_Strict):
     ema_decay: float = Field(ge=0, lt=1)
     warmup_samples: int = Field(ge=0)
     floor: float = Field(ge=0, le=1, description="learning rate at the end of a stage, share of the peak")
-    seed: int = Field(ge=0)
+    seed: int = Field(ge=0, le=4_000_000)  # the streams' seeds (`loop.stream_seed`) stay below 2^32
     accumulate: int = Field(
         default=1, gt=0, description="equal parts of a batch, each seen by itself: memory, processes"
     )
