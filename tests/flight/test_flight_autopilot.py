@@ -68,7 +68,8 @@ def test_placed_power_ups_never_overlap(stamps, received):
     records = [Record(stamp, Velocity((0, 0, 0)), at) for stamp, at in zip(stamps, received, strict=False)]
     counts = Counter()
     placed = placed_boots(records, counts)
-    groups, end = split(*stamps)[0], 0
+    groups = boots(np.array(stamps, dtype=np.int64), Counter(), np.array(received[: len(stamps)]))
+    end = 0
     newest = None
     for group in groups:
         part = [record.stamp_ns for record in placed[end : end + len(group)]]

@@ -109,6 +109,34 @@ def test_a_reboot_leaves_a_gap_that_nobody_bridges(tmp_path, pause_us):
     assert telemetry.counts == {"reboots inside the log": 1}
 
 
+@pytest.mark.parametrize("boot_ms", [8400, 9100, 12_000, 30_000])
+def test_a_reboot_whose_times_begin_near_the_end_of_the_one_before_is_found(tmp_path, boot_ms):
+    """The second part was put into the first one's time, here up to 40 s too early, and nothing was said."""
+    first = tlog_flight(30, boot_ms=7000)  # up to 9.9 s
+    second = tlog_flight(80, boot_ms=boot_ms, received_us=RECEIVED_US + 43_000_000)
+    telemetry = read(tmp_path, first, second)
+    assert velocities(telemetry) == [velocity(i) for i in [*range(30), *range(80)]]
+    assert telemetry.samples[30].stamp_ns == pytest.approx(43e9, abs=0.1e9)
+    assert telemetry.counts == {"reboots inside the log": 1}
+
+
+def test_a_ground_station_that_hangs_is_no_reboot(tmp_path):
+    """What it then reads at once came in its order but for some milliseconds."""
+    first = tlog_flight(30, boot_ms=7000)
+    second = tlog_flight(20, boot_ms=9895, received_us=RECEIVED_US + 6_000_000)
+    telemetry = read(tmp_path, first, second)
+    assert telemetry.samples[-1].stamp_ns == pytest.approx(4.8e9, abs=0.1e9)
+    assert telemetry.counts == {}
+
+
+def test_a_radio_that_was_out_of_reach_is_no_reboot(tmp_path):
+    first = tlog_flight(30, boot_ms=7000)
+    second = tlog_flight(20, boot_ms=7000 + 43_000, received_us=RECEIVED_US + 43_800_000)
+    telemetry = read(tmp_path, first, second)
+    assert telemetry.samples[30].stamp_ns == pytest.approx(43e9, abs=0.1e9)
+    assert telemetry.counts == {}
+
+
 def test_the_vehicle_is_believed_not_other_senders(tmp_path):
     parts = [tlog_part(RECEIVED_US, heartbeat())]
     parts += [tlog_part(RECEIVED_US, heartbeat(mavlink.MAV_AUTOPILOT_INVALID), GROUND)]

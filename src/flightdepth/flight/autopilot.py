@@ -30,6 +30,8 @@ Indices = NDArray[np.intp]
 
 # A log's time that steps back, or ahead, by more starts a new run; less is a packet that overtook another.
 STEP_NS = 2 * NS_PER_S
+# Packets that overtake one another, and messages of other kinds, are not so far apart.
+BACK_NS = NS_PER_S // 5
 # A run of fewer records beside longer ones is a damaged stamp.
 SHORTEST_RUN = 3
 # Left free after a reboot, so that nobody integrates across it: more than any gap that is bridged (1.5 s).
@@ -66,23 +68,35 @@ class Record(NamedTuple):
     received_ns: int = 0
 
 
-def boots(stamps_ns: Stamps, counts: Counter[str]) -> list[Indices]:
+def boots(stamps_ns: Stamps, counts: Counter[str], received_ns: Stamps | None = None) -> list[Indices]:
     """Indices of the records [n] of each power-up, in the order of the log; lone damaged stamps are left out.
 
-    A log whose time starts again holds another power-up. Within one, times never go back by STEP_NS.
+    A log whose time starts again holds another power-up. Within one, times never go back by STEP_NS. Where another
+    clock tells when records were received [n], it also finds a power-up whose times begin near the end of the one
+    before, or beyond: more time passed than the autopilot's clock tells.
     """
-    breaks = np.flatnonzero(np.abs(np.diff(stamps_ns)) > STEP_NS) + 1
+    steps_ns = np.diff(stamps_ns)
+    lost_ns = np.zeros_like(steps_ns) if received_ns is None else np.diff(received_ns) - steps_ns
+    breaks = np.flatnonzero((np.abs(steps_ns) > STEP_NS) | ((steps_ns < -BACK_NS) & (lost_ns > STEP_NS))) + 1
     runs = np.split(np.arange(len(stamps_ns)), breaks) if len(stamps_ns) else []
     long_runs = [run for run in runs if len(run) >= SHORTEST_RUN] or runs
     if lost := len(stamps_ns) - sum(map(len, long_runs)):
         counts["records with a damaged time"] += lost
     found: list[Indices] = []
     for run in long_runs:
-        if found and stamps_ns[run[0]] > stamps_ns[found[-1][-1]]:
+        if found and _goes_on(stamps_ns, received_ns, found[-1][-1], run[0]):
             found[-1] = np.concatenate([found[-1], run])
         else:
             found.append(run)
     return found
+
+
+def _goes_on(stamps_ns: Stamps, received_ns: Stamps | None, last: np.intp, first: np.intp) -> bool:
+    """Whether the record `first` is of the power-up of the record `last` before it."""
+    step_ns = stamps_ns[first] - stamps_ns[last]
+    if received_ns is None or step_ns <= STEP_NS:
+        return bool(step_ns > 0)  # in step: if another clock goes elsewhere meanwhile, that was set
+    return bool(received_ns[first] - received_ns[last] - step_ns <= STEP_NS)
 
 
 def longest_boot(records: Sequence[Record], counts: Counter[str]) -> list[Record]:
@@ -102,7 +116,7 @@ def placed_boots(records: Sequence[Record], counts: Counter[str]) -> list[Record
     stamps = np.array([record.stamp_ns for record in records], dtype=np.int64)
     received = np.array([record.received_ns for record in records], dtype=np.int64)
     placed: list[Record] = []
-    for boot in boots(stamps, counts):
+    for boot in boots(stamps, counts, received):
         offset = int(np.median(received[boot[:50]] - stamps[boot[:50]]))
         if placed:
             counts["reboots inside the log"] += 1
