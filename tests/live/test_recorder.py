@@ -3,12 +3,14 @@
 import json
 import shutil
 import threading
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 from page_flights import Flying
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.cameras import zoomed
 from flightdepth.live.recorder import Recorder
 from flightdepth.outputs import FlightFolder
 from flightdepth.outputs.writer import FlightWriter
@@ -54,6 +56,16 @@ def test_results_of_another_size_are_left_out_and_stand_in_the_folder(recorder, 
     recorder.close({"a newer picture came first": 3})
     told = json.loads((tmp_path / "recording" / "flight.json").read_text())["counts"]["dropped"]
     assert told == {"a newer picture came first": 3, "of another size than the first": 1}
+
+
+def test_a_picture_s_own_focal_length_stands_beside_it_where_the_lens_zooms(recorder, tmp_path):
+    first, second = results(2)
+    recorder(first)
+    recorder(replace(second, camera=zoomed(second.camera, 2.0)))
+    recorder.close({})
+    folder = FlightFolder(tmp_path / "recording")
+    assert [row.focal_px for row in folder.rows] == [None, pytest.approx(2 * first.camera.fx, abs=1e-3)]
+    assert folder.camera(1).fx == pytest.approx(2 * first.camera.fx, rel=1e-5)
 
 
 def test_a_result_that_a_slow_disk_takes_at_the_end_is_whole(recorder, tmp_path, monkeypatch):

@@ -3,17 +3,24 @@
 import shutil
 from contextlib import ExitStack
 from dataclasses import replace
+from itertools import islice
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from live_peers import free_port
 
+from flightdepth.commands import live_session
 from flightdepth.commands.demo import LOG, VIDEO
 from flightdepth.commands.live_session import Session, missing, played_log
 from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.network_options import NetworkPrecision
 from flightdepth.errors import BadInput
+from flightdepth.flight import Frame, open_flight
+from flightdepth.flight import open as flight_open
 from flightdepth.flight.cameras import Recording
+from flightdepth.flight.records import ViewTrack
+from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.live.obstacle_messages import ObstaclePacker, TlogWriter
 from flightdepth.live.obstacles import ObstacleSettings
 from flightdepth.live.status import FrameCounts, Health, LiveStatus, SinkCounts, State
@@ -92,6 +99,26 @@ def test_turns_are_asked_of_the_lens_unless_the_pictures_turn_otherwise(
     shutil.copy(LOG, tmp_path / "v.csv")
     played = Session(replace(session.settings, mavlink=None, video=str(tmp_path / "v.mp4")))
     assert (played.engine._parts.lens is None) == bool(hidden_by)
+
+
+def test_a_file_whose_log_tells_a_zoom_is_seen_as_run_does(session, monkeypatch):
+    """It was refused without --hfov, and with one the zoom was passed over."""
+    view = ViewTrack(np.array([0, 1000, 1100, 10_000]) * 1_000_000, np.array([75.0, 75, 40, 40]))
+    zooming = replace(read_telemetry(LOG), view=view)
+    for module in (live_session, flight_open):
+        monkeypatch.setattr(module, "read_telemetry", lambda path: zooming)
+    played = Session(replace(session.settings, mavlink=None, telemetry=LOG, hfov=None, video=str(VIDEO)))
+    assert played.engine._parts.lens is None  # its turns tell nothing
+    with open_flight(VIDEO, LOG) as flight:
+        frames = list(islice((event for event in flight if isinstance(event, Frame)), 27, 36))
+    seen = [played.engine._stage.take(played.epoch_ns + frame.stamp_ns, frame.image) for frame in frames]
+    assert [staged.camera for staged in seen] == [frame.camera for frame in frames]
+    assert seen[-1].camera.horizontal_fov_deg == pytest.approx(40, rel=0.02)
+
+
+def test_a_stream_needs_a_lens(session):
+    with pytest.raises(BadInput, match="--camera and --hfov: expected one of them, got neither"):
+        Session(replace(session.settings, hfov=None))
 
 
 def test_a_stream_has_no_log_of_its_own(session):

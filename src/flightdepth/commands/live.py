@@ -38,7 +38,10 @@ def live(
     ] = 0.0,
     camera: Annotated[
         Path | None,
-        typer.Option(metavar="FILE|NAME", help="Calibration, or a name of `flightdepth cameras`."),
+        typer.Option(
+            metavar="FILE|NAME",
+            help="Calibration, or a name of `flightdepth cameras`; a file's own lens needs none where it is told.",
+        ),
     ] = None,
     hfov: Annotated[
         float | None, typer.Option(metavar="DEG", help="Horizontal field of view, instead of --camera.")

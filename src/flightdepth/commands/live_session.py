@@ -16,7 +16,7 @@ from flightdepth.commands.network_options import check_align
 from flightdepth.commands.signals import stop_request
 from flightdepth.commands.terminal import mention, say, warn
 from flightdepth.errors import BadInput, FlightDepthError
-from flightdepth.flight.cameras import Recording
+from flightdepth.flight.cameras import ChosenCamera, choose_camera
 from flightdepth.flight.gimbal import looking
 from flightdepth.flight.open import own_telemetry
 from flightdepth.flight.records import NS_PER_S, Telemetry
@@ -55,7 +55,8 @@ class Session:
         self.settings = settings
         self.address = video_address(settings.video)
         self.log = played_log(settings, self.address)
-        self.lens = Lens.given(settings.camera, settings.hfov)
+        chosen = self._chosen_camera()
+        self.lens = Lens.given(settings.camera, settings.hfov) if chosen is None else Lens(chosen.camera)
         nominal = self.lens.camera or self.lens.at(*NOMINAL_SIZE)
         self.network: Network = load_network(
             settings.network or nearest_network(nominal),
@@ -68,13 +69,16 @@ class Session:
         # Obstacles join two results in a row, so with one range these look near and far in turn.
         turns = 2 if settings.obstacles or settings.dry_run is not None else 1
         stage = DepthStage(
-            self.network, self.lens, self.store, ranges=settings.ranges, fixed=fixed, turns=turns
+            self.network,
+            self.lens,
+            self.store,
+            ranges=settings.ranges,
+            fixed=fixed,
+            turns=turns,
+            zoom=self._zoomed(chosen) if chosen is not None and chosen.views is not None else None,
         )
-        turns_tell = self.log is None or self.log.view is None
-        if self.address.paced:  # a file must not run on while the network is prepared
-            with Video(Path(self.address.target)) as first:
-                stage.prepare(*first.size)
-                turns_tell = not Recording(first, self.log).turns_hidden_by
+        if chosen is not None:  # a file must not run on while the network is prepared
+            stage.prepare(chosen.camera.width, chosen.camera.height)
         self.epoch_ns = time.monotonic_ns() + LEAD_NS
         self.feed: AutopilotFeed | None = None
         self.link: MavlinkLink | None = None
@@ -89,10 +93,25 @@ class Session:
                 boot_ns=lambda live_ns: None if self.feed is None else self.feed.boot_ns(live_ns),
                 telemetry_dropped=self._telemetry_dropped,
                 lacking=lambda: None if self.obstacles is None else self.obstacles.lacking,
-                lens=LensWatch(self.store) if turns_tell else None,
+                lens=LensWatch(self.store) if chosen is None or chosen.turns_tell else None,
             ),
             say=warn,
         )
+
+    def _chosen_camera(self) -> ChosenCamera | None:
+        """A video file's camera, as `flightdepth run` chooses it; None of a stream, which tells nothing of it."""
+        if not self.address.paced:
+            return None
+        with Video(Path(self.address.target)) as video:
+            chosen = choose_camera(video, self.settings.camera, self.settings.hfov, self.log)
+        say(f"camera: {chosen.source}")
+        for line in chosen.warnings:
+            warn(line)
+        return chosen
+
+    def _zoomed(self, chosen: ChosenCamera) -> Callable[[int], Camera]:
+        """The camera at a time of the live clock."""
+        return lambda stamp_ns: chosen.at(stamp_ns - self.epoch_ns)
 
     def run(self) -> None:
         """Until Ctrl-C, SIGTERM, the end of a file, or --duration."""

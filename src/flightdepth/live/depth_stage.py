@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,6 +93,7 @@ class DepthStage:
 
     `fixed`: the camera is screwed to the drone, so its attitude is known well and pictures turn all the time;
     else, or while nobody tells it, pictures that turn are told from themselves. `turns`: see MultiRangeEstimator.
+    `zoom`: the camera of the picture at a time (live clock, ns), where a log tells that the lens zooms.
     """
 
     def __init__(
@@ -103,12 +105,13 @@ class DepthStage:
         ranges: int,
         fixed: bool,
         turns: int = 1,
+        zoom: Callable[[int], Camera] | None = None,
     ) -> None:
         check_ranges(ranges)
         self.counts: Counter[str] = Counter()
         self._network, self._lens, self._store, self._fixed = network, lens, store, fixed
         self._ranges = self._most = ranges
-        self._turns = turns
+        self._turns, self._zoom = turns, zoom
         self._camera: Camera | None = None
         self._repeats = Repeats()
         self._newest_ns = 0
@@ -145,6 +148,9 @@ class DepthStage:
             self.prepare(width, height)
         assert self._camera is not None
         self._newest_ns = stamp_ns
+        if self._zoom is not None:
+            self._camera = camera_of_size(self._zoom(stamp_ns), width, height)
+            self._estimator.see_through(self._camera)
         changed = self._is_new(stamp_ns, image)
         if not changed and stamp_ns - self._repeats.shown_ns < FROZEN_NS:
             self.counts["the same picture again"] += 1

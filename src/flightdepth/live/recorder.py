@@ -60,7 +60,8 @@ class Recorder:
                 expected=f"pictures of {began}, as it began",
                 got=f"{other}: left out",
             )
-        frame = Frame(self._count, result.stamp_ns - self._first_ns, result.image)
+        own = None if result.camera == self._camera else result.camera  # where the lens zooms
+        frame = Frame(self._count, result.stamp_ns - self._first_ns, result.image, camera=own)
         writer.add(frame, result.depth)
         self._count += 1
 
@@ -85,7 +86,8 @@ class Recorder:
             network=self._network,
             settings=self._settings,
         )
-        self._size, self._first_ns = (result.camera.width, result.camera.height), result.stamp_ns
+        self._camera, self._first_ns = result.camera, result.stamp_ns
+        self._size = (result.camera.width, result.camera.height)
         writer = FlightWriter(self._target, source, Preview(*self._size))
         self._writer = self._stack.enter_context(writer)
         return self._writer
