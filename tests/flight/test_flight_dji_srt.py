@@ -133,6 +133,25 @@ def test_south_of_the_equator_and_beyond_90_degrees_east_the_order_is_seen(tmp_p
     assert np.abs(np.median(found, axis=0) - (3, 0, 0)).max() < 0.1
 
 
+@pytest.mark.parametrize(("east_west", "north_south"), [("E", "N"), ("W", "N"), ("E", "S"), ("W", "S")])
+def test_autels_hemispheres_turn_the_sign_and_its_height_counts(tmp_path, east_west, north_south):
+    """West was flown as east, of 8 degrees east longitude was taken for latitude, and no climb was seen."""
+    signs = (1 if north_south == "N" else -1), (1 if east_west == "E" else -1)
+
+    def autel(drone):
+        return [
+            f"HOME({east_west}: 2.200000, {north_south}: 48.900000) 2025-08-27 13:21:35",
+            f"GPS({east_west}: {drone.lon:.6f}, {north_south}: {drone.lat:.6f}, {drone.height:.2f}m)",
+            "ISO:100 SHUTTER:400 EV:0.0 F-NUM:2.8",
+            "F.PRY (0.6°, 1.2°, -31.2°), G.PRY (-40.3°, 0.0°, -31.2°)",
+        ]
+
+    telemetry = read(tmp_path, cues(VELOCITY, autel, seconds=20, rate=1, fixes_per_s=1))
+    flown = np.array(VELOCITY) * (*signs, 1)
+    assert np.abs(np.median(velocity_table(telemetry), axis=0) - flown).max() < 0.1
+    assert len(of_kind(telemetry, AttitudeSample)) == 20
+
+
 def test_windows_lines_and_utf16_are_read(tmp_path):
     text = cues(VELOCITY, mavic_3, newline="\r\n")
     path = tmp_path / "flight.srt"

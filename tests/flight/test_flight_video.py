@@ -1,5 +1,6 @@
 import random
 
+import av
 import numpy as np
 import pytest
 from flight_files import make_sound, make_video, trimmed, turn_video
@@ -97,6 +98,24 @@ def test_pictures_of_an_avi_are_at_their_own_place(tmp_path):
 def test_a_raw_stream_is_told_from_a_broken_video(tmp_path, part):
     with pytest.raises(BadInput, match="raw stream without a container"):
         Video(make_video(tmp_path / "v.h264", range(0, 2000, 40)), **part)
+
+
+def test_a_thumbnail_before_the_video_is_not_the_video(tmp_path):
+    """The first stream of pictures was read, though it held a single thumbnail."""
+    path = tmp_path / "thumbnail.mp4"
+    with av.open(str(path), "w") as container:
+        thumbnail, video = (container.add_stream(codec, rate=10) for codec in ("mjpeg", "libx264"))
+        thumbnail.width, thumbnail.height, thumbnail.pix_fmt = 32, 16, "yuvj420p"
+        video.width, video.height, video.pix_fmt = 64, 32, "yuv420p"
+        for stream, shown in ((thumbnail, 1), (video, 8)):
+            for number in range(shown):
+                grey = np.full((stream.height, stream.width, 3), 100 + 10 * number, np.uint8)
+                picture = av.VideoFrame.from_ndarray(grey, format="rgb24")
+                picture.pts = number
+                container.mux(stream.encode(picture))
+            container.mux(stream.encode(None))
+    with Video(path) as read_back:
+        assert (read_back.size, len(list(read_back.frames()))) == ((64, 32), 8)
 
 
 def test_duration_and_count_are_hinted(tmp_path):

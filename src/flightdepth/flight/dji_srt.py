@@ -10,6 +10,7 @@ Layouts read, by the models known to write them:
     [latitude: ...] [longitude: ...] [rel_alt: 1.2 abs_alt: 30.4]
         [gb_yaw: 12.3 gb_pitch: -89.9 gb_roll: 0.0]                       Mavic 3, Air 2S, Mini 3 and later
         [drone_speedx: 0.2 drone_speedy: 0.0 drone_speedz: 0.0]           the same, Matrice 30, 300 with H20
+    GPS(W: 97.109543, N: 32.593742, 174.21m), G.PRY (-40.3, 0.0, -31.2)   Autel's, which are no DJI's
 
 HTML tags are dropped; decimals may be written with a comma. A cue's start is the time: the wall clock inside
 it is not used. Velocity comes from the positions (positions.py). H.S or drone_speedx and y, where given, replace its
@@ -63,9 +64,11 @@ FIELD = re.compile(
 )
 ZOOM = re.compile(rf"\b(focal_len|dzoom_ratio)\s*:\s*{NUMBER}", re.IGNORECASE)
 GPS = re.compile(r"\b(?:GPS|RTK)\s*\(([^()]{1,80})\)")
+HEMISPHERE = re.compile(rf"\b([NSEW])\s*:\s*{NUMBER}")
+HEIGHT_M = re.compile(rf"{NUMBER}\s*m\b", re.IGNORECASE)
 GIMBAL_PRY = re.compile(rf"\bG\.PRY\s*\(\s*{NUMBER}\D{{0,3}},\s*{NUMBER}\D{{0,3}},\s*{NUMBER}")
 # Best first: those above the start are barometric and smooth, those above the sea may be the GPS's.
-HEIGHTS = ("rel_alt", "barometer", "hb", "h", "abs_alt", "altitude")
+HEIGHTS = ("rel_alt", "barometer", "hb", "h", "abs_alt", "altitude", "gps_height")
 GIMBAL = ("gb_yaw", "gb_pitch", "gb_roll")
 
 
@@ -153,6 +156,12 @@ def _cue(mark: re.Match[str], body: str) -> Cue:
         fields.setdefault("v.s", fields["drone_speedz"])
     gps = GPS.search(body)
     inside = gps[1] if gps else ""
+    for side, number in HEMISPHERE.findall(inside):
+        degrees = _number(number)
+        name = "latitude" if side in "NS" else "longitude"
+        fields.setdefault(name, -abs(degrees) if side in "SW" else degrees)
+    if height := HEIGHT_M.search(inside):
+        fields.setdefault("gps_height", _number(height[1]))
     hfov_deg = _hfov_deg({name.lower(): value for name, value in ZOOM.findall(body)})
     return Cue(stamp_ns, fields, _pair(inside), "m" in inside.lower(), _gimbal(fields, body), hfov_deg)
 

@@ -20,7 +20,7 @@ from flightdepth.flight.gopro_gps import gps_velocities
 from flightdepth.flight.gpmf import GpmfError, Stream, streams
 from flightdepth.flight.positions import Velocities
 from flightdepth.flight.records import NS_PER_S, GyroscopeTrack, Telemetry
-from flightdepth.flight.video import open_container
+from flightdepth.flight.video import main_stream, open_container
 
 TimedStream = tuple[Interval, Stream]
 GYROSCOPE = "GYRO"
@@ -50,8 +50,8 @@ def read_gpmf(path: Path) -> Telemetry | None:
 def payloads(path: Path) -> Iterator[tuple[Interval, bytes]]:
     """The payloads of the first GPMF track, with the time each spans since the first picture."""
     with open_container(path) as container:
-        videos = container.streams.video
-        zero = videos[0].start_time * videos[0].time_base if videos and videos[0].start_time else Fraction(0)
+        video = main_stream(container)
+        zero = video.start_time * video.time_base if video is not None and video.start_time else Fraction(0)
     with open_container(path, WHOLE_TRACKS) as container:
         tracks = [stream for stream in container.streams if stream.type == "data"]
         for stream in container.streams:

@@ -36,6 +36,11 @@ def open_container(path: Path, options: dict[str, str] | None = None) -> Any:
         raise BadInput(f"video {path}", expected=VIDEO_EXPECTED, **_explain(path, error)) from error
 
 
+def main_stream(container: Any) -> Any:
+    """The video stream that players show, None without any: thumbnails and proxies may stand before it."""
+    return container.streams.best("video")
+
+
 def refuse_non_video(path: Path) -> None:
     """Refuse missing, empty and text files; FFmpeg draws some texts as pictures or follows links in them."""
     if not path.is_file():
@@ -93,7 +98,7 @@ class Video:
                 got="a raw stream without a container",
                 mend="Tell its rate and give it one: ffmpeg -r 30 -i IN -c copy OUT.mp4",
             )
-        self._stream = self._container.streams.video[0]
+        self._stream = main_stream(self._container)
         self._stream.thread_type = "AUTO"
         # AVI has no times: FFmpeg numbers packets as they lie, and the one that brought a picture out tells its place.
         self._by_packet = self._container.format.name == "avi"
