@@ -37,8 +37,11 @@ def open_container(path: Path, options: dict[str, str] | None = None) -> Any:
 
 
 def main_stream(container: Any) -> Any:
-    """The video stream that players show, None without any: thumbnails and proxies may stand before it."""
-    return container.streams.best("video")
+    """The video stream that players show, None without any; not a thumbnail, which may stand before it."""
+    best = container.streams.best("video")
+    if best is None or best.frames != 1:
+        return best
+    return max(container.streams.video, key=lambda stream: stream.frames)
 
 
 def refuse_non_video(path: Path) -> None:
