@@ -9,6 +9,7 @@ from live_peers import Autopilot, Listening, free_port, until
 from pymavlink.dialects.v20 import common as mavlink
 
 from flightdepth.errors import BadInput
+from flightdepth.live import tcp_transport
 from flightdepth.live.mavlink_link import check_address, open_transport
 
 
@@ -133,6 +134,36 @@ def test_tcp_is_connected_again_when_the_peer_restarts():
     # How a connection ends depends on what was under way.
     endings = ("closed", "refused", "reset", "broken pipe")
     assert any(ending in text.lower() for text in ours.errors for ending in endings), ours.errors
+
+
+def test_tcp_is_connected_again_when_nothing_comes_any_more(monkeypatch):
+    """A peer that goes without a word, as behind a lost radio, was listened to for ever."""
+    monkeypatch.setattr(tcp_transport, "SILENT_S", 0.3, raising=False)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        with Listening(f"tcp:127.0.0.1:{server.getsockname()[1]}") as ours:
+            first, _ = server.accept()
+            first.sendall(heartbeat_and_velocity())
+            until(lambda: ours.velocities)
+            server.settimeout(20)
+            second, _ = server.accept()
+        first.close()
+        second.close()
+    assert "nothing came for 0.3 s" in ours.errors[0]
+
+
+def test_a_tcp_host_that_does_not_answer_is_told(monkeypatch):
+    """Nothing was said of it for two minutes. A full backlog answers nobody."""
+    monkeypatch.setattr(tcp_transport, "OPEN_S", 0.3, raising=False)
+    with socket.create_server(("127.0.0.1", 0), backlog=0) as server:
+        waiting = [socket.socket() for _ in range(4)]
+        for each in waiting:
+            each.setblocking(False)
+            each.connect_ex(server.getsockname())
+        with Listening(f"tcp:127.0.0.1:{server.getsockname()[1]}") as ours:
+            until(lambda: ours.errors)
+        for each in waiting:
+            each.close()
+    assert "timed out" in ours.errors[0]
 
 
 def test_a_port_that_cannot_be_is_refused_before_it_is_opened():

@@ -121,6 +121,13 @@ def test_a_stream_needs_a_lens(session):
         Session(replace(session.settings, hfov=None))
 
 
+def test_a_log_of_another_time_than_the_video_is_refused(session):
+    """It was played without a word, and no picture had a depth."""
+    given = replace(session.settings, mavlink=None, telemetry=LOG, video=str(VIDEO), telemetry_offset=1000.0)
+    with pytest.raises(BadInput, match=r"expected times within .* of the video, got 1000\.0"):
+        played_log(given, video_address(given.video))
+
+
 def test_a_stream_has_no_log_of_its_own(session):
     stream = replace(session.settings, mavlink=None)
     with pytest.raises(BadInput, match="one of them, for the drone's velocity, got neither"):

@@ -18,7 +18,7 @@ from flightdepth.commands.terminal import mention, say, warn
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.cameras import ChosenCamera, choose_camera
 from flightdepth.flight.gimbal import looking
-from flightdepth.flight.open import own_telemetry
+from flightdepth.flight.open import check_overlap, own_telemetry
 from flightdepth.flight.records import NS_PER_S, Telemetry
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.video import Video
@@ -215,7 +215,10 @@ def played_log(settings: LiveSettings, address: VideoAddress) -> Telemetry | Non
         raise BadInput(
             "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="neither"
         )
-    return log.later_by(round(settings.telemetry_offset * NS_PER_S))
+    log = log.later_by(round(settings.telemetry_offset * NS_PER_S))
+    with Video(Path(address.target)) as video:
+        check_overlap(video, log)
+    return log
 
 
 def refuse_idle(settings: LiveSettings, address: VideoAddress, card: NetworkCard) -> None:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-import socket
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from flightdepth.errors import BadInput, MissingExtra
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.live.autopilot_feed import AutopilotFeed
+from flightdepth.live.tcp_transport import TcpTransport
 from flightdepth.live.video_input import pause_s
 
 EXPECTED = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:/dev/DEVICE[:BAUD]"
@@ -26,7 +25,6 @@ MAVLINK_2 = 0xFD  # a packet's first byte
 COMPONENT = 191
 SELECT_S, LOCK_S, WRITE_S = 0.05, 0.05, 0.05
 SILENT_S = 10  # after which a UDP peer that came to us hears no more from us
-WAITING_BYTES = 4096  # in a TCP connection: what waits there is old when it arrives
 HEARTBEAT_NS = TIMESYNC_NS = NS_PER_S
 QUESTIONS_KEPT = 4  # of TIMESYNC: an answer later than a second tells nothing
 ASK_AGAIN_NS = 5 * NS_PER_S
@@ -44,17 +42,16 @@ Message = Any
 
 
 def open_transport(address: str) -> Any:
-    """A pymavlink connection, used for its bytes only."""
+    """A connection, used for its bytes only: pymavlink's for UDP and serial ports."""
+    network = NETWORK.fullmatch(address)
+    if network is not None and network[1] == "tcp":
+        return TcpTransport(network[2], int(network[3]))
     try:
         from pymavlink import mavutil
     except ModuleNotFoundError as error:
         raise MissingExtra("a MAVLink connection", "live") from error
-    if NETWORK.fullmatch(address):
-        transport = mavutil.mavlink_connection(address, retries=1, udp_timeout=SILENT_S)
-        if address.startswith("tcp:"):
-            transport.port.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)
-            transport.write = partial(_send_whole, transport.port)
-        return transport
+    if network is not None:
+        return mavutil.mavlink_connection(address, udp_timeout=SILENT_S)
     device, baud = check_address(address)
     try:
         transport = mavutil.mavlink_connection(device, baud=baud or DEFAULT_BAUD)
@@ -64,12 +61,6 @@ def open_transport(address: str) -> Any:
     transport.port.write_timeout = WRITE_S
     transport.write = transport.port.write
     return transport
-
-
-def _send_whole(port: socket.socket, data: bytes) -> None:
-    """Send a message or raise OSError. pymavlink would lose what a connection has no room for, and raise nothing."""
-    if port.send(data) < len(data):
-        raise BlockingIOError("the peer takes no more")
 
 
 def check_address(address: str) -> tuple[str, int | None]:
@@ -166,8 +157,6 @@ class MavlinkLink:
         while not self._stop.is_set():
             ready = self._transport.select(SELECT_S)
             data = self._transport.recv(4096) if ready else b""
-            if ready and not data and self._address.startswith("tcp:"):
-                raise ConnectionError("the peer closed the connection")
             now_ns = time.monotonic_ns()
             for message in self._mav.parse_buffer(bytes(data)) or [] if data else []:
                 self._take(message, now_ns)
