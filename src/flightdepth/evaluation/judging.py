@@ -33,7 +33,6 @@ STEPS, BLOCKS, RATE = 10_000, 12 * 64 * 64, 8e-3  # of a batch
 METRE_WEIGHT = 0.03  # of an error in metres at D0 beside a relative one
 LARGEST_ERROR = 3.0  # relative; more counts as this
 INSIDE_ONE = 0.68
-BAR_WEIGHT = 0.2  # beside the depth's
 LEAST_ERROR = 1e-4  # relative; less counts as this
 ASTRAY, ASTRAY_SHARE = 0.12, 0.3  # deviation of the logarithm of that factor, and of how many pairs
 TURNS = 8  # quarter turns, mirrored or not: clues have no direction
@@ -166,7 +165,7 @@ def _loss(answer: Tensor, network: Tensor, truth: Tensor, kept: Tensor | None = 
         ].mean()
     else:
         loss = (answer[:, 0] - kept[:, 0]).abs().mean()
-    return loss + BAR_WEIGHT * bar_loss((off / depth).detach()[in_range], answer[:, 1][in_range])
+    return loss + bar_loss((off / depth).detach()[in_range], answer[:, 1][in_range])
 
 
 def bar_loss(error: Tensor, bar: Tensor) -> Tensor:
