@@ -105,7 +105,7 @@ def test_the_table_names_the_network_of_each_frame(run, work):
 
 def test_a_fallback_takes_the_frames_without_a_direction(run, work, monkeypatch, save_difference_network):
     """A velocity in the world's axes, no attitude, and no direction in the pictures."""
-    monkeypatch.setattr(SeenDirections, "of", lambda self, served, current: ())
+    monkeypatch.setattr(SeenDirections, "_seen", lambda self, through, world_m, current: None)
     given = {"network": None, "video": "flight.mp4"}
     assert run("--network", "motion", **given)[0] == 3  # no frame has depth
     assert FlightFolder(work / "made/out").record.counts.frames_with_depth == 0
