@@ -1,4 +1,8 @@
 import random
+import threading
+import time
+from collections import Counter
+from contextlib import closing
 
 import av
 import numpy as np
@@ -7,6 +11,8 @@ from flight_files import make_sound, make_video, trimmed, turn_video
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.video import Video
+from flightdepth.live.video_address import video_address
+from flightdepth.live.video_stream import VideoStream
 
 UNEVEN_MS = [0, 33, 67, 140, 200, 1000, 1033]
 
@@ -116,6 +122,9 @@ def test_a_thumbnail_before_the_video_is_not_the_video(tmp_path):
             container.mux(stream.encode(None))
     with Video(path) as read_back:
         assert (read_back.size, len(list(read_back.frames()))) == ((64, 32), 8)
+    with closing(VideoStream(video_address(str(path)), Counter())) as played:
+        first = next(played.paced(time.monotonic_ns(), 0, threading.Event()))
+    assert first.rgb().shape == (32, 64, 3)
 
 
 def test_duration_and_count_are_hinted(tmp_path):

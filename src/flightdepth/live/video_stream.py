@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import FlightDepthError
 from flightdepth.flight.records import NS_PER_S
-from flightdepth.flight.video import upright
+from flightdepth.flight.video import main_stream, upright
 from flightdepth.live.picture_clock import PictureClock
 from flightdepth.live.sound_decoder import SoundDecoder
 from flightdepth.live.status import AgeFrom
@@ -68,7 +68,7 @@ class VideoStream:
         if not self._container.streams.video:
             self._container.close()
             raise StreamEnded("it has no video")
-        self._stream = self._container.streams.video[0]
+        self._stream = main_stream(self._container)
         if address.rtp:
             # A thread of FFmpeg's that logs waits for Python, while Python, freeing the codec, waits for that thread.
             self._stream.codec_context.thread_count = 1
