@@ -27,9 +27,7 @@ LONGEST_STEP_RAD = 0.5  # of the direction
 # A turn within a pair that is as likely as not; larger ones are rarer, not ruled out (Cauchy). A narrow view can
 # hardly tell turning from flying sideways, and a steady picture must not be called turning.
 USUAL_TURN_RAD = 0.005
-TOGETHER = (
-    1.5  # neighbouring points err together: by so many times as much as the same number of independent ones
-)
+TOGETHER = 1.5  # neighbouring points err together, by so many times as much as as many independent ones
 OUTLIER = 2.0  # noises; points farther off than some of them count alike, so that what moves by itself has little say
 ANY_DIRECTION = 1e-3  # weight that holds a direction of which points tell nothing, 1 / radians^2
 
@@ -164,12 +162,10 @@ def _left(flow: Flow, motion: _Motion) -> tuple[Vector, Vector, tuple[Vector, Ve
 
     Then that flow itself [2, m, n], A t [2, m, n] and its length, at least NEAREST_TO_FOCUS, [m, n].
     """
-    (x, y), (along_x, along_y) = flow.points.T, rotation_flow(flow.points)
+    along_x, along_y = rotation_flow(flow.points)
     turned = np.stack([motion.turns @ along_x.T, motion.turns @ along_y.T])
     moved = flow.motions.T[:, None] - turned
-    tx, ty, tz = motion.directions.T[..., None]
-    ahead = np.stack([x * tz - tx, y * tz - ty])
-    reach = np.maximum(np.sqrt(np.square(ahead).sum(axis=0)), NEAREST_TO_FOCUS)
+    ahead, reach = _ahead(flow.points, motion.directions, NEAREST_TO_FOCUS)
     off = (ahead[0] * moved[1] - ahead[1] * moved[0]) / reach
     along = (ahead * moved).sum(axis=0) / reach
     return off, along, (moved, ahead, reach)
@@ -177,10 +173,16 @@ def _left(flow: Flow, motion: _Motion) -> tuple[Vector, Vector, tuple[Vector, Ve
 
 def _normals(points: Vector, directions: Vector) -> tuple[Vector, Vector]:
     """Unit vectors perpendicular to A t for m directions and n points: x and y parts, each [m, n]."""
-    tx, ty, tz = (part[:, None] for part in directions.T)
-    move_x, move_y = points[:, 0] * tz - tx, points[:, 1] * tz - ty
-    length = np.maximum(np.sqrt(move_x * move_x + move_y * move_y), 1e-3)  # hypot takes five times as long
+    (move_x, move_y), length = _ahead(points, directions, 1e-3)
     return -move_y / length, move_x / length
+
+
+def _ahead(points: Vector, directions: Vector, nearest: float) -> tuple[Vector, Vector]:
+    """A t for m directions at n points, [2, m, n], and its length, at least `nearest`, [m, n]."""
+    tx, ty, tz = directions.T[..., None]
+    ahead = np.stack([points[:, 0] * tz - tx, points[:, 1] * tz - ty])
+    squared = ahead[0] * ahead[0] + ahead[1] * ahead[1]
+    return ahead, np.maximum(np.sqrt(squared), nearest)  # hypot takes five times as long
 
 
 def _hemisphere(count: int) -> Vector:

@@ -261,12 +261,7 @@ class MultiRangeEstimator:
         pairs = self._picked(lines, frames, current, self._first)
         through = seen_from(lines, frames, current.index, pairs)
         self._denied = self._log_denied(pairs, through, current)
-        told = all(pair.directed for pair in pairs) and not self._denied
-        asks = self._network.card.knows_direction
-        if not told and (asks or self._derotate):
-            pairs = self._directions.of(through, current)
-        if asks:
-            pairs = tuple(pair for pair in pairs if pair.directed or pair.seen)
+        pairs = self._with_directions(pairs, through, current, self._first)
         if pairs:
             return pairs, self._first
         if self._open_fallback is None:
@@ -281,7 +276,17 @@ class MultiRangeEstimator:
             self._fallback = Seer(network, network.card, planner)
         pairs = self._picked(lines, frames, current, self._fallback)
         through = seen_from(lines, frames, current.index, pairs)
-        return self._directions.of(through, current), self._fallback
+        return self._with_directions(pairs, through, current, self._fallback), self._fallback
+
+    def _with_directions(
+        self, pairs: tuple[Pair, ...], through: Sequence[Served], current: Frame, seer: Seer
+    ) -> tuple[Pair, ...]:
+        """The pairs with directions that the log or the pictures tell; without any those that serve `seer`."""
+        told = all(pair.directed for pair in pairs) and not self._denied
+        asks = seer.card.knows_direction
+        if not told and (asks or self._derotate):
+            pairs = self._directions.of(through, current)
+        return tuple(pair for pair in pairs if pair.directed or pair.seen or not asks)
 
     def _log_denied(self, pairs: Sequence[Pair], through: Sequence[Served], current: Frame) -> bool:
         """Whether the pictures contradict the direction that a log tells of these pairs."""
