@@ -8,7 +8,7 @@ import numpy as np
 
 from flightdepth.camera import Camera
 from flightdepth.live.obstacle_rays import sectors_of
-from flightdepth.live.obstacles import ObstacleSettings, Pose, Sectors, Sight
+from flightdepth.live.obstacles import LEAST_PARALLAX_PX, ObstacleSettings, Pose, Sectors, Sight
 from flightdepth.motion import (
     NED_FROM_CAMERA,
     quaternion_from_rotation,
@@ -21,6 +21,12 @@ CAMERA = Camera.from_fov(320, 240, 80)
 SIGHT = Sight(focal_px=200.0)
 SIDEWAYS = (0.0, 3.0, 0.0)  # m/s NED: parallax is best ahead
 SETTINGS = ObstacleSettings()
+
+
+def blind_cone_deg(range_m: float, displacement_m: float, sight: Sight) -> float:
+    """Half the angle of the cone round the direction of travel in which nothing is seen at `range_m`."""
+    sine = LEAST_PARALLAX_PX * range_m / (sight.focal_px * displacement_m)
+    return math.degrees(math.asin(min(1.0, sine)))
 
 
 def camera_attitude(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> np.ndarray:

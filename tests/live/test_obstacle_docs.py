@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 import typer
-from obstacle_worlds import SETTINGS
+from obstacle_worlds import SETTINGS, blind_cone_deg
 
 from flightdepth.cli import app
 from flightdepth.live.obstacle_messages import COMPONENT
 from flightdepth.live.obstacle_sender import RATE_HZ
-from flightdepth.live.obstacles import Sight, blind_cone_deg
+from flightdepth.live.obstacles import Sight
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "obstacles.md").read_text(encoding="utf-8")

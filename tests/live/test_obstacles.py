@@ -14,6 +14,7 @@ from obstacle_worlds import (
     CAMERA,
     SETTINGS,
     SIGHT,
+    blind_cone_deg,
     camera_attitude,
     ground,
     looked,
@@ -30,7 +31,6 @@ from flightdepth.live.obstacles import (
     SECTORS,
     ObstacleSettings,
     Sight,
-    blind_cone_deg,
     heading_rad,
 )
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler

@@ -16,7 +16,7 @@ from flightdepth.outputs import FlightFolder
 from flightdepth.outputs.writer import FlightWriter
 from flightdepth.weights.store import find_network, read_card
 
-SETTINGS = {"video": "rtsp://host/path", "mavlink": "udpin:0.0.0.0:14550", "telemetry": None}
+SETTINGS = {"video": "rtsp://host/path"}
 
 
 def results(count):
@@ -30,7 +30,7 @@ def results(count):
 
 @pytest.fixture
 def recorder(tmp_path):
-    return Recorder(tmp_path / "recording", read_card(find_network("motion-tiny")), SETTINGS)
+    return Recorder(tmp_path / "recording", read_card(find_network("motion-tiny")), "a link", SETTINGS)
 
 
 def test_a_disk_that_is_nearly_full_ends_the_recording_and_keeps_it(recorder, tmp_path, monkeypatch):

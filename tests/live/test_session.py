@@ -12,7 +12,7 @@ from live_peers import free_port
 
 from flightdepth.commands import live_session
 from flightdepth.commands.demo import LOG, VIDEO
-from flightdepth.commands.live_session import Session, missing, played_log
+from flightdepth.commands.live_session import Session, missing, played_log, recorded
 from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.network_options import NetworkPrecision
 from flightdepth.errors import BadInput
@@ -21,7 +21,7 @@ from flightdepth.flight import open as flight_open
 from flightdepth.flight.cameras import Recording
 from flightdepth.flight.records import ViewTrack
 from flightdepth.flight.telemetry import read_telemetry
-from flightdepth.live.obstacle_messages import ObstaclePacker, TlogWriter
+from flightdepth.live.obstacle_messages import ObstaclePacker, in_tlog
 from flightdepth.live.obstacles import ObstacleSettings
 from flightdepth.live.status import FrameCounts, Health, LiveStatus, SinkCounts, State
 from flightdepth.live.video_address import video_address
@@ -62,6 +62,19 @@ def test_what_is_recorded_holds_no_password(session, monkeypatch):
     with ExitStack() as stack:
         session._add_sinks(stack)
     assert recorded[0]._settings["video"] == "rtsp://127.0.0.1/main"
+
+
+def test_a_recording_tells_which_log_was_found(session, tmp_path, monkeypatch):
+    """Of the one inside the video or beside it flight.json said "None"."""
+    shutil.copy(VIDEO, tmp_path / "v.mp4")
+    shutil.copy(LOG, tmp_path / "v.csv")
+    played = Session(replace(session.settings, mavlink=None, video=str(tmp_path / "v.mp4")))
+    made = []
+    monkeypatch.setattr(live_session, "Recorder", lambda *given: made.append(given) or SimpleNamespace())
+    monkeypatch.setattr(played.engine, "add_sink", lambda name, sink: None)
+    played._add_sinks(SimpleNamespace(callback=lambda end: None))
+    assert made[0][2] == played.log.name
+    assert "v.csv" in played.log.name
 
 
 def test_obstacle_messages_that_fail_stand_in_the_state(session):
@@ -125,7 +138,7 @@ def test_a_log_of_another_time_than_the_video_is_refused(session):
     """It was played without a word, and no picture had a depth."""
     given = replace(session.settings, mavlink=None, telemetry=LOG, video=str(VIDEO), telemetry_offset=1000.0)
     with pytest.raises(BadInput, match=r"expected times within .* of the video, got 1000\.0"):
-        played_log(given, video_address(given.video))
+        recorded(given, video_address(given.video))
 
 
 def test_a_stream_has_no_log_of_its_own(session):
@@ -170,8 +183,7 @@ def test_a_dry_run_replaces_only_its_own_older_log(session, tmp_path):
     target.write_bytes(tlog_flight())
     with pytest.raises(BadInput, match=r"--dry-run .*expected a new file, .* got another file"):
         replace(session.settings, dry_run=target)
-    with TlogWriter(target) as log:
-        log.write(1, ObstaclePacker(ObstacleSettings()).heartbeat(usable=True))
+    target.write_bytes(in_tlog(1, ObstaclePacker(ObstacleSettings()).heartbeat(usable=True)))
     assert replace(session.settings, dry_run=target).dry_run == target
     with pytest.raises(BadInput, match="--dry-run: expected a file in an existing folder"):
         replace(session.settings, dry_run=tmp_path / "nowhere" / "a.tlog")

@@ -30,8 +30,8 @@ from flightdepth.live.log_player import LogPlayer
 from flightdepth.live.mavlink_link import MavlinkLink
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.live.obstacle_memory import ObstacleMap
-from flightdepth.live.obstacle_messages import ObstaclePacker, TlogWriter
-from flightdepth.live.obstacle_sender import ObstacleFeed, ObstacleSender
+from flightdepth.live.obstacle_messages import ObstaclePacker, in_tlog
+from flightdepth.live.obstacle_sender import ObstacleFeed, ObstacleSender, Write
 from flightdepth.live.obstacles import ObstacleSettings, Sight
 from flightdepth.live.page import Page, PageServer
 from flightdepth.live.recorder import Recorder
@@ -54,8 +54,11 @@ class Session:
     def __init__(self, settings: LiveSettings) -> None:
         self.settings = settings
         self.address = video_address(settings.video)
-        self.log = played_log(settings, self.address)
-        chosen = self._chosen_camera()
+        self.log, chosen = recorded(settings, self.address)
+        if chosen is not None:
+            say(f"camera: {chosen.source}")
+            for warning in chosen.warnings:
+                warn(warning)
         self.lens = Lens.given(settings.camera, settings.hfov) if chosen is None else Lens(chosen.camera)
         nominal = self.lens.camera or self.lens.at(*NOMINAL_SIZE)
         self.network: Network = load_network(
@@ -97,17 +100,6 @@ class Session:
             ),
             say=warn,
         )
-
-    def _chosen_camera(self) -> ChosenCamera | None:
-        """A video file's camera, as `flightdepth run` chooses it; None of a stream, which tells nothing of it."""
-        if not self.address.paced:
-            return None
-        with Video(Path(self.address.target)) as video:
-            chosen = choose_camera(video, self.settings.camera, self.settings.hfov, self.log)
-        say(f"camera: {chosen.source}")
-        for line in chosen.warnings:
-            warn(line)
-        return chosen
 
     def _zoomed(self, chosen: ChosenCamera) -> Callable[[int], Camera]:
         """The camera at a time of the live clock."""
@@ -154,9 +146,9 @@ class Session:
             self.engine.add_sink("page", page.take)
             say(f"page: {server.address}")
         if settings.out is not None:
-            recorder = Recorder(
-                settings.out, self.network.card, settings.for_record | {"video": self.address.name}
-            )
+            telemetry = settings.mavlink if self.log is None else self.log.name
+            facts = settings.for_record | {"video": self.address.name}
+            recorder = Recorder(settings.out, self.network.card, str(telemetry), facts)
             stack.callback(lambda: recorder.close(missing(self.engine.status())))
             self.engine.add_sink("recorder", recorder)
 
@@ -187,13 +179,24 @@ class Session:
         """The number of the system whose autopilot was heard."""
         return None if self.feed is None or self.feed.vehicle is None else self.feed.vehicle.system
 
-    def _obstacle_writer(self, stack: ExitStack) -> Callable[[bytes], None]:
+    def _obstacle_writer(self, stack: ExitStack) -> Write:
         """To the autopilot, or with --dry-run to a file and nowhere else."""
         if self.settings.dry_run is not None:
-            tlog = stack.enter_context(TlogWriter(self.settings.dry_run))
-            return lambda message: tlog.write(time.time_ns() // 1000, message)
+            tlog = stack.enter_context(self.settings.dry_run.open("wb"))
+            return lambda message: tlog.write(in_tlog(time.time_ns() // 1000, message))
         assert self.link is not None
         return self.link.write
+
+
+def recorded(settings: LiveSettings, address: VideoAddress) -> tuple[Telemetry | None, ChosenCamera | None]:
+    """The log that is played, and a video file's camera as `flightdepth run` chooses it; a stream tells neither."""
+    log = played_log(settings, address)
+    if not address.paced:
+        return None, None
+    with Video(Path(address.target)) as video:
+        if log is not None:
+            check_overlap(video, log)
+        return log, choose_camera(video, settings.camera, settings.hfov, log)
 
 
 def played_log(settings: LiveSettings, address: VideoAddress) -> Telemetry | None:
@@ -215,10 +218,7 @@ def played_log(settings: LiveSettings, address: VideoAddress) -> Telemetry | Non
         raise BadInput(
             "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="neither"
         )
-    log = log.later_by(round(settings.telemetry_offset * NS_PER_S))
-    with Video(Path(address.target)) as video:
-        check_overlap(video, log)
-    return log
+    return log.later_by(round(settings.telemetry_offset * NS_PER_S))
 
 
 def refuse_idle(settings: LiveSettings, address: VideoAddress, card: NetworkCard) -> None:
@@ -238,9 +238,8 @@ def told(engine: LiveEngine) -> Iterator[None]:
         said, line_at = None, 0.0
         while not over.wait(LOOK_S):
             status = engine.status()
-            health = (status.health.state, (status.health.reason or "").split(":")[0])
-            if health != said or time.monotonic() >= line_at:
-                said, line_at = health, time.monotonic() + LINE_EVERY_S
+            if status.health.kind != said or time.monotonic() >= line_at:
+                said, line_at = status.health.kind, time.monotonic() + LINE_EVERY_S
                 mention(line(status))
 
     thread = threading.Thread(target=watch, name="status", daemon=True)

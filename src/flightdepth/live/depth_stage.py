@@ -24,7 +24,7 @@ from flightdepth.live.motion_store import MotionStore
 from flightdepth.ranges.estimator import MultiRangeEstimator, check_ranges
 from flightdepth.ranges.repeats import Repeats
 from flightdepth.ranges.result import RangedDepth
-from flightdepth.runtimes.network import Network
+from flightdepth.runtimes.network import Network, lightest_network
 
 Image = NDArray[np.uint8]
 
@@ -34,11 +34,6 @@ MAX_TURN_RATE = MAX_TURN_RAD / SYNC_S
 # A repeated picture is left out; so many ns of repeats are a frozen picture, and everybody shall know.
 FROZEN_NS = 3 * NS_PER_S // 10
 LOOKED_AT = 4  # every so-many-th pixel tells whether a picture changed
-LIGHTER = {
-    "motion": "motion-tiny",
-    "depthnet-256": "tiny-clamped-256",
-    "tiny-clamped-512": "tiny-clamped-256",
-}
 
 
 @dataclass(frozen=True)
@@ -133,8 +128,8 @@ class DepthStage:
         ways = ["smaller pictures from the camera"]
         if self._network.card.knows_direction and self._network.aligned:
             ways.append("--no-align")
-        if self._network.card.name in LIGHTER:
-            ways.append(f"--network {LIGHTER[self._network.card.name]}")
+        if (lightest := lightest_network(self._network.card)) is not None:
+            ways.append(f"--network {lightest}")
         return " or ".join(ways)
 
     def take(self, stamp_ns: int, image: Image) -> Staged | None:

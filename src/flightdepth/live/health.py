@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.live.status import Health, State
@@ -122,10 +122,10 @@ class HealthMonitor:
         if state is not State.OK:
             self._trouble_ns = now_ns
         elif before.reason is not None and now_ns - self._trouble_ns < self._limits.recovered_ns:
-            past = _kind(before.reason).removeprefix(RECOVERING)
+            past = before.kind[1].removeprefix(RECOVERING)
             state, reason = State.DEGRADED, RECOVERING + past
-        same = state is before.state and _kind(reason or "") == _kind(before.reason or "")
-        self._health = Health(state, reason, before.since_ns if same else now_ns)
+        health = Health(state, reason, now_ns)
+        self._health = replace(health, since_ns=before.since_ns) if health.kind == before.kind else health
         return self._health
 
     def _worst(self, now_ns: int) -> tuple[State, str | None]:
@@ -174,8 +174,3 @@ class HealthMonitor:
             (True, self._lacking),
         )
         return next((reason for counts, reason in troubles if counts and reason is not None), None)
-
-
-def _kind(reason: str) -> str:
-    """What a reason is about, without the figures behind its colon."""
-    return reason.split(":", maxsplit=1)[0]

@@ -9,10 +9,7 @@ then does not fly there unless CP_GO_NO_DATA says so; ArduPilot makes no differe
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import IntEnum
-from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,17 +24,6 @@ DEFAULT_SYSTEM = 1  # of an autopilot that nobody numbered; in a dry run there i
 MOST_POINTS = 24  # a message each: the nearest are sent
 
 Message = Any
-
-
-class Mav(IntEnum):
-    """The numbers of MAVLink's common set that are sent; a test compares them with pymavlink's."""
-
-    TYPE_ONBOARD_CONTROLLER = 18
-    AUTOPILOT_INVALID = 8
-    STATE_ACTIVE = 4
-    STATE_CRITICAL = 5
-    FRAME_BODY_FRD = 12
-    DISTANCE_SENSOR_UNKNOWN = 4
 
 
 def distances_cm(sectors: Sectors, age_s: float, settings: ObstacleSettings) -> NDArray[np.uint16]:
@@ -87,26 +73,24 @@ class ObstaclePacker:
 
     def heartbeat(self, *, usable: bool) -> bytes:
         """Once a second; `usable`: whether obstacle distances are being sent."""
-        state = Mav.STATE_ACTIVE if usable else Mav.STATE_CRITICAL
-        return self._packed(
-            self._dialect.MAVLink_heartbeat_message(
-                Mav.TYPE_ONBOARD_CONTROLLER, Mav.AUTOPILOT_INVALID, 0, 0, state, 3
-            )
-        )
+        known = self._dialect
+        kind, nobody = known.MAV_TYPE_ONBOARD_CONTROLLER, known.MAV_AUTOPILOT_INVALID
+        state = known.MAV_STATE_ACTIVE if usable else known.MAV_STATE_CRITICAL
+        return self._packed(known.MAVLink_heartbeat_message(kind, nobody, 0, 0, state, 3))
 
     def distances(self, sectors: Sectors, time_us: int, age_s: float) -> bytes:
         """OBSTACLE_DISTANCE; `time_us` is when the picture was taken, since power-up or since 1970."""
         return self._packed(
             self._dialect.MAVLink_obstacle_distance_message(
                 time_us,
-                Mav.DISTANCE_SENSOR_UNKNOWN,
+                self._dialect.MAV_DISTANCE_SENSOR_UNKNOWN,
                 distances_cm(sectors, age_s, self.settings).tolist(),
                 SECTOR_DEG,
                 int(_centimetres(self.settings.min_m)),
                 int(_centimetres(self.settings.max_m)),
                 0.0,
                 0.0,
-                Mav.FRAME_BODY_FRD,
+                self._dialect.MAV_FRAME_BODY_FRD,
             )
         )
 
@@ -130,8 +114,8 @@ class ObstaclePacker:
         return self._packed(
             self._dialect.MAVLink_obstacle_distance_3d_message(
                 time_ms % 2**32,
-                Mav.DISTANCE_SENSOR_UNKNOWN,
-                Mav.FRAME_BODY_FRD,
+                self._dialect.MAV_DISTANCE_SENSOR_UNKNOWN,
+                self._dialect.MAV_FRAME_BODY_FRD,
                 UNKNOWN,
                 x,
                 y,
@@ -149,28 +133,10 @@ class ObstaclePacker:
 
 
 def is_own_log(head: bytes) -> bool:
-    """Whether a log begins with a MAVLink 2 message by this component, as those of `TlogWriter` do."""
+    """Whether a log begins with a MAVLink 2 message by this component, as `in_tlog` makes them."""
     return len(head) > 14 and head[8] == 0xFD and head[14] == COMPONENT
 
 
-class TlogWriter:
-    """A ground station's log: each message behind its time, microseconds since 1970 or of any other clock."""
-
-    def __init__(self, path: Path) -> None:
-        self._file: BinaryIO = path.open("wb")
-
-    def __enter__(self) -> TlogWriter:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def write(self, time_us: int, message: bytes) -> None:
-        """Append one message."""
-        self._file.write(time_us.to_bytes(8, "big") + message)
-
-    def close(self) -> None:
-        """Flush and close."""
-        self._file.close()
+def in_tlog(time_us: int, message: bytes) -> bytes:
+    """A message as it stands in a ground station's log: behind its time, microseconds since 1970."""
+    return time_us.to_bytes(8, "big") + message

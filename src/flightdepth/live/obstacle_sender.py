@@ -13,12 +13,12 @@ import numpy as np
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import ObstaclePacker
-from flightdepth.live.obstacles import ObstacleSettings, Sectors, heading_rad, level_from_world
+from flightdepth.live.obstacles import Sectors, heading_rad, level_from_world
 from flightdepth.live.status import LiveResult
 from flightdepth.motion import NED_FROM_CAMERA, Vector, rotation_from_quaternion
 
 RATE_HZ = 15.0  # PX4 was tested with 10 Hz at 4 m/s; both autopilots give up after half a second
-HEARTBEAT_NS = NS_PER_S
+HEARTBEAT_NS, EVERY_NS = NS_PER_S, round(NS_PER_S / RATE_HZ)
 BLIND = "obstacles are unknown"
 FIXED_HEADING = " (a camera screwed to it: --mount fixed)"
 
@@ -40,6 +40,10 @@ class ObstacleFeed:
 
     `camera_ahead`: the camera is screwed to the drone and looks where its nose points, so that its own heading
     serves where nobody tells the drone's.
+
+    settings  of the sectors and of the messages
+    newest    what the last result said; None before the first
+    lacking   why all sectors of the last result are unknown, where that is not for want of depth
     """
 
     def __init__(
@@ -47,32 +51,16 @@ class ObstacleFeed:
         obstacles: ObstacleMap,
         packer: ObstaclePacker,
         *,
-        rate_hz: float = RATE_HZ,
         points: bool = False,
         camera_ahead: bool = False,
     ) -> None:
+        self.settings = obstacles.settings
+        self.newest: Newest | None = None
+        self.lacking: str | None = None
         self._obstacles, self._packer = obstacles, packer
-        self._every_ns = round(NS_PER_S / rate_hz)
         self._points, self._camera_ahead = points, camera_ahead
-        self._newest: Newest | None = None
-        self._lacking: str | None = None
         self._distances_ns: int | None = None
         self._heartbeat_ns: int | None = None
-
-    @property
-    def settings(self) -> ObstacleSettings:
-        """Of the sectors and of the messages."""
-        return self._obstacles.settings
-
-    @property
-    def newest(self) -> Newest | None:
-        """What the last result said; None before the first."""
-        return self._newest
-
-    @property
-    def lacking(self) -> str | None:
-        """Why all sectors of the last result are unknown, where that is not for want of depth."""
-        return self._lacking
 
     def take(self, result: LiveResult) -> None:
         """A sink: work out the sectors of a result."""
@@ -80,7 +68,7 @@ class ObstacleFeed:
         unknown = {"camera's attitude": result.world_from_camera, "drone's heading": heading}
         wanting = " and the ".join(what for what, told in unknown.items() if told is None)
         mend = FIXED_HEADING if heading is None and result.world_from_camera is not None else ""
-        self._lacking = f"{BLIND}: nobody tells the {wanting}{mend}" if wanting else None
+        self.lacking = f"{BLIND}: nobody tells the {wanting}{mend}" if wanting else None
         sectors = self._obstacles.add(
             result.stamp_ns,
             result.depth,
@@ -93,18 +81,18 @@ class ObstacleFeed:
         tilt = np.eye(3)
         if result.world_from_body is not None and heading is not None:
             tilt = rotation_from_quaternion(result.world_from_body).T @ level_from_world(heading).T
-        self._newest = Newest(sectors, result.stamp_ns, result.boot_ns, tilt)
+        self.newest = Newest(sectors, result.stamp_ns, result.boot_ns, tilt)
 
     def due(self, now_ns: int) -> list[bytes]:
         """The messages to send at `now_ns`: none twice within its interval, none about an old picture."""
-        newest = self._newest
+        newest = self.newest
         age_s = np.inf if newest is None else (now_ns - newest.stamp_ns) / NS_PER_S
-        usable = newest is not None and age_s <= self._obstacles.settings.stale_s
+        usable = newest is not None and age_s <= self.settings.stale_s
         messages = []
         if _elapsed(self._heartbeat_ns, now_ns, HEARTBEAT_NS):
             self._heartbeat_ns = now_ns
             messages.append(self._packer.heartbeat(usable=usable))
-        if newest is not None and usable and _elapsed(self._distances_ns, now_ns, self._every_ns):
+        if newest is not None and usable and _elapsed(self._distances_ns, now_ns, EVERY_NS):
             self._distances_ns = now_ns
             time_us = (newest.stamp_ns if newest.boot_ns is None else newest.boot_ns) // 1000
             messages.append(self._packer.distances(newest.sectors, time_us, age_s))

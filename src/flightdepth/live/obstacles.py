@@ -142,9 +142,3 @@ def heading_rad(world_from_body: Vector) -> float:
     """Heading of the nose from north, clockwise, of a quaternion (w, x, y, z)."""
     nose = rotation_from_quaternion(world_from_body)[:, 0]
     return math.atan2(nose[1], nose[0])
-
-
-def blind_cone_deg(range_m: float, displacement_m: float, sight: Sight) -> float:
-    """Half the angle of the cone round the direction of travel in which nothing is seen at `range_m`."""
-    sine = LEAST_PARALLAX_PX * range_m / (sight.focal_px * displacement_m)
-    return math.degrees(math.asin(min(1.0, sine)))

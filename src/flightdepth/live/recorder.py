@@ -24,10 +24,15 @@ class Recorder:
     """Writes results into `target`, which appears when `close` has finished it. Times begin with the first."""
 
     def __init__(
-        self, target: Path, network: NetworkCard, settings: dict[str, bool | int | float | str | None]
+        self,
+        target: Path,
+        network: NetworkCard,
+        telemetry: str,
+        settings: dict[str, bool | int | float | str | None],
     ) -> None:
+        """`telemetry`: where the velocity comes from; `settings` as they shall stand in flight.json."""
         check_target(target)  # now, not after the flight
-        self._target, self._network, self._settings = target, network, settings
+        self._target, self._network, self._telemetry, self._settings = target, network, telemetry, settings
         self._stack = ExitStack()
         self._writer: FlightWriter | None = None
         self._size = (0, 0)
@@ -81,7 +86,7 @@ class Recorder:
     def _begin(self, result: LiveResult) -> FlightWriter:
         source = Source(
             flight=str(self._settings["video"]),
-            telemetry=str(self._settings["mavlink"] or self._settings["telemetry"]),
+            telemetry=self._telemetry,
             camera=result.camera,
             network=self._network,
             settings=self._settings,

@@ -28,14 +28,12 @@ class Newest(Generic[T]):
         with self._filled:
             return self._replaced
 
-    def put(self, item: T) -> bool:
-        """Never waits; whether an older item was pushed out."""
+    def put(self, item: T) -> None:
+        """Never waits; pushes out an older item."""
         with self._filled:
-            pushed_out = self._item is not None
-            self._replaced += pushed_out
+            self._replaced += self._item is not None
             self._item = (item,)
             self._filled.notify()
-            return pushed_out
 
     def take(self, timeout_s: float) -> T | None:
         """The item, or None when there is none for `timeout_s`."""

@@ -44,6 +44,11 @@ class Health:
         if (self.state is State.OK) != (self.reason is None):
             raise ValueError(f"expected a reason unless all is well, got {self.state}: {self.reason}")
 
+    @property
+    def kind(self) -> tuple[State, str]:
+        """The state and what its reason is about, without the figures behind its colon."""
+        return self.state, (self.reason or "").split(":", maxsplit=1)[0]
+
 
 @dataclass(frozen=True)
 class FrameCounts:

@@ -23,7 +23,14 @@ from flightdepth.runtimes.memory import OutOfMemory
 from flightdepth.runtimes.onnx_openvino import unfit_weights
 from flightdepth.runtimes.prediction import Maps, Prediction
 from flightdepth.weights.card import NetworkCard
-from flightdepth.weights.store import SHIPPED, StoredNetwork, read_card, read_network, shipped_networks
+from flightdepth.weights.store import (
+    SHIPPED,
+    StoredNetwork,
+    find_network,
+    read_card,
+    read_network,
+    shipped_networks,
+)
 
 Image = NDArray[np.uint8]
 
@@ -267,3 +274,17 @@ def nearest_network(camera: Camera, folder: Path = SHIPPED) -> str:
         return off, card.base_width, -card.focal_px if card.any_lens else 0.0, name
 
     return min(names, key=rank)
+
+
+def lightest_network(card: NetworkCard) -> str | None:
+    """The shipped network of the same kind that takes least time; None where none takes less than this one."""
+
+    def price(each: NetworkCard) -> float:
+        """Root of the time: feature maps and sides of the pictures count squared."""
+        return each.base_width * each.focal_px
+
+    cards = [read_card(find_network(name)) for name in shipped_networks()]
+    lightest = min(
+        (each for each in cards if each.knows_direction == card.knows_direction), key=price, default=card
+    )
+    return lightest.name if price(lightest) < price(card) else None
