@@ -54,7 +54,7 @@ def fit(names: list[str], file: Path, count: int, steps: int, *, go_on: bool) ->
         told += [told_of(network, pair) for pair in counted(pairs, name, "pairs")]
     start: dict[str, Any] = {"start": JUDGE.read_bytes(), "rate": RATE / 2} if go_on else {}
     with progress_bar("judge", steps, "steps") as bar:
-        judge = fitted_judge(told, steps=steps, after_step=lambda: bar.advance(bar.task_ids[0]), **start)
+        judge = fitted_judge(told, steps=steps, after_step=bar.step, **start)
     file.write_bytes(judge)
 
 

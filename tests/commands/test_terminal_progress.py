@@ -27,7 +27,7 @@ def test_what_was_done_before_is_no_speed(
     with terminal.progress_bar("set", 3, "frames") as bar:
         bar.begin_at(1000, 1010)
         time.sleep(0.2)
-        bar.advance(bar.task_ids[0])
+        bar.step()
         said = capsys.readouterr().out
     assert said.startswith("set: 1,001 of 1,010 frames, ")
     assert float(said.split(", ")[1].split()[0]) <= 5

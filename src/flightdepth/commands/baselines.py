@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flightdepth.commands.figures import JsonOption, write_figures
 from flightdepth.commands.flight_options import (
     CameraOption,
     EndOption,
@@ -15,9 +16,9 @@ from flightdepth.commands.flight_options import (
     StartOption,
     TelemetryOption,
 )
-from flightdepth.commands.terminal import progress_bar, say, show_table
+from flightdepth.commands.terminal import counted, say, show_table
 from flightdepth.errors import BadInput
-from flightdepth.files import check_parent, write_atomic, write_json
+from flightdepth.files import check_parent, write_atomic
 
 if TYPE_CHECKING:
     from flightdepth.camera import Camera
@@ -50,7 +51,7 @@ def baselines(
         str, typer.Option(metavar="M,M,...", help="Metres flown between the two pictures of a pair.")
     ] = "0.5,1,2",
     every: Annotated[int, typer.Option(metavar="N", min=1, help="Ask for the depth of each N-th frame.")] = 3,
-    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure there.")] = None,
+    json: JsonOption = None,
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a PNG of some frames there.")
     ] = None,
@@ -66,6 +67,7 @@ def baselines(
 
       flightdepth evaluate baselines flight.mp4 --hfov 73 --network motion
     """
+    from flightdepth.evaluation.network import without_nan
     from flightdepth.flight import open_flight
     from flightdepth.runtimes.network import load_network, nearest_network
 
@@ -77,7 +79,7 @@ def baselines(
         result, sights, valid = studied(opened, opened_networks, lengths_m, every)
     result = {"flight": flight.name, "start_s": start, "end_s": end, **result}
     show(result)
-    keep(result, json)
+    write_figures(json, without_nan(result))
     if picture is not None:
         draw(sights, valid, picture)
 
@@ -145,13 +147,11 @@ def side_by_side(networks: Sequence[Network], camera: Camera) -> tuple[list[Netw
 def follow(flight: Flight, pairs: BaselinePairs, study: BaselineStudy, sights: SheetSights) -> int:
     """Give every frame to the study, with a progress bar; how many there were."""
     frames = 0
-    with progress_bar("baselines", flight.frame_count_hint, "frames") as bar:
-        for moment in pairs:
-            seen = study.add(moment)
-            if len(seen) == len(study.baselines_m):
-                sights.add(seen)
-            frames += 1
-            bar.advance(bar.task_ids[0])
+    for moment in counted(pairs, "baselines", "frames", total=flight.frame_count_hint):
+        seen = study.add(moment)
+        if len(seen) == len(study.baselines_m):
+            sights.add(seen)
+        frames += 1
     return frames
 
 
@@ -169,15 +169,6 @@ def show(result: dict[str, Any]) -> None:
         say(f"  direction of {count} pairs told by {witness}")
     for cause, count in result["left_out"].items():
         say(f"  {count} left out: {cause}")
-
-
-def keep(result: dict[str, Any], target: Path | None) -> None:
-    """Write the figures, if asked for."""
-    from flightdepth.evaluation.network import without_nan
-
-    if target is not None:
-        write_json(target, without_nan(result))
-        say(f"figures: {target}")
 
 
 def draw(sights: SheetSights, valid: Any, target: Path) -> None:

@@ -107,7 +107,7 @@ def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> in
             import laspy  # noqa: F401  before the work, not after it
         write = write_las
     with progress_bar("cloud", -(-len(flight.rows) // settings.every), "frames") as bar:
-        cloud = cloud_of(flight, settings, lambda: bar.advance(bar.task_ids[0]))
+        cloud = cloud_of(flight, settings, bar.step)
     if not len(cloud):
         raise BadInput(
             f"depth in {flight.folder}",
@@ -127,4 +127,4 @@ def write_recording(flight: FlightFolder, file: Path) -> None:
         extra_packages("Writing ROS recordings", "ros"),
         progress_bar("recording", len(flight.rows), "frames") as bar,
     ):
-        write_mcap(file, flight, lambda: bar.advance(bar.task_ids[0]))
+        write_mcap(file, flight, bar.step)

@@ -12,7 +12,7 @@ import typer
 
 from flightdepth.commands.run_settings import RunSettings
 from flightdepth.commands.single_flight import conclude, introduce, write_depth
-from flightdepth.commands.terminal import progress_bar, say, show_table
+from flightdepth.commands.terminal import counted, say, show_table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -106,15 +106,13 @@ def compare(moments: list[Moment], camera: Camera, card: NetworkCard) -> tuple[F
 
     errors, poses = FlightErrors(), np.loadtxt(POSES, delimiter=",", skiprows=1)
     sky_shares: dict[str, list[float]] = {NETWORK: [], PEER: []}
-    with progress_bar("classical peer", len(moments), "frames") as bar:
-        for moment in moments:
-            truth_m = read_depth(TRUTH / f"{moment.index:06d}.png")
-            depths = {NETWORK: moment.depth_m, PEER: peer_depth(moment, poses, camera, card)}
-            for name, depth_m in depths.items():
-                at_truth_m = depth_m[TRUTH_OFFSET_PX::TRUTH_STEP_PX, TRUTH_OFFSET_PX::TRUTH_STEP_PX]
-                errors.add(name, at_truth_m, truth_m)
-                sky_shares[name].append(float(np.isfinite(at_truth_m[truth_m > SKY_M]).mean()))
-            bar.advance(bar.task_ids[0])
+    for moment in counted(moments, "classical peer", "frames"):
+        truth_m = read_depth(TRUTH / f"{moment.index:06d}.png")
+        depths = {NETWORK: moment.depth_m, PEER: peer_depth(moment, poses, camera, card)}
+        for name, depth_m in depths.items():
+            at_truth_m = depth_m[TRUTH_OFFSET_PX::TRUTH_STEP_PX, TRUTH_OFFSET_PX::TRUTH_STEP_PX]
+            errors.add(name, at_truth_m, truth_m)
+            sky_shares[name].append(float(np.isfinite(at_truth_m[truth_m > SKY_M]).mean()))
     sky = ", ".join(f"{name} {percent(float(np.mean(shares)))}" for name, shares in sky_shares.items())
     return errors, sky
 

@@ -9,6 +9,7 @@ import typer
 
 from flightdepth.commands.baselines import baselines
 from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.figures import JsonOption, write_figures
 from flightdepth.commands.noise import noise
 from flightdepth.commands.ranges import ranges
 from flightdepth.commands.renderers import renderer
@@ -41,7 +42,7 @@ def evaluate_network_command(
     network: Annotated[str, typer.Argument(metavar="NETWORK", help="A shipped name, or an ONNX file.")],
     *,
     scenes: Annotated[int, typer.Option(metavar="N", help="Scenes of the test set.")] = 300,
-    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure there.")] = None,
+    json: JsonOption = None,
     pictures: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help=f"Write the first {PICTURES} results there as pictures."),
@@ -129,11 +130,8 @@ def keep(
 ) -> None:
     """Write what was asked for."""
     from flightdepth.evaluation.pictures import write_sheets
-    from flightdepth.files import write_json
 
-    if json is not None:
-        write_json(json, result)
-        say(f"figures: {json}")
+    write_figures(json, result)
     if pictures is not None:
         first = map(pairs.pair, range(min(PICTURES, len(pairs))))
         say(f"pictures: {len(write_sheets(network, first, pictures))} in {pictures}")

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from flightdepth.commands.live_settings import LiveSettings, Mount
-from flightdepth.commands.network_options import NetworkPrecision, PrecisionOption
+from flightdepth.commands.network_options import METHOD, AlignOption, NetworkPrecision, PrecisionOption
 
-METHOD, RESULTS = "Method", "Results"  # panels of --help
+RESULTS = "Results"  # a panel of --help
 
 
 def live(
@@ -68,14 +68,7 @@ def live(
         typer.Option(metavar="NAME", help="See `flightdepth networks`. Default: one for any lens."),
     ] = None,
     precision: PrecisionOption = NetworkPrecision.AUTO,
-    align: Annotated[
-        bool,
-        typer.Option(
-            help="Align depth with the pictures by optical flow; without it: rougher, sooner. "
-            "Only networks that know the direction do.",
-            rich_help_panel=METHOD,
-        ),
-    ] = True,
+    align: AlignOption = True,
     ranges: Annotated[
         int,
         typer.Option(

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from flightdepth.runtimes.contract import Precision
     from flightdepth.weights.card import NetworkCard
 
+METHOD = "Method"  # a panel of --help
+
 
 class NetworkPrecision(StrEnum):
     """In which numbers a network runs."""
@@ -35,6 +37,14 @@ PrecisionOption = Annotated[
         help="Numbers that the network computes in: f32, bf16, or int8, which is fastest on CPUs with VNNI (what it "
         "costs stands on the network's card). auto: bf16 where the CPU is faster in it and it costs 1 % at most, "
         "else f32.",
+    ),
+]
+AlignOption = Annotated[
+    bool,
+    typer.Option(
+        help="Align depth with the pictures by optical flow; without it: rougher, sooner. "
+        "Only networks that know the direction do.",
+        rich_help_panel=METHOD,
     ),
 ]
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from flightdepth.commands.extras import extra_packages
-from flightdepth.commands.terminal import counted, say, show_table
+from flightdepth.commands.figures import JsonOption, write_figures
+from flightdepth.commands.terminal import counted, show_table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -26,7 +26,7 @@ def noise(
             "--derotate", help="Measure again with what the pictures show of rotation and direction mended."
         ),
     ] = False,
-    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure there.")] = None,
+    json: JsonOption = None,
 ) -> None:
     """Error on the fixed test set when the reported motion is wrong: direction, speed, rotation.
 
@@ -44,7 +44,7 @@ def noise(
         from flightdepth.evaluation.noise import SEED, noise_rows
         from flightdepth.evaluation.provenance import network_facts, source_commit
 
-    from flightdepth.files import check_parent, write_json
+    from flightdepth.files import check_parent
     from flightdepth.runtimes.network import load_network
 
     check_parent("--json", json)
@@ -52,11 +52,9 @@ def noise(
     pairs = fixed_set(next((n.card for n in opened if not n.card.any_lens), opened[0].card), scenes=scenes)
     rows = noise_rows(opened, counted(pairs, "noise", "scenes"), derotate=derotate)
     show_table(table(rows, set_name(pairs)))
-    if json is not None:
-        code = {"commit": source_commit(), "networks": [network_facts(network) for network in opened]}
-        drawn = {"set": set_name(pairs), "scenes": scenes, "seed": pairs.seed, "noise_seed": SEED}
-        write_json(json, code | drawn | {"rows": rows})
-        say(f"figures: {json}")
+    code = {"commit": source_commit(), "networks": [network_facts(network) for network in opened]}
+    drawn = {"set": set_name(pairs), "scenes": scenes, "seed": pairs.seed, "noise_seed": SEED}
+    write_figures(json, code | drawn | {"rows": rows})
 
 
 def table(rows: list[dict[str, Any]], title: str) -> Table:

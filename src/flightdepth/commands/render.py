@@ -115,7 +115,7 @@ def render(
             bar.begin_at(rest.start * frames, count * frames)
             for scene in rendered:
                 target.add(scene)
-                bar.advance(bar.task_ids[0], frames)
+                bar.step(frames)
     say(
         f"{out}: {count:,} scenes of {frames} frames, {wanted.width}x{wanted.height} px, in the {layout} layout"
     )

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flightdepth.commands.extras import extra_packages
-from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.commands.figures import JsonOption, write_figures
+from flightdepth.commands.terminal import counted, say
 from flightdepth.errors import BadInput
-from flightdepth.files import check_parent, write_atomic, write_json
+from flightdepth.files import check_parent, write_atomic
 
 if TYPE_CHECKING:
     from flightdepth.evaluation.renderer import Frame
@@ -31,7 +32,7 @@ def renderer(
     threads: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Of Cycles. Default: every core.")
     ] = None,
-    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure there.")] = None,
+    json: JsonOption = None,
     picture: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help=f"Draw {PICTURED} scenes by both and their difference there."),
@@ -66,12 +67,8 @@ def compared(blender: Any, scenes: int, size: int, outdoor: bool) -> list[Frame]
     from flightdepth.evaluation.renderer import both_ways
 
     textures, drawn = outdoor_set(scenes) if outdoor else room_set(scenes)
-    frames = []
-    with progress_bar("both ways", scenes, "scenes") as bar:
-        for frame in both_ways(drawn, textures, Camera.from_fov(size, size, 90), blender):
-            frames.append(frame)
-            bar.advance(bar.task_ids[0])
-    return frames
+    frames = both_ways(drawn, textures, Camera.from_fov(size, size, 90), blender)
+    return list(counted(frames, "both ways", "scenes", total=scenes))
 
 
 def room_set(scenes: int) -> tuple[Textures, Iterator[tuple[int, Scene]]]:
@@ -123,9 +120,7 @@ def keep(result: dict[str, Any], frames: list[Frame], json: Path | None, picture
     from flightdepth.evaluation.renderer import picture as drawn
     from flightdepth.renderers.raycast import VERSION
 
-    if json is not None:
-        write_json(json, {"commit": source_commit(), "renderer": VERSION, "seed": SEED} | result)
-        say(f"figures: {json}")
+    write_figures(json, {"commit": source_commit(), "renderer": VERSION, "seed": SEED} | result)
     if picture is not None:
         pixels = cv2.cvtColor(drawn(frames[:PICTURED]), cv2.COLOR_RGB2BGR)
         quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if picture.suffix == ".jpg" else []

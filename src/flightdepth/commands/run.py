@@ -16,14 +16,14 @@ from flightdepth.commands.flight_options import (
     StartOption,
     TelemetryOption,
 )
-from flightdepth.commands.network_options import NetworkPrecision, PrecisionOption
+from flightdepth.commands.network_options import METHOD, AlignOption, NetworkPrecision, PrecisionOption
 from flightdepth.commands.ray_option import check_engine
 from flightdepth.commands.run_settings import RunSettings, offset_of
 from flightdepth.commands.signals import stopped_as_by_ctrl_c
 from flightdepth.commands.single_flight import run_one
 from flightdepth.errors import BadInput, FlightDepthError
 
-METHOD, SEVERAL = "Method", "Several flights"  # panels of --help
+SEVERAL = "Several flights"  # a panel of --help
 
 
 def run(
@@ -100,14 +100,7 @@ def run(
             rich_help_panel=METHOD,
         ),
     ] = True,
-    align: Annotated[
-        bool,
-        typer.Option(
-            help="Align depth with the pictures by optical flow; without it: rougher, sooner. "
-            "Only networks that know the direction do.",
-            rich_help_panel=METHOD,
-        ),
-    ] = True,
+    align: AlignOption = True,
     fallback: Annotated[
         str | None,
         typer.Option(

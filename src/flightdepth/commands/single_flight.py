@@ -107,7 +107,7 @@ def write_depth(
 
     def progress(frame: Frame, result: RangedDepth) -> None:
         heed_interrupt()
-        bar.advance(bar.task_ids[0])
+        bar.step()
         if watch is not None:
             watch(frame, result)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,7 @@ import typer
 
 from flightdepth.commands.export import card_of, running
 from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.figures import JsonOption, write_figures
 from flightdepth.commands.terminal import counted, say, show_table, warn
 from flightdepth.commands.textures import PROCEDURAL, gathered_textures
 from flightdepth.commands.train import run
@@ -46,7 +48,7 @@ def paper_table(
     procedural: Annotated[
         int, typer.Option(metavar="N", help="How many made textures, as of train.")
     ] = PROCEDURAL,
-    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure there.")] = None,
+    json: JsonOption = None,
 ) -> None:
     """The paper's L1 and RMSE for FlowNetS and DepthNet, chain by chain, ours beside the published ones.
 
@@ -61,6 +63,7 @@ def paper_table(
     """
     with extra_packages("flightdepth evaluate", "train"):
         from flightdepth.evaluation import table as paper
+        from flightdepth.evaluation.provenance import source_commit
         from flightdepth.scenes import Textures
 
     if samples is not None and not train:
@@ -74,8 +77,9 @@ def paper_table(
     for each in paper.tables(rows):
         show_table(each)
     say_what_was_measured(rows)
-    if json is not None:
-        write(json, rows, scenes)
+    write_figures(
+        json, {"commit": source_commit(), "scenes": scenes, "rows": [as_json(*each) for each in rows]}
+    )
 
 
 def train_all(runs: Path, textures: Textures, samples: int | None) -> None:
@@ -234,12 +238,6 @@ def say_what_was_measured(rows: list[tuple[Row, Found | None]]) -> None:
         say("rows that are not trained: flightdepth evaluate table --train [--samples N]")
 
 
-def write(path: Path, rows: list[tuple[Row, Found | None]], scenes: int) -> None:
-    """Everything as JSON: published figures, measured ones, where each comes from."""
-    from dataclasses import asdict
-
-    from flightdepth.evaluation.provenance import source_commit
-
-    said = [asdict(row) | {"title": row.title, "measured": found} for row, found in rows]
-    write_json(path, {"commit": source_commit(), "scenes": scenes, "rows": said})
-    say(f"figures: {path}")
+def as_json(row: Row, found: Found | None) -> Found:
+    """A row whole: published figures, measured ones, where each comes from."""
+    return asdict(row) | {"title": row.title, "measured": found}

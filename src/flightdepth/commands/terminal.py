@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator, Sized
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -14,7 +14,6 @@ from rich.progress import (
     Progress,
     ProgressColumn,
     Task,
-    TaskID,
     TextColumn,
     TimeRemainingColumn,
 )
@@ -26,11 +25,7 @@ if TYPE_CHECKING:
 UNBOUNDED = 1000  # columns
 TOLD_EVERY_S = 30.0  # of a bar that no terminal shows
 
-Item_co = TypeVar("Item_co", covariant=True)
-
-
-class Countable(Sized, Iterable[Item_co], Protocol[Item_co]):
-    """What says how many it holds, and yields them."""
+Item = TypeVar("Item")
 
 
 class Speed(ProgressColumn):
@@ -55,15 +50,15 @@ class ToldProgress(Progress):
         self._began: tuple[float, float] | None = None  # when the first step was done, and how many were then
         self._told_s = time.monotonic()
 
-    def advance(self, task_id: TaskID, advance: float = 1) -> None:
-        """As rich's."""
-        super().advance(task_id, advance)
-        self._tell(self.tasks[task_id])
+    def step(self, steps: float = 1) -> None:
+        """One more is done, or several."""
+        self.advance(self.task_ids[0], steps)
+        self._tell(self.tasks[0])
 
-    def update(self, task_id: TaskID, **fields: Any) -> None:
-        """As rich's."""
-        super().update(task_id, **fields)
-        self._tell(self.tasks[task_id])
+    def reach(self, completed: float, description: str) -> None:
+        """So much is done by now, and what is under way."""
+        self.update(self.task_ids[0], completed=completed, description=description)
+        self._tell(self.tasks[0])
 
     def begin_at(self, completed: float, total: float) -> None:
         """Go on with what was begun earlier; rich would take an update to there for speed."""
@@ -116,7 +111,7 @@ def report(error: Exception) -> None:
 
 @contextmanager
 def progress_bar(title: str, total: int | None, unit: str) -> Iterator[ToldProgress]:
-    """A bar with `unit`/s and the time left, or lines of it; advance it with `bar.advance(bar.task_ids[0])`."""
+    """A bar with `unit`/s and the time left, or lines of it; call its `step` for each."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -131,12 +126,12 @@ def progress_bar(title: str, total: int | None, unit: str) -> Iterator[ToldProgr
             bar.update(task, total=bar.tasks[task].completed)
 
 
-def counted(items: Countable[Item_co], title: str, unit: str) -> Iterator[Item_co]:
-    """The items one by one, with a progress bar."""
-    with progress_bar(title, len(items), unit) as bar:
+def counted(items: Iterable[Item], title: str, unit: str, *, total: int | None = None) -> Iterator[Item]:
+    """The items one by one, with a progress bar; `total` where they do not say how many they are."""
+    with progress_bar(title, len(items) if isinstance(items, Sized) else total, unit) as bar:
         for item in items:
             yield item
-            bar.advance(bar.task_ids[0])
+            bar.step()
 
 
 def _to_stderr(text: str, style: str) -> None:

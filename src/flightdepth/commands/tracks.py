@@ -14,7 +14,7 @@ from flightdepth.commands.flight_options import (
     StartOption,
     TelemetryOption,
 )
-from flightdepth.commands.terminal import progress_bar, say
+from flightdepth.commands.terminal import counted, say
 
 if TYPE_CHECKING:
     from flightdepth.evaluation.tracked_points import TrackedPoints
@@ -84,9 +84,8 @@ def _follow(flight: Flight, estimator: MultiRangeEstimator, points: TrackedPoint
         if isinstance(sample, VelocitySample):
             path.add(sample.stamp_ns, float(np.linalg.norm(sample.velocity)))
 
-    with progress_bar("tracking", flight.frame_count_hint, "frames") as bar:
-        for frame, result in depths(flight, estimator, on_sample=fly):
-            flown_m = path.at(frame.stamp_ns)
-            if flown_m is not None:
-                points.add(frame.image, result.depth_m, flown_m)
-            bar.advance(bar.task_ids[0])
+    flown = depths(flight, estimator, on_sample=fly)
+    for frame, result in counted(flown, "tracking", "frames", total=flight.frame_count_hint):
+        flown_m = path.at(frame.stamp_ns)
+        if flown_m is not None:
+            points.add(frame.image, result.depth_m, flown_m)

@@ -209,7 +209,7 @@ class Display:
             self._begun = True
             self._bar.begin_at(report.seen, report.total)
         text = f"stage {report.stage}, loss {report.loss_m:.3f} m"
-        self._bar.update(self._bar.task_ids[0], completed=report.seen, description=text)
+        self._bar.reach(report.seen, text)
 
 
 def conclude(recipe: Recipe, folder: Path) -> None:

@@ -125,5 +125,5 @@ def send(recording: RecordingStream, flight: FlightFolder, pictures: int) -> Non
     from flightdepth.outputs.viewer import every_nth, show
 
     with progress_bar("viewer", -(-len(flight.rows) // every_nth(flight, pictures)), "frames") as bar:
-        show(recording, flight, most_pictures=pictures, on_picture=lambda: bar.advance(bar.task_ids[0]))
+        show(recording, flight, most_pictures=pictures, on_picture=bar.step)
     recording.flush()
