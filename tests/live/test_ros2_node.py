@@ -16,6 +16,7 @@ pytest.importorskip("rosbags")
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.motion import rotation_from_quaternion
+from flightdepth.outputs.ros_fields import camera_fields, image_fields
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.runtimes.network import load_network
 from tests_recordings import START_NS, STORES, Messages
@@ -52,9 +53,9 @@ def info_message(fields: dict):
     )
 
 
-def test_depth_is_metres_with_nan(conversion):
+def test_depth_is_metres_with_nan():
     depth_m = np.array([[1.5, np.nan, 40.25], [0.01, 100.0, 7.0]], np.float32)
-    fields = conversion.depth_fields(depth_m)
+    fields = image_fields(depth_m, "32FC1")
     message = STORE.types[IMAGE](header=MADE.header(0, "camera_optical"), **fields)
     back = through_cdr(IMAGE, message)
     assert (back.encoding, back.step, back.is_bigendian) == ("32FC1", 12, 0)
@@ -71,12 +72,18 @@ def test_depth_is_metres_with_nan(conversion):
     ],
 )
 def test_a_camera_comes_back_from_its_info(conversion, camera):
-    back = conversion.camera_of(through_cdr(INFO, info_message(conversion.info_fields(camera))))
+    back = conversion.camera_of(through_cdr(INFO, info_message(camera_fields(camera))))
     assert back == camera
 
 
+def test_plumb_bob_has_its_five_coefficients():
+    """A calibration of four was published as it stood."""
+    fields = camera_fields(Camera(640, 480, 500, 510, 319.5, 240.5, (-0.2, 0.03, 0.001, -0.002)))
+    assert fields["d"].tolist() == [-0.2, 0.03, 0.001, -0.002, 0.0]
+
+
 def test_a_region_of_interest_that_is_the_whole_picture_is_none(conversion):
-    info = info_message(conversion.info_fields(Camera(64, 48, 50, 50, 31.5, 23.5)))
+    info = info_message(camera_fields(Camera(64, 48, 50, 50, 31.5, 23.5)))
     info.roi.width, info.roi.height = 64, 48
     assert conversion.camera_of(info).width == 64
     info.roi.width = 32
@@ -86,7 +93,7 @@ def test_a_region_of_interest_that_is_the_whole_picture_is_none(conversion):
 
 @pytest.mark.parametrize(("name", "value"), [("binning_x", 2), ("distortion_model", "thin_prism")])
 def test_what_is_not_the_whole_picture_is_refused(conversion, name, value):
-    fields = conversion.info_fields(Camera(64, 48, 50, 50, 31.5, 23.5)) | {name: value}
+    fields = camera_fields(Camera(64, 48, 50, 50, 31.5, 23.5)) | {name: value}
     with pytest.raises(BadInput, match="camera info"):
         conversion.camera_of(info_message(fields))
 

@@ -19,7 +19,6 @@ from flightdepth.motion import Vector, quaternion_from_rotation
 
 # CameraInfo.distortion_model (sensor_msgs/distortion_models.hpp) and the model here.
 MODELS = {"plumb_bob": "pinhole", "rational_polynomial": "pinhole", "equidistant": "fisheye", "": "pinhole"}
-FLOAT_BYTES = 4
 
 
 def image_of(message: Any, now_ns: int) -> tuple[int, NDArray[np.uint8]]:
@@ -56,40 +55,6 @@ def camera_of(info: Any) -> Camera:
     return Camera(
         int(info.width), int(info.height), fx, fy, cx, cy, distortion, MODELS[info.distortion_model]
     )
-
-
-def depth_fields(depth_m: NDArray[np.float32]) -> dict[str, Any]:
-    """The fields of a sensor_msgs/Image in metres as REP 118 has them: 32FC1, NaN where unknown."""
-    height, width = depth_m.shape
-    little = np.ascontiguousarray(depth_m, dtype="<f4")
-    return {
-        "height": height,
-        "width": width,
-        "encoding": "32FC1",
-        "is_bigendian": 0,
-        "step": width * FLOAT_BYTES,
-        "data": little.view(np.uint8).ravel(),
-    }
-
-
-def info_fields(camera: Camera) -> dict[str, Any]:
-    """The fields of a sensor_msgs/CameraInfo of depth at the picture's pixels: same lens, no rectification."""
-    model = "equidistant" if camera.model == "fisheye" else "plumb_bob"
-    if len(camera.distortion) > 5:
-        model = "rational_polynomial"
-    projection = np.zeros((3, 4))
-    projection[:, :3] = camera.matrix
-    return {
-        "height": camera.height,
-        "width": camera.width,
-        "distortion_model": model,
-        "d": np.array(camera.distortion or (0.0,) * (4 if model == "equidistant" else 5)),
-        "k": camera.matrix.ravel(),
-        "r": np.eye(3).ravel(),
-        "p": projection.ravel(),
-        "binning_x": 0,
-        "binning_y": 0,
-    }
 
 
 def _unread(kind: str, now_ns: int) -> RosMessage:

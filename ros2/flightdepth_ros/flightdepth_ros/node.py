@@ -21,16 +21,10 @@ from sensor_msgs.msg import CameraInfo, Image
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.ros_records import DamagedError
 from flightdepth.motion import rotation_from_euler
+from flightdepth.outputs.ros_fields import camera_fields, image_fields
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.runtimes.network import load_network, nearest_network
-from flightdepth_ros.conversion import (
-    camera_attitude_of,
-    camera_of,
-    depth_fields,
-    image_of,
-    info_fields,
-    velocity_of,
-)
+from flightdepth_ros.conversion import camera_attitude_of, camera_of, image_of, velocity_of
 
 SEQUENCES = {"data": "B", "d": "d"}  # of any length: rclpy of Humble takes them as array.array, no ndarray
 FLU_FROM_FORWARD_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -87,8 +81,8 @@ class DepthNode(Node):
             result = self.estimator.add_frame(stamp_ns, image)
             if result.reason is not None:
                 self.get_logger().warning(f"no depth: {result.reason}", throttle_duration_sec=2.0)
-            self.publish(self.depth, Image(), message, depth_fields(result.depth_m))
-            self.publish(self.info, CameraInfo(), message, info_fields(self.camera))
+            self.publish(self.depth, Image(), message, image_fields(result.depth_m, "32FC1"))
+            self.publish(self.info, CameraInfo(), message, camera_fields(self.camera))
 
     @contextmanager
     def left_out_if_bad(self, what: str) -> Iterator[None]:

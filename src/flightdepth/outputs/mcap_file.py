@@ -29,6 +29,7 @@ from flightdepth.outputs.encoding import bytes_from_confidence, jpeg
 from flightdepth.outputs.pictures import pictures
 from flightdepth.outputs.poses import FramePose
 from flightdepth.outputs.read import FlightFolder
+from flightdepth.outputs.ros_fields import camera_fields, image_fields
 
 DEPTH = "/camera/depth/image_raw"
 CONFIDENCE = "/camera/confidence"
@@ -92,23 +93,11 @@ class Recording:
         self._write(PICTURE, stamp_ns, header=header, format="rgb8; jpeg compressed bgr8", data=data)
 
     def lens(self, stamp_ns: int, camera: Camera) -> None:
-        """The camera: K of the picture as it is, P of the same without distortion."""
+        """The camera of the picture as it is."""
         roi = self._message("sensor_msgs/msg/RegionOfInterest")
-        self._write(
-            LENS,
-            stamp_ns,
-            header=self._header(stamp_ns, OPTICAL),
-            height=camera.height,
-            width=camera.width,
-            distortion_model=distortion_model(camera),
-            d=coefficients(camera),
-            k=camera.matrix.ravel(),
-            r=np.eye(3).ravel(),
-            p=np.hstack([camera.matrix, np.zeros((3, 1))]).ravel(),
-            binning_x=0,
-            binning_y=0,
-            roi=roi(x_offset=0, y_offset=0, height=0, width=0, do_rectify=False),
-        )
+        whole = roi(x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+        header = self._header(stamp_ns, OPTICAL)
+        self._write(LENS, stamp_ns, header=header, roi=whole, **camera_fields(camera))
 
     def transform(self, stamp_ns: int, pose: FramePose) -> None:
         """The camera's place, map from camera."""
@@ -126,17 +115,8 @@ class Recording:
         self._writer.finish()
 
     def _image(self, topic: str, stamp_ns: int, pixels: NDArray[Any], encoding: str) -> None:
-        self._write(
-            topic,
-            stamp_ns,
-            header=self._header(stamp_ns, OPTICAL),
-            height=pixels.shape[0],
-            width=pixels.shape[1],
-            encoding=encoding,
-            is_bigendian=0,
-            step=pixels.shape[1] * pixels.itemsize,
-            data=np.ascontiguousarray(pixels).view(np.uint8).ravel(),
-        )
+        header = self._header(stamp_ns, OPTICAL)
+        self._write(topic, stamp_ns, header=header, **image_fields(pixels, encoding))
 
     def _channel(self, topic: str, kind: str) -> int:
         definition, _ = self._store.generate_msgdef(kind, ros_version=2)
@@ -164,16 +144,3 @@ class Recording:
         data = self._store.serialize_cdr(self._message(kind)(**fields), kind)
         self._writer.add_message(self._channels[topic], stamp_ns, bytes(data), stamp_ns, self._count)
         self._count += 1
-
-
-def distortion_model(camera: Camera) -> str:
-    """ROS's name of it (sensor_msgs/distortion_models.hpp)."""
-    if camera.model == "fisheye":
-        return "equidistant"
-    return "plumb_bob" if len(camera.distortion) <= 5 else "rational_polynomial"
-
-
-def coefficients(camera: Camera) -> Vector:
-    """As many as ROS's model has: 4 of a fisheye, 5 of plumb_bob."""
-    given = np.array(camera.distortion)
-    return np.pad(given, (0, max(0, (4 if camera.model == "fisheye" else 5) - len(given))))

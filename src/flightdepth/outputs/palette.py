@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
-from flightdepth.outputs.encoding import FARTHEST, UNIT_M, UNKNOWN
+from flightdepth.outputs.encoding import FARTHEST, UNIT_M, UNKNOWN, Map, centimetres_from_depth
 
 Picture = NDArray[np.uint8]
 
@@ -103,6 +103,20 @@ class Palette:
         if bounds.nearer is not None:
             self._lay(NEARER_HATCH, unknown & bounds.nearer, picture)
         return picture
+
+    def fitted(
+        self, size: tuple[int, int], depth_m: Map, farther_m: Map | None = None, nearer_m: Map | None = None
+    ) -> Picture:
+        """Colours RGB of a depth [H, W] and its bounds, NaN = none, at `size` (width, height).
+
+        Of the nearest pixels, since depths must not be mixed across an edge.
+        """
+
+        def at_size(map_hw: Map) -> Map:
+            return np.asarray(cv2.resize(map_hw, size, interpolation=cv2.INTER_NEAREST), np.float32)
+
+        told = (None if each is None else np.isfinite(at_size(each)) for each in (farther_m, nearer_m))
+        return self.paint(centimetres_from_depth(at_size(depth_m)), Bounds(*told))
 
     def _lay(self, hatch: Hatch, mask: NDArray[np.bool_], picture: Picture) -> None:
         key = (hatch, mask.shape)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -130,7 +130,7 @@ def poses_from_csv(text: str) -> dict[int, FramePose]:
     """The poses of a table whose lines are those of `pose_cells`, by frame index."""
     poses = {}
     for cells in csv.DictReader(io.StringIO(text)):
-        if cells["attitude"] not in ("log", "pictures", "assumed", "unknown"):
+        if cells["attitude"] not in get_args(AttitudeFrom):
             raise ValueError(f"attitude {cells['attitude']!r}")
         attitude: AttitudeFrom = cells["attitude"]  # type: ignore[assignment]
         position = np.array([float(cells[column]) for column in COLUMNS[3:6]])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.flight.records import Frame, seconds
-from flightdepth.outputs.encoding import Map, centimetres_from_depth
+from flightdepth.outputs.encoding import Map
 from flightdepth.outputs.legend import (
     FAINT_RGB,
     GROUND_RGB,
@@ -21,7 +21,7 @@ from flightdepth.outputs.legend import (
     legend,
     write,
 )
-from flightdepth.outputs.palette import NO_BOUNDS, Bounds, DepthScale, Palette, Picture
+from flightdepth.outputs.palette import DepthScale, Palette, Picture
 from flightdepth.ranges.result import RangedDepth
 
 CAPTION_HEIGHT = 24
@@ -98,9 +98,8 @@ class Preview:
     def draw(self, frame: Frame, result: RangedDepth) -> Picture:
         """Input, depth and text of one frame: uint8 RGB, `size`."""
         picture = self._empty.copy()
-        bounds = Bounds(np.isfinite(result.farther_than_m), np.isfinite(result.nearer_than_m))
         self._place(picture, 0, self._fitted(frame.image))
-        self._place(picture, 1, self._painted(result.depth_m, bounds))
+        self._place(picture, 1, self._painted(result.depth_m, result.farther_than_m, result.nearer_than_m))
         self._draw_ranges(picture, result)
         self._draw_footer(picture, frame, result)
         return picture
@@ -125,7 +124,7 @@ class Preview:
             if depth_m is None:
                 self._caption(picture, panel, name, "  not in use")
                 continue
-            self._place(picture, panel, self._painted(depth_m, NO_BOUNDS))
+            self._place(picture, panel, self._painted(depth_m))
             pair = f"  {result.displacements_m[shown[i]]:.2f} m in {result.shifts[shown[i]]} frames"
             self._caption(picture, panel, name, pair)
 
@@ -156,14 +155,8 @@ class Preview:
         known = float(np.isfinite(result.depth_m).mean())
         write(picture, f"known {known:.0%}   {result.latency_ms:.1f} ms", x + 24, y, FAINT_RGB)
 
-    def _painted(self, depth_m: Map, bounds: Bounds) -> Picture:
-        """Colours at the panel's size; nearest pixels, since depths must not be mixed across an edge."""
-        size = (self._layout.width, self._layout.height)
-        fitted = cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST)
-        return self._palette.paint(
-            centimetres_from_depth(np.asarray(fitted, np.float32)),
-            Bounds(_fitted_mask(bounds.farther, size), _fitted_mask(bounds.nearer, size)),
-        )
+    def _painted(self, depth_m: Map, *bounds_m: Map) -> Picture:
+        return self._palette.fitted((self._layout.width, self._layout.height), depth_m, *bounds_m)
 
     def _fitted(self, image: Picture) -> Picture:
         size = (self._layout.width, self._layout.height)
@@ -179,10 +172,3 @@ class Preview:
         x, y = self._layout.corner(panel)
         end = write(picture, name, x + 8, y - CAPTION_HEIGHT + BASELINE, TEXT_RGB)
         write(picture, more, end, y - CAPTION_HEIGHT + BASELINE, FAINT_RGB)
-
-
-def _fitted_mask(mask: NDArray[np.bool_] | None, size: tuple[int, int]) -> NDArray[np.bool_] | None:
-    if mask is None:
-        return None
-    fitted = cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-    return np.asarray(fitted, np.uint8).view(np.bool_)

@@ -11,39 +11,32 @@ from zipfile import BadZipFile
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.cameras import zoomed
 from flightdepth.outputs.encoding import Map, confidence_from_bytes, depth_from_centimetres
-from flightdepth.outputs.frame_table import FrameRow, rows_from_csv
+from flightdepth.outputs.frame_table import rows_from_csv
 from flightdepth.outputs.poses import FramePose, poses_from_csv
 from flightdepth.outputs.record import FlightRecord
 from flightdepth.outputs.writer import CONFIDENCE, DEPTH, FARTHER, NEARER, POSES, RECORD, SIGMA, TABLE
 
 Table = TypeVar("Table")
+Unsigned = TypeVar("Unsigned", np.uint8, np.uint16)
 
 
 def read_depth(path: Path) -> Map:
     """Depth in metres, float32 [H, W], NaN = unknown, of a .png (whole centimetres) or .npz (float32)."""
     if path.suffix == ".npz":
         return _read_npz(path, "depth_m")
-    image = _read_png(path)
-    if image.dtype != np.uint16 or image.ndim != 2:
-        raise BadInput(
-            f"depth {path}", expected="a grey 16-bit PNG", got=f"{image.dtype} {list(image.shape)}"
-        )
-    return depth_from_centimetres(image)
+    return depth_from_centimetres(_read_png(path, np.uint16))
 
 
 def read_confidence(path: Path) -> Map:
     """Confidence 0..1, float32 [H, W], 0 = do not use."""
-    image = _read_png(path)
-    if image.dtype != np.uint8 or image.ndim != 2:
-        got = f"{image.dtype} {list(image.shape)}"
-        raise BadInput(f"confidence {path}", expected="a grey 8-bit PNG", got=got)
-    return confidence_from_bytes(image)
+    return confidence_from_bytes(_read_png(path, np.uint8))
 
 
 def read_sigma(path: Path) -> Map:
@@ -57,8 +50,10 @@ class FlightFolder:
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         self.record = self._read_record()
-        self.rows = self._read_rows()
-        self.poses = self._read_poses()
+        self.rows = self._read_table(TABLE, rows_from_csv)
+        self.poses: dict[int, FramePose] = {}  # by frame index
+        if (self.folder / POSES).exists():  # older versions wrote none
+            self.poses = self._read_table(POSES, poses_from_csv)
         self._focals_px = {row.index: row.focal_px for row in self.rows if row.focal_px is not None}
 
     def camera(self, index: int) -> Camera:
@@ -100,13 +95,6 @@ class FlightFolder:
         except ValidationError as error:
             raise _not_ours(path, error.errors()[0]["msg"]) from error
 
-    def _read_rows(self) -> list[FrameRow]:
-        return self._read_table(TABLE, rows_from_csv)
-
-    def _read_poses(self) -> dict[int, FramePose]:
-        """By frame index; none in folders of older versions."""
-        return self._read_table(POSES, poses_from_csv) if (self.folder / POSES).exists() else {}
-
     def _read_table(self, name: str, parse: Callable[[str], Table]) -> Table:
         path = self.folder / name
         try:
@@ -117,12 +105,15 @@ class FlightFolder:
             raise _not_ours(path, f"a broken table ({error})") from error
 
 
-def _read_png(path: Path) -> np.ndarray:
+def _read_png(path: Path, kind: type[Unsigned]) -> NDArray[Unsigned]:
     data = np.frombuffer(_read_bytes(path), np.uint8)
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
     if image is None:
         raise BadInput(f"map {path}", expected="a PNG", got="something else")
-    return image
+    if image.dtype != kind or image.ndim != 2:
+        expected = f"a grey {8 * np.dtype(kind).itemsize}-bit PNG"
+        raise BadInput(f"map {path}", expected=expected, got=f"{image.dtype} {list(image.shape)}")
+    return np.asarray(image, kind)
 
 
 def _read_npz(path: Path, name: str) -> Map:

@@ -7,12 +7,12 @@ import tempfile
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 
 import numpy as np
 
+from flightdepth import __version__
 from flightdepth.errors import BadInput
 from flightdepth.files import folder_in_progress, write_atomic
 from flightdepth.flight.records import Frame
@@ -172,7 +172,7 @@ class FlightWriter:
         self._summary = Summary.of(rows, counts, notes, tuple(self._warnings))
         warnings = (*self._source.warnings, *self._warnings)
         record = FlightRecord(
-            flightdepth=version("flightdepth"),
+            flightdepth=__version__,
             source=self._source.model_copy(update={"warnings": warnings}),
             depth=DepthScaleNote(format=self._format),
             counts=counts,

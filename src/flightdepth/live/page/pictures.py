@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from flightdepth.live.status import LiveResult
-from flightdepth.outputs.encoding import centimetres_from_depth, jpeg
-from flightdepth.outputs.palette import Bounds, DepthScale, Palette, Picture
+from flightdepth.outputs.encoding import jpeg
+from flightdepth.outputs.palette import DepthScale, Palette, Picture
 
 WIDEST_PX = 800
 QUALITY = {"input": 80, "depth": 88}
@@ -56,22 +56,17 @@ class Pictures:
 
     def _painted(self, result: LiveResult) -> Picture:
         depth = result.depth
-        small = [
-            fitted(map_hw, cv2.INTER_NEAREST)
-            for map_hw in (depth.depth_m, depth.farther_than_m, depth.nearer_than_m)
-        ]
-        bounds = Bounds(np.isfinite(small[1]), np.isfinite(small[2]))
-        return self._palette.paint(centimetres_from_depth(small[0]), bounds)
+        maps = depth.depth_m, depth.farther_than_m, depth.nearer_than_m
+        return self._palette.fitted(shown_size(result), *maps)
 
 
 def shown(result: LiveResult) -> Picture:
     """The input at the page's size."""
-    return fitted(result.image, cv2.INTER_AREA)
+    return np.asarray(cv2.resize(result.image, shown_size(result), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def fitted(picture: np.ndarray, how: int) -> np.ndarray:
-    """At most WIDEST_PX wide."""
-    height, width = picture.shape[:2]
-    if width <= WIDEST_PX:
-        return picture
-    return np.asarray(cv2.resize(picture, (WIDEST_PX, round(height * WIDEST_PX / width)), interpolation=how))
+def shown_size(result: LiveResult) -> tuple[int, int]:
+    """Width and height, at most WIDEST_PX wide."""
+    height, width = result.image.shape[:2]
+    shown_px = min(width, WIDEST_PX)
+    return shown_px, round(height * shown_px / width)
