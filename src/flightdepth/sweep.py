@@ -62,7 +62,7 @@ def sweep(previous: Image, current: Image, displacement: ArrayLike, camera: Came
     Only the direction counts; displacement 0 sweeps nothing.
     """
     direction = unit_direction(displacement)
-    pictures = _grey(previous), _grey(current)
+    pictures = grey(previous), grey(current)
     swept = tuple(_swept(*pictures, direction, camera, level) for level in LEVELS)
     return Sweep(current, swept, motion_field(direction, camera))
 
@@ -103,7 +103,8 @@ def warp_matrix(shift_px: float, direction: NDArray[np.float64], camera: Camera)
     return np.array([[scale, 0.0, x], [0.0, scale, y]])
 
 
-def _grey(image: Image) -> Image:
+def grey(image: Image) -> Image:
+    """RGB [H, W, 3] as [H, W]."""
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
 

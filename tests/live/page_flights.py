@@ -6,6 +6,7 @@ import numpy as np
 from obstacle_worlds import CAMERA, SIGHT, camera_attitude, result, wall
 
 from flightdepth.flight.turn_verdict import TurnVerdict
+from flightdepth.live.motion_store import MotionAt
 from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import ObstaclePacker
 from flightdepth.live.obstacle_sender import ObstacleFeed
@@ -77,10 +78,9 @@ class Flying:
             stamp_ns=self.clock_ns - 40_000_000,
             ready_ns=self.clock_ns,
             boot_ns=None,
-            world_from_camera=camera_attitude(),
-            world_from_body=np.array([1.0, 0.0, 0.0, 0.0]),
-            velocity_ned=np.array([0.0, 3.0, 0.0]),
-            height_above_ground_m=None,
+            motion=MotionAt(
+                camera_attitude(), np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 3.0, 0.0]), None
+            ),
             status=self.status(),
         )
         self.feed.take(made)

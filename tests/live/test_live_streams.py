@@ -50,7 +50,7 @@ def test_a_file_and_its_log_in_real_time(network, clip):
         until(lambda: run.results[-1].stamp_ns > run.epoch_ns + 2e9)
     result = next(r for r in run.results if r.stamp_ns > run.epoch_ns + 2e9)
     assert result.camera == Camera.from_fov(192, 108, FOV_DEG)
-    assert np.linalg.norm(result.velocity_ned) == pytest.approx(5.7, abs=0.5)
+    assert np.linalg.norm(result.motion.velocity_ned) == pytest.approx(5.7, abs=0.5)
     assert (result.depth.displacements_m > 0).all()
     stamps = [r.stamp_ns for r in run.results]
     assert stamps == sorted(set(stamps))
@@ -71,7 +71,7 @@ def test_rtsp_and_an_autopilot_and_the_server_killed_and_restarted(network, clip
         result = run.results[-1]
         off_ns = (time.monotonic_ns() - result.stamp_ns) - (autopilot.boot_ns() - result.boot_ns)
         assert abs(off_ns) < 500e6
-        assert result.world_from_camera is not None
+        assert result.motion.world_from_camera is not None
         server.kill()
         assert run.until(State.LOST, SILENT) < 2.0
         server.start()

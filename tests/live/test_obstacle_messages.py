@@ -17,6 +17,7 @@ from live_peers import until
 from obstacle_worlds import CAMERA, SETTINGS, SIGHT, camera_attitude, looked, nothing, result, wall
 
 from flightdepth.flight.records import NS_PER_S
+from flightdepth.live.motion_store import MotionAt
 from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import (
     COMPONENT,
@@ -51,10 +52,7 @@ def live_result(
         stamp_ns=stamp_ns,
         ready_ns=stamp_ns + 30_000_000,
         boot_ns=stamp_ns + 5 * NS_PER_S,
-        world_from_camera=camera_attitude(),
-        world_from_body=turn,
-        velocity_ned=np.array([0.0, 3.0, 0.0]),
-        height_above_ground_m=None,
+        motion=MotionAt(camera_attitude(), turn, np.array([0.0, 3.0, 0.0]), None),
         status=status,
     )
 

@@ -349,7 +349,7 @@ def test_memory_is_bounded() -> None:
         stamp = i * 4_000_000  # 250 frames/s
         estimator.add_velocity(stamp, SIDEWAYS)
         estimator.add_frame(stamp, picture(i))
-    assert len(estimator._buffer) <= MAX_FRAMES
+    assert len(estimator._buffer.frames) <= MAX_FRAMES
     assert len(estimator._trajectory._velocities) <= 4.0 / 0.004 + 2
     frames = estimator._buffer.frames
     assert frames[-1].stamp_ns - frames[0].stamp_ns > 3.9e9

@@ -220,7 +220,6 @@ class LiveEngine:
             self._monitor.result(ready_ns, no_depth=depth.reason, age_ms=age_ms, doubt=depth.doubt)
 
     def _publish(self, staged: Staged, picture: Picture, ready_ns: int) -> None:
-        motion = self._store.at(picture.stamp_ns)
         result = LiveResult(
             depth=staged.depth,
             image=staged.image,
@@ -228,10 +227,7 @@ class LiveEngine:
             stamp_ns=picture.stamp_ns,
             ready_ns=ready_ns,
             boot_ns=self._parts.boot_ns(picture.stamp_ns),
-            world_from_camera=motion.world_from_camera,
-            world_from_body=motion.world_from_body,
-            velocity_ned=motion.velocity_ned,
-            height_above_ground_m=motion.height_above_ground_m,
+            motion=self._store.at(picture.stamp_ns),
             status=self.status(),
         )
         for sink in self._sinks:

@@ -27,9 +27,10 @@ HEIGHT_AGE_NS = NS_PER_S
 class MotionAt:
     """The drone at one time; None where telemetry does not reach.
 
-    world_from_camera, world_from_body  unit quaternions (w, x, y, z)
-    velocity_ned                        [3] m/s
-    height_above_ground_m               by a range finder or the autopilot's terrain estimate
+    world_from_camera      unit quaternion (w, x, y, z), NED from camera
+    world_from_body        the drone's, NED from forward-right-down
+    velocity_ned           [3] m/s
+    height_above_ground_m  by a range finder or the autopilot's terrain estimate
     """
 
     world_from_camera: Vector | None

@@ -11,6 +11,7 @@ from types import TracebackType
 import numpy as np
 
 from flightdepth.flight.records import NS_PER_S
+from flightdepth.live.motion_store import MotionAt
 from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import ObstaclePacker
 from flightdepth.live.obstacles import Sectors, heading_rad, level_from_world
@@ -64,23 +65,24 @@ class ObstacleFeed:
 
     def take(self, result: LiveResult) -> None:
         """A sink: work out the sectors of a result."""
-        heading = self._heading(result)
-        unknown = {"camera's attitude": result.world_from_camera, "drone's heading": heading}
+        motion = result.motion
+        heading = self._heading(motion)
+        unknown = {"camera's attitude": motion.world_from_camera, "drone's heading": heading}
         wanting = " and the ".join(what for what, told in unknown.items() if told is None)
-        mend = FIXED_HEADING if heading is None and result.world_from_camera is not None else ""
+        mend = FIXED_HEADING if heading is None and motion.world_from_camera is not None else ""
         self.lacking = f"{BLIND}: nobody tells the {wanting}{mend}" if wanting else None
         sectors = self._obstacles.add(
             result.stamp_ns,
             result.depth,
             result.camera,
-            world_from_camera=result.world_from_camera,
+            world_from_camera=motion.world_from_camera,
             heading_rad=heading,
-            velocity_ned=result.velocity_ned,
-            height_m=result.height_above_ground_m,
+            velocity_ned=motion.velocity_ned,
+            height_m=motion.height_above_ground_m,
         )
         tilt = np.eye(3)
-        if result.world_from_body is not None and heading is not None:
-            tilt = rotation_from_quaternion(result.world_from_body).T @ level_from_world(heading).T
+        if motion.world_from_body is not None and heading is not None:
+            tilt = rotation_from_quaternion(motion.world_from_body).T @ level_from_world(heading).T
         self.newest = Newest(sectors, result.stamp_ns, result.boot_ns, tilt)
 
     def due(self, now_ns: int) -> list[bytes]:
@@ -102,11 +104,11 @@ class ObstacleFeed:
                 )
         return messages
 
-    def _heading(self, result: LiveResult) -> float | None:
-        if result.world_from_body is not None:
-            return heading_rad(result.world_from_body)
-        if self._camera_ahead and result.world_from_camera is not None:
-            axis = rotation_from_quaternion(result.world_from_camera) @ NED_FROM_CAMERA.T @ (1.0, 0.0, 0.0)
+    def _heading(self, motion: MotionAt) -> float | None:
+        if motion.world_from_body is not None:
+            return heading_rad(motion.world_from_body)
+        if self._camera_ahead and motion.world_from_camera is not None:
+            axis = rotation_from_quaternion(motion.world_from_camera) @ NED_FROM_CAMERA.T @ (1.0, 0.0, 0.0)
             return float(np.arctan2(axis[1], axis[0]))
         return None
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.flight.turn_verdict import TurnVerdict
-from flightdepth.motion import Vector
+from flightdepth.live.motion_store import MotionAt
 from flightdepth.ranges.result import RangedDepth
 
 # Whose clock an age counts from: the sender's at capture, or ours when the first bytes of it were received.
@@ -124,10 +124,7 @@ class LiveResult:
     stamp_ns                  when the picture was taken, live clock; now - stamp_ns is its age
     ready_ns                  when the result was ready, live clock
     boot_ns                   `stamp_ns` on the autopilot's clock (since its power-up), None where unknown
-    world_from_camera         unit quaternion (w, x, y, z) at `stamp_ns`, NED from camera; None where unknown
-    world_from_body           the drone's, NED from forward-right-down; None where unknown
-    velocity_ned              [3] m/s at `stamp_ns`; None where unknown
-    height_above_ground_m     None where unknown
+    motion                    the drone's and the camera's at `stamp_ns`
     status                    the engine just after this result
     """
 
@@ -137,10 +134,7 @@ class LiveResult:
     stamp_ns: int
     ready_ns: int
     boot_ns: int | None
-    world_from_camera: Vector | None
-    world_from_body: Vector | None
-    velocity_ned: Vector | None
-    height_above_ground_m: float | None
+    motion: MotionAt
     status: LiveStatus
 
     def __post_init__(self) -> None:

@@ -71,7 +71,7 @@ class SeenDirections:
         return tuple(sorted(found, key=lambda pair: pair.shift))
 
     def _seen(self, through: Sequence[Pair], world_m: Vector, current: Frame) -> Vector | None:
-        tries = (self._direction(pair, current) for pair in through)
+        tries = (direction_seen(*rays_of(pair, current, self._tracker), self._focal_px) for pair in through)
         found = next((each for each in tries if each is not None), None)
         if found is not None:
             self._last = current.stamp_ns, world_m, found
@@ -79,10 +79,6 @@ class SeenDirections:
         if self._last is None or current.stamp_ns - self._last[0] > HOLDS_NS:
             return None
         return self._last[2] if same_way(self._last[1][None], world_m)[0] else None
-
-    def _direction(self, pair: Pair, current: Frame) -> Vector | None:
-        now, before = rays_of(pair, current, self._tracker)
-        return direction_seen(now, before, self._focal_px)
 
 
 def rays_of(pair: Pair, current: Frame, tracker: Tracker) -> tuple[Vector, Vector]:

@@ -101,12 +101,9 @@ class MultiRangeEstimator:
             raise BadInput("fusion", expected="saturation or paper", got=repr(fusion))
         if not (np.isfinite(buffer_s) and buffer_s > 0):
             raise BadInput("buffer", expected="more than 0 seconds", got=str(buffer_s))
-        self._network, self._camera, self._fusion = network, camera, Fusion(fusion)
-        self._grid = network.grid(camera)
-        self._trajectory = Trajectory()
-        self._derotate = derotate
-        self._look_through(self._grid.camera)
-        self._repeats = Repeats()
+        self._network, self._fusion, self._derotate = network, Fusion(fusion), derotate
+        self._look_through(camera)
+        self._trajectory, self._repeats = Trajectory(), Repeats()
         self._ranges, self._memory = ranges, MemoryLimit(MAX_RANGES + 1)  # one for a scout
         self._buffer = FrameBuffer(buffer_s)
         planner = partial(
@@ -120,8 +117,6 @@ class MultiRangeEstimator:
         self._first = Seer(network, card, planner(card, sides=sides_of(camera)))
         self._open_fallback, self._planner_of = fallback, planner
         self._fallback: Seer | None = None
-        # Beyond a quarter of the view too little of the earlier picture is left.
-        self._max_turn_rad = math.radians(camera.horizontal_fov_deg) / 4
         self._span_ns = round(buffer_s * 1e9)
         self._last_ns: int | None = None
         self._frames_given = 0
@@ -140,10 +135,6 @@ class MultiRangeEstimator:
     def to_source(self, map_hw: Map) -> Map | None:
         """One of a result's `range_depths_m` at the source's pixels; None where the lens has been zoomed since."""
         return self._grid.to_source(map_hw) if map_hw.shape == self._grid.valid.shape else None
-
-    @property
-    def _seers(self) -> tuple[Seer, ...]:
-        return (self._first,) if self._fallback is None else (self._first, self._fallback)
 
     @property
     def max_turn_rad(self) -> float:
@@ -184,22 +175,24 @@ class MultiRangeEstimator:
         """
         if camera == self._camera:
             return
-        self._camera, self._grid = camera, self._network.grid(camera)
-        card = self._network.card.at_focal(self._grid.camera.fx)
-        self._first = replace(self._first, card=card)
-        for seer in self._seers:
-            seer.planner.look_through(seer.card, sides_of(camera))
-        self._look_through(self._grid.camera)
-        self._max_turn_rad = math.radians(camera.horizontal_fov_deg) / 4
+        self._look_through(camera)
+        self._first = replace(self._first, card=self._network.card.at_focal(self._grid.camera.fx))
+        for seer in (self._first, self._fallback):
+            if seer is not None:
+                seer.planner.look_through(seer.card, sides_of(camera))
         self.forget_frames()
 
     def _look_through(self, camera: Camera) -> None:
-        """What the pictures of an ideal camera tell of its motion; each pair is tracked once for both."""
-        self._average = TemporalAverage(camera, self._grid.valid.shape)
+        """All that hangs on the lens; each pair is tracked once for all who ask what its pictures show."""
+        self._camera, self._grid = camera, self._network.grid(camera)
+        # Beyond a quarter of the view too little of the earlier picture is left.
+        self._max_turn_rad = math.radians(camera.horizontal_fov_deg) / 4
+        ideal = self._grid.camera
+        self._average = TemporalAverage(ideal, self._grid.valid.shape)
         self._averaged_ns: int | None = None  # stamp of the last depth that the average holds
-        tracker = Tracker(camera)
-        self._directions, self._derotation = SeenDirections(camera, tracker), Derotation(camera, tracker)
-        self._log_check = LogCheck(camera, tracker)
+        tracker = Tracker(ideal)
+        self._directions, self._derotation = SeenDirections(ideal, tracker), Derotation(ideal, tracker)
+        self._log_check = LogCheck(ideal, tracker)
 
     def forget_frames(self) -> None:
         """Pair what comes with none of the frames so far: some of them may be damaged, or of another flight."""
@@ -251,9 +244,11 @@ class MultiRangeEstimator:
 
     def _pairs(self, current: Frame, now_ns: int) -> tuple[tuple[Pair, ...], Seer] | str:
         """Numeric integration and the frame pairs picker, and who sees the pairs; a string says why there is none."""
-        self._forget_before(current.stamp_ns - self._span_ns)
+        self._buffer.expire(current.stamp_ns - self._span_ns)
+        self._trajectory.forget(current.stamp_ns - self._span_ns)
         if self._is_frozen(current, now_ns):
-            return f"frozen picture: the same for {_seconds(self._repeats.shown_ns, now_ns):.2f} s in flight"
+            frozen_s = (now_ns - self._repeats.shown_ns) * 1e-9
+            return f"frozen picture: the same for {frozen_s:.2f} s in flight"
         frames = self._buffer.frames
         lines = baselines(self._trajectory, frames, current.stamp_ns, self._max_turn_rad)
         if lines.reason is not None:
@@ -326,14 +321,8 @@ class MultiRangeEstimator:
             valid = self._grid.valid
             seen = np.stack([in_view(pair.current_from_previous, camera, valid) for pair in pairs])
         lengths_m = np.array([pair.length_m for pair in pairs])
-        return fuse(
-            prediction.beta,
-            lengths_m,
-            card,
-            fusion=self._fusion,
-            sigma_m=prediction.sigma_m,
-            seen=seen,
-        )
+        sigma_m = prediction.sigma_m
+        return fuse(prediction.beta, lengths_m, card, fusion=self._fusion, sigma_m=sigma_m, seen=seen)
 
     def _held_still(self, stamp_ns: int, pairs: tuple[Pair, ...], fused: Fused) -> Fused:
         """Averaged with the frames before, as far as the motion since the last depth is known."""
@@ -392,10 +381,6 @@ class MultiRangeEstimator:
     def _unknown(self, reason: str, started: float) -> RangedDepth:
         return RangedDepth.unknown(self._camera.height, self._camera.width, reason, _since_ms(started))
 
-    def _forget_before(self, stamp_ns: int) -> None:
-        self._buffer.expire(stamp_ns)
-        self._trajectory.forget(stamp_ns)
-
 
 def _bound(bound_m: Map, at_source: AtSource) -> Map:
     """A bound at the source's size; it is one value over wide areas, and known only where depth is not."""
@@ -413,10 +398,6 @@ def check_ranges(ranges: int) -> None:
     """Refuse a number of ranges that the paper's system does not have."""
     if not 1 <= ranges <= MAX_RANGES:
         raise BadInput("ranges", expected=f"1 to {MAX_RANGES}", got=str(ranges))
-
-
-def _seconds(since_ns: int, until_ns: int) -> float:
-    return (until_ns - since_ns) * 1e-9
 
 
 def _since_ms(started: float) -> float:

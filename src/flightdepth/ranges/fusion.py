@@ -35,10 +35,8 @@ WORST_SIGMA = 0.4
 LEAST_SIGMA = 0.01  # no depth is better known than that, whatever a network says
 # Confidence, where error bars are known: how likely depth is right to within this share.
 RIGHT_WITHIN = 0.25
-LAPLACE_68 = (
-    1.148  # two in three errors of scale b are within 1.148 b (Laplace), as two in three are within sigma
-)
-
+# Two in three errors of scale b are within 1.148 b (Laplace), as two in three are within sigma.
+LAPLACE_68 = 1.148
 # Depth beyond this is told as a bound: it hangs on hundredths of a pixel, and the files hold no larger one.
 FARTHEST_TOLD_M = 655.34
 
@@ -140,9 +138,9 @@ def fuse(
     unknown = total == 0
     share = np.asarray(w / np.where(unknown, np.float32(1), total), dtype=np.float32)
     depth = _mean(share, np.where(said.measured, depths_m, np.float32(0)), unknown)
-    sigma = (
-        None if sigma_m is None else _mean(share, np.where(said.measured, sigma_m, np.float32(0)), unknown)
-    )
+    sigma = None
+    if sigma_m is not None:
+        sigma = _mean(share, np.where(said.measured, sigma_m, np.float32(0)), unknown)
     best = np.asarray(w.max(axis=0) / np.float32(1 + EPSILON), dtype=np.float32)
     confidence = best if sigma is None else chance(depth, sigma)
     farther, nearer = _bounds(said, reach_m, unknown, (lower, upper))
@@ -189,9 +187,8 @@ def _in_reach(said: Said, depths_m: Map, nearest_m: Map) -> Flags:
 
     depths_m [n, h, w] and nearest_m [n, 1, 1] of each range, metres.
     """
-    near = said.measured[None] & (
-        depths_m[None] < nearest_m[:, None]
-    )  # [range asked, range that says so, h, w]
+    # [range asked, range that says so, h, w]
+    near = said.measured[None] & (depths_m[None] < nearest_m[:, None])
     n = np.arange(len(depths_m))
     shorter = nearest_m.ravel()[:, None] > nearest_m.ravel()[None, :]
     told = (near & shorter[:, :, None, None]).any(axis=1)

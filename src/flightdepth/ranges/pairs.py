@@ -44,9 +44,6 @@ class FrameBuffer:
         self._least_step_ns = span_s * 1e9 / MAX_FRAMES
         self._frames: deque[Frame] = deque(maxlen=MAX_FRAMES)
 
-    def __len__(self) -> int:
-        return len(self._frames)
-
     @property
     def frames(self) -> tuple[Frame, ...]:
         """Oldest first."""

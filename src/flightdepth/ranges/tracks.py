@@ -12,6 +12,7 @@ from flightdepth.camera import Camera
 from flightdepth.motion import Vector
 from flightdepth.ranges.network import Image
 from flightdepth.ranges.turning import turned
+from flightdepth.sweep import grey
 
 Rays = tuple[Vector, Vector]  # now and before, [N, 3] each, z = 1
 
@@ -87,7 +88,7 @@ def tracked_rays(previous: Image, current: Image, camera: Camera) -> Rays:
 
 def in_grey(image: Image) -> Image:
     """A picture [H, W, 3] RGB as [H, W]; one that is grey already as it is."""
-    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+    return image if image.ndim == 2 else grey(image)
 
 
 def _tracked(

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from threading import local
-from typing import Any
 
 import cv2
 import numpy as np
@@ -23,7 +22,7 @@ from flightdepth.camera import Camera
 from flightdepth.runtimes.contract import DEPTH, OUTPUT_STRIDE, SIGMA
 from flightdepth.runtimes.judge import judge
 from flightdepth.runtimes.left_rotation import left_rotation, mended_depth, rotated_flow
-from flightdepth.sweep import motion_field, unit_direction
+from flightdepth.sweep import grey, motion_field, unit_direction
 from flightdepth.triangulation import flow_of_depth, inverse_depth
 from flightdepth.weights.card import NetworkCard
 
@@ -34,8 +33,6 @@ PATCH_PX, STRIDE_PX = 8, 6  # of the flow, at full size
 LEAST_SIGMA = 0.005  # of the depth
 LEAST_MOVED_PX = 0.05
 WIDEST = 2.0  # logarithm of one inverse depth over the other
-
-_OWN = local()
 
 
 def align(
@@ -49,19 +46,14 @@ def align(
 ) -> None:
     """Mend `output` [n, h, w] of pictures uint8 RGB [H, W, 3] on a grid; pairs without a displacement stay."""
     lengths_per_output = np.float32(card.at_focal(camera.fx).alpha / card.depth_max_m)
-    grey = cv2.cvtColor(current, cv2.COLOR_RGB2GRAY)
+    seen = grey(current)
     for i, (previous, displacement) in enumerate(zip(previous_n, displacements, strict=True)):
         direction = unit_direction(displacement)
         if not direction.any():
             continue
         depth, sigma = output[DEPTH][i], output[SIGMA][i]
-        pictures = (
-            np.asarray(cv2.cvtColor(previous, cv2.COLOR_RGB2GRAY), np.uint8),
-            np.asarray(grey, np.uint8),
-        )
-        clues, depth = clues_of(
-            *pictures, depth * lengths_per_output, sigma / depth, direction, camera=camera
-        )
+        flown = depth * lengths_per_output
+        clues, depth = clues_of(grey(previous), seen, flown, sigma / depth, direction, camera=camera)
         change, spread = judge()(clues)
         aligned = depth / lengths_per_output * np.exp(change)
         output[SIGMA][i] = spread * aligned
@@ -93,7 +85,7 @@ def clues_of(
     depth = np.maximum(depth, np.float32(1e-6))
     start = (OUTPUT_STRIDE * flow_of_depth(depth, direction, small)).astype(np.float32)
     start = np.asarray(cv2.resize(start, (camera.width, camera.height)), np.float32)
-    flow = np.asarray(_dis().calc(current, previous, start), np.float32)
+    flow = np.asarray(_FLOW.dis.calc(current, previous, start), np.float32)
     mean = _blocks(flow)
     squared = flow[..., 0] ** 2 + flow[..., 1] ** 2
     rough = np.sqrt(np.maximum(_blocks(squared) - (mean * mean).sum(2), 0))
@@ -121,16 +113,19 @@ def clues_of(
     return np.asarray(clues, np.float32), depth
 
 
-def _dis() -> Any:
-    """One for each thread: it keeps its buffers, which is worth a third of its time, and no two may share it."""
-    if not hasattr(_OWN, "dis"):
-        dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        dis.setFinestScale(0)
-        dis.setPatchSize(PATCH_PX)
-        dis.setPatchStride(STRIDE_PX)
-        dis.setVariationalRefinementIterations(0)  # a third of the time, for hardly anything that blocks show
-        _OWN.dis = dis
-    return _OWN.dis
+class _Flow(local):
+    """DIS, one for each thread: it keeps its buffers, which is worth a third of its time, and no two may share it."""
+
+    def __init__(self) -> None:
+        self.dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        self.dis.setFinestScale(0)
+        self.dis.setPatchSize(PATCH_PX)
+        self.dis.setPatchStride(STRIDE_PX)
+        # A third of the time, for hardly anything that blocks show.
+        self.dis.setVariationalRefinementIterations(0)
+
+
+_FLOW = _Flow()
 
 
 def _blocks(values: Maps) -> Maps:

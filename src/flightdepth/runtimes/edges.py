@@ -25,9 +25,8 @@ Image = NDArray[np.uint8]
 
 STEP = 0.15  # of inverse depth: where it bends by more there is an edge
 GAP = 1.2  # one depth over another: more are two sides of one
-SURE = (
-    1 / 3
-)  # of the way, in logarithms, from the nearest to the farthest: beyond it a block may hold some of both
+# Of the way, in logarithms, from the nearest to the farthest: beyond it a block may hold some of both.
+SURE = 1 / 3
 ALIKE = 20.0  # grey levels, deviation of a colour from that of a block that it belongs to
 NEAR_BY = 0.7  # blocks, deviation of the place
 UNLIKE = -7.0  # logarithm of the weight of a block of quite another colour: where all are, the place decides
@@ -35,9 +34,8 @@ UNLIKE = -7.0  # logarithm of the weight of a block of quite another colour: whe
 BEND = np.array([[1, -2, 1]], np.float32)
 NO_INVERSE = np.float32(1e9)  # 1/m, above every one
 AROUND = [(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1)]
-_INSIDE = (
-    np.arange(OUTPUT_STRIDE) + 0.5
-) / OUTPUT_STRIDE - 0.5  # of each pixel from its block's middle, blocks
+# Of each pixel from its block's middle, blocks.
+_INSIDE = (np.arange(OUTPUT_STRIDE) + 0.5) / OUTPUT_STRIDE - 0.5
 _APART_2 = np.array([[(y - r) ** 2 + (x - c) ** 2 for r, c in AROUND] for y in _INSIDE for x in _INSIDE])
 PLACE = np.exp(-_APART_2 / (2 * NEAR_BY**2)).astype(np.float32)  # [16 pixels, 9 blocks]
 

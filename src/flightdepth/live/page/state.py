@@ -13,6 +13,7 @@ from flightdepth.live.obstacle_messages import UNKNOWN, distances_cm
 from flightdepth.live.obstacle_sender import Newest
 from flightdepth.live.obstacles import ObstacleSettings, Sectors
 from flightdepth.live.status import LiveResult, LiveStatus
+from flightdepth.motion import Vector
 from flightdepth.outputs.palette import (
     FARTHER_HATCH,
     NEARER_HATCH,
@@ -63,7 +64,7 @@ def state(
         "reconnects": status.reconnects,
         "uptime_s": status.uptime_s,
         "no_depth": None if result is None else result.depth.reason,
-        "speed_m_s": None if result is None or result.velocity_ned is None else speed(result.velocity_ned),
+        "speed_m_s": None if result is None else speed(result.motion.velocity_ned),
         "fan": None if settings is None else fan(newest, settings, status.stamp_ns),
     }
 
@@ -101,9 +102,9 @@ def metres(value: int) -> float | None:
     return None if value == UNKNOWN else value / 100
 
 
-def speed(velocity_ned: Sequence[float] | np.ndarray) -> float:
+def speed(velocity_ned: Vector | None) -> float | None:
     """m/s."""
-    return float(np.linalg.norm(velocity_ned))
+    return None if velocity_ned is None else float(np.linalg.norm(velocity_ned))
 
 
 def scale(depth_scale: DepthScale) -> Json:
