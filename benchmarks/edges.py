@@ -29,10 +29,9 @@ from flightdepth.processor import cpu_name
 from flightdepth.renderers.raycast import render
 from flightdepth.runtimes.network import Network, load_network
 from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
-from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.scenes.outdoor_textures import outdoor_textures
 from flightdepth.stillbox.pairs import Pair
-from flightdepth.stillbox.sets import SceneSet
+from flightdepth.stillbox.sets import ANY_FLIGHT, SceneSet
 
 SEED = 771
 FOV_DEG = (50.0, 70.0, 90.0, 100.0)
@@ -65,7 +64,7 @@ def rooms(count: int, network: Network) -> Iterator[Pair]:
 
 def outdoors(count: int, network: Network) -> Iterator[Pair]:
     textures = outdoor_textures(SEED)
-    scenes = SceneSet(OutdoorConfig(frames=60, rate_hz=10.0, legs="any"), 640, 384, SEED)
+    scenes = SceneSet(ANY_FLIGHT, 640, 384, SEED)
     for number in range(count):
         camera, scene = lens(number, 640, 384, network), scenes.scene(number, 0)
         seen = render(scene, textures, camera, frames=(20, 22))

@@ -6,9 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from flightdepth.motion import rotation_angle_rad, rotation_from_euler, rotation_from_quaternion
+from flightdepth.motion import (
+    quaternion_from_rotation,
+    rotation_angle_rad,
+    rotation_from_euler,
+    rotation_from_quaternion,
+)
 from flightdepth.scenes import StillBoxConfig, chance, draw_scene
-from flightdepth.scenes.orientation import composed, euler, noisy_orientations, quaternions
+from flightdepth.scenes.orientation import composed, euler, noisy_orientations
 from flightdepth.scenes.outdoor import draw_outdoor
 from flightdepth.scenes.outdoor_config import OutdoorConfig
 
@@ -139,7 +144,7 @@ def rotations(count):
 
 def test_quaternions_and_back():
     turns = rotations(50)
-    found = quaternions(turns)
+    found = np.array([quaternion_from_rotation(turn) for turn in turns])
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1)
     assert (found[:, 0] >= 0).all()
     np.testing.assert_allclose([rotation_from_quaternion(q) for q in found], turns, atol=1e-12)
@@ -150,16 +155,12 @@ def test_a_quaternion_is_cosine_and_sine_of_half_the_angle(vector):
     angle = np.linalg.norm(vector)
     turn, _ = cv2.Rodrigues(np.array(vector, dtype=np.float64))
     expected = [np.cos(angle / 2), *(np.sin(angle / 2) * np.array(vector) / angle)]
-    np.testing.assert_allclose(quaternions(turn[None])[0], expected, atol=1e-12)
+    np.testing.assert_allclose(quaternion_from_rotation(turn), expected, atol=1e-12)
 
 
 def test_a_product_of_rotations_is_the_product_of_quaternions():
     first, second = rotations(2)
-    (a, u), (b, v) = ((q[0], q[1:]) for q in quaternions(np.array([first, second])))
+    (a, u), (b, v) = ((q[0], q[1:]) for q in map(quaternion_from_rotation, (first, second)))
     product = np.array([a * b - u @ v, *(a * v + b * u + np.cross(u, v))])
-    found = quaternions((first @ second)[None])[0]
+    found = quaternion_from_rotation(first @ second)
     np.testing.assert_allclose(found, product * np.sign(product[0]), atol=1e-12)
-
-
-def test_no_frames_are_no_quaternions():
-    assert quaternions(np.zeros((0, 3, 3))).shape == (0, 4)

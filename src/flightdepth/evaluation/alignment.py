@@ -18,19 +18,15 @@ from flightdepth.evaluation.moving import with_moving_thing
 from flightdepth.ranges.derotation import derotated
 from flightdepth.renderers.raycast import render
 from flightdepth.scenes import StillBoxConfig, Textures, chance, draw_scene
-from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.scenes.outdoor_textures import outdoor_textures
 from flightdepth.stillbox.motion_noise import rotated, tilted
 from flightdepth.stillbox.pairs import Pair
 from flightdepth.stillbox.photometric import Photometric
-from flightdepth.stillbox.sets import SceneSet
+from flightdepth.stillbox.sets import ANY_FLIGHT, SceneSet
 
 SEED = 2018_0_2026
-SHAPES = (
-    (256, 256),
-    (256, 192),
-    (192, 256),
-)  # so that the grid is the camera; less for a network that sees less
+# So that the grid is the camera; less for a network that sees less.
+SHAPES = ((256, 256), (256, 192), (192, 256))
 FOV_DEG = (25.0, 110.0)
 ROOM_SHIFTS, OUTDOOR_SHIFTS = (1, 2, 3, 3, 4, 6, 9), (1, 1, 2, 3, 5, 8)  # frames
 ROOM_SHARE, EFFECTS_SHARE, WRONG_SHARE = 0.55, 0.6, 0.6
@@ -63,9 +59,8 @@ def fitting_pairs(
             frames = (0, int(rng.choice(ROOM_SHIFTS)))
         else:
             textures = outdoor_textures(seed + int(rng.integers(TEXTURE_SETS)))
-            config = OutdoorConfig(frames=60, rate_hz=10.0, legs="any")
-            scene = SceneSet(config, camera.width, camera.height, seed).scene(number, 0)
-            first = int(rng.integers(0, config.frames - max(OUTDOOR_SHIFTS)))
+            scene = SceneSet(ANY_FLIGHT, camera.width, camera.height, seed).scene(number, 0)
+            first = int(rng.integers(0, ANY_FLIGHT.frames - max(OUTDOOR_SHIFTS)))
             frames = (first, first + int(rng.choice(OUTDOOR_SHIFTS)))
         if rng.random() < 0.3:
             frames = frames[::-1]

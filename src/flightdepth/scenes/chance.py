@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from flightdepth.motion import rotations_from_quaternions
 from flightdepth.scenes.scene import Floats
 
 
@@ -28,14 +29,7 @@ def unit_vector(rng: np.random.Generator, dimensions: int = 3) -> Floats:
 
 def rotation(rng: np.random.Generator) -> Floats:
     """Uniformly random rotation matrix, shape (3, 3), from a uniform unit quaternion."""
-    w, x, y, z = unit_vector(rng, 4)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return np.asarray(rotations_from_quaternions(unit_vector(rng, 4)[None])[0])
 
 
 def turned(rotation: Floats, vector: Floats) -> Floats:

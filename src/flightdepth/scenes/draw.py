@@ -27,8 +27,8 @@ def draw_scene(
     rng = chance.stream(seed, number)
     position = _camera_path(rng, config)
     room_half, world_from_room = _room(rng, config, position)
-    walls = _Palette(rng, config.texture_ratio, texture_count)
-    room_material = np.array([walls.add(highlight=False) for _ in range(6)])
+    palette = _Palette(rng, config.texture_ratio, texture_count)
+    room_material = np.array([palette.add(highlight=False) for _ in range(6)])
     objects = [
         placed
         for _ in range(int(rng.integers(config.meshes[0], config.meshes[1] + 1)))
@@ -39,11 +39,11 @@ def draw_scene(
         shape=np.array([o.shape for o in objects], dtype=np.int64),
         world_from_object=np.array([o.world_from_object for o in objects]).reshape(-1, 3, 4),
         torus_radius=np.array([o.torus_radius for o in objects]),
-        object_material=np.array([walls.add(highlight=True) for _ in objects], dtype=np.int64),
+        object_material=np.array([palette.add(highlight=True) for _ in objects], dtype=np.int64),
         room_half=room_half,
         world_from_room=world_from_room,
         room_material=room_material,
-        materials=walls.materials(),
+        materials=palette.materials(),
         lamp_position=lamp_position,
         lamp_power=lamp_power,
         ambient=np.full(3, rng.uniform(0.04, 0.24)),
@@ -82,9 +82,8 @@ def _room(rng: np.random.Generator, config: StillBoxConfig, path: Floats) -> tup
     """A randomly turned box round the path: half edges [3] and pose [3, 4]."""
     half = rng.uniform(*config.room_half_m, 3)
     turn = chance.rotation(rng)
-    free = np.maximum(
-        half - config.clearance_m - config.path_length_m, 0.0
-    )  # none: the room's centre is the path's
+    # Where none is free, the room's centre is the path's.
+    free = np.maximum(half - config.clearance_m - config.path_length_m, 0.0)
     centre = path.mean(axis=0) + chance.turned(turn, rng.uniform(-0.75, 0.75, 3) * free)
     return half, np.column_stack([turn, centre])
 

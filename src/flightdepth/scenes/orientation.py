@@ -1,10 +1,9 @@
-"""The camera's orientation at each frame: turns about three axes, orientation noise, quaternions for metadata."""
+"""The camera's orientation at each frame: turns about three axes, orientation noise."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from flightdepth.motion import quaternion_from_rotation
 from flightdepth.scenes import chance
 from flightdepth.scenes.scene import Floats
 
@@ -41,8 +40,3 @@ def noisy_orientations(rng: np.random.Generator, steady: Floats, frames: int, no
         return np.repeat(steady[None], frames, axis=0)
     turns = [euler(noise_rad * chance.unit_vector(rng)) for _ in range(frames)]
     return np.array([composed(steady, turn) for turn in turns])
-
-
-def quaternions(world_from_camera: Floats) -> Floats:
-    """Orientations [F, 3, 3] as unit quaternions (w, x, y, z), w >= 0, [F, 4], from camera to world axes."""
-    return np.array([quaternion_from_rotation(turn) for turn in world_from_camera]).reshape(-1, 4)

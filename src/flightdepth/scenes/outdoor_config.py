@@ -12,6 +12,7 @@ from flightdepth.scenes.config import Range
 from flightdepth.scenes.scene import Floats
 
 OUTDOOR_VERSION = "1"
+HIGHEST_MOUND_M = 2.5
 
 
 class OutdoorConfig(BaseModel):
@@ -90,9 +91,6 @@ class OutdoorConfig(BaseModel):
         return self.frames / self.rate_hz
 
 
-HIGHEST_MOUND_M = 2.5
-
-
 Velocity = tuple[float, float, float]
 
 
@@ -121,9 +119,8 @@ class Flight(BaseModel):
         second_s = self.turn_over_s * (u * u * u - 0.5 * u * u * u * u) + after_s
         first_s = time_s - second_s
         flown = second_s[:, None] * np.array(self.second_m_s) + first_s[:, None] * np.array(self.first_m_s)
-        return np.asarray(
-            flown + np.array([-0.0, -self.height_m, -0.0])
-        )  # -0.0 adds nothing, not even a sign
+        # -0.0 adds nothing, not even a sign.
+        return np.asarray(flown + np.array([-0.0, -self.height_m, -0.0]))
 
     @property
     def world_from_camera(self) -> Floats:

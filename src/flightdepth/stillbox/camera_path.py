@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from flightdepth.motion import rotation_from_quaternion
-from flightdepth.scenes.orientation import quaternions
+from flightdepth.motion import quaternion_from_rotation, rotation_from_quaternion
 from flightdepth.scenes.scene import Floats, Scene
 
 MIRRORED = np.array([1.0, -1.0, 1.0])  # x right, y down, z forward <-> right, up, forward
@@ -55,5 +54,4 @@ def path_from(facts: Mapping[str, Any]) -> tuple[Floats, Floats]:
 
 
 def _orientation(turns: Floats) -> list[list[float]]:
-    found: list[list[float]] = (quaternions(turns) * MIRRORED_QUATERNION).tolist()
-    return found
+    return [(quaternion_from_rotation(turn) * MIRRORED_QUATERNION).tolist() for turn in turns]

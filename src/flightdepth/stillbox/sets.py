@@ -30,6 +30,11 @@ ORIGINAL_SCENES = {64: 80_000, 128: 16_000, 256: 3_200, 512: 3_200}
 LAST_SEED = 2**32 - 1
 
 
+def _check_whole(name: str, value: Any, least: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise BadInput(f"{name} of a set", expected=f"a whole number from {least} on", got=repr(value))
+
+
 @dataclass(frozen=True)
 class SceneSet:
     """A dataset is (config, seed) at a picture size in pixels; each scene follows from its number alone."""
@@ -41,11 +46,7 @@ class SceneSet:
 
     def __post_init__(self) -> None:
         for name, least in (("width", 1), ("height", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise BadInput(
-                    f"{name} of a set", expected=f"a whole number from {least} on", got=repr(value)
-                )
+            _check_whole(name, getattr(self, name), least)
         if self.seed > LAST_SEED:
             raise BadInput("seed of a set", expected=f"at most {LAST_SEED}", got=str(self.seed))
 
@@ -86,11 +87,13 @@ class SceneSet:
         return scene, render(scene, textures, self.camera)
 
 
+# Flights in any direction, 6 s at 10 pictures a second.
+ANY_FLIGHT = OutdoorConfig(frames=60, rate_hz=10.0, legs="any")
 # Sets by name, and how many scenes each holds.
 _NAMED = {
     str(width): (SceneSet(StillBoxConfig(), width, width, seed=1), scenes)
     for width, scenes in ORIGINAL_SCENES.items()
-} | {"outdoor": (SceneSet(OutdoorConfig(frames=60, rate_hz=10.0, legs="any"), 512, 320, seed=1), 300)}
+} | {"outdoor": (SceneSet(ANY_FLIGHT, 512, 320, seed=1), 300)}
 SET_NAMES = tuple(_NAMED)
 _OF_THE_SET = ("width", "height", "seed")
 
@@ -111,8 +114,7 @@ def named_set(name: str, /, **overrides: Any) -> tuple[SceneSet, int]:
     if base.width == base.height and "width" in size:
         size.setdefault("height", size["width"])
     scenes = overrides.pop("scenes", scenes)
-    if isinstance(scenes, bool) or not isinstance(scenes, int) or scenes < 1:
-        raise BadInput("scenes of a set", expected="a whole number from 1 on", got=repr(scenes))
+    _check_whole("scenes", scenes, 1)
     return replace(base, config=changed(base.config, overrides), **size), scenes
 
 

@@ -10,11 +10,10 @@ from functools import lru_cache
 from flightdepth.camera import Camera
 from flightdepth.renderers.raycast import render
 from flightdepth.scenes import Scene, StillBoxConfig, Textures, draw_scene
-from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.scenes.outdoor_textures import outdoor_textures
 from flightdepth.scenes.scene import Floats
 from flightdepth.stillbox.pairs import Depth, Image, PairRule
-from flightdepth.stillbox.sets import SceneSet
+from flightdepth.stillbox.sets import ANY_FLIGHT, SceneSet
 from flightdepth.stillbox.stream import Picture
 
 SCENES = 300
@@ -94,8 +93,7 @@ class OutdoorTestSet:
 
     def pair(self, number: int) -> TestPair:
         """The pair of flight `number`, in the middle of its first or second leg in turns."""
-        config = OutdoorConfig(frames=60, rate_hz=10.0, legs="any")
-        drawn = SceneSet(config, self.width, self.width, self.seed)
+        drawn = SceneSet(ANY_FLIGHT, self.width, self.width, self.seed)
         frames = (15, 16) if number % 2 else (45, 46)
         scene = drawn.scene(number, 0)
         return _seen(scene, outdoor_textures(self.seed), drawn.camera, frames)
