@@ -112,11 +112,16 @@ def test_a_line_that_nobody_can_read_ends_nothing():
 
 
 def test_the_state_asks_what_the_sinks_lack():
-    run = engine()
-    asked = []
-    run._monitor.lacks = asked.append
+    parts = Parts(
+        Stage(Counter()),
+        MotionStore(),
+        video=lambda listener: Video(),
+        motion=lambda engine: Motion(),
+        lacking=lambda: "the drone's heading",
+    )
+    run = LiveEngine(parts)
     run.status()
-    assert asked == [None]
+    assert run._monitor.lacking == "the drone's heading"
 
 
 def test_rates_are_read_under_the_lock_alone():
@@ -179,10 +184,9 @@ def test_what_turns_say_of_the_lens_is_the_state():
         motion=lambda engine: Motion(),
         lens=SimpleNamespace(verdict=told, take=lambda result: None),
     )
-    run, asked = LiveEngine(parts), []
-    run._monitor.lens = asked.append
+    run = LiveEngine(parts)
     assert run.status().lens is told
-    assert asked == [told.doubt]
+    assert run._monitor.lens_doubt == told.doubt
 
 
 UNCALIBRATED = NoCalibration("camera: expected a calibration for 100x100, got one for 6x4")

@@ -78,13 +78,13 @@ def flight():
 
 
 def test_a_lens_that_its_turns_deny_is_told_until_they_no_longer_do_and_after_what_passes(flight):
-    flight.monitor.lens("focal length 390 px, where the turns tell 300")
+    flight.monitor.lens_doubt = "focal length 390 px, where the turns tell 300"
     health = flight.fly(0.1)[-1]
     assert health.state is State.DEGRADED
     assert health.reason == f"{LENS}: focal length 390 px, where the turns tell 300"
     assert flight.fly(1, velocity=False)[-1].reason.startswith(LATE)
     assert flight.fly(1)[-1].reason.startswith(LENS)
-    flight.monitor.lens(None)
+    flight.monitor.lens_doubt = None
     assert flight.fly(1)[-1].state is State.OK
 
 
@@ -101,10 +101,10 @@ def test_a_camera_that_does_not_answer_is_told_with_its_error():
 
 
 def test_what_comes_instead_of_pictures_stands_in_the_reason(flight):
-    flight.monitor.came_instead("90 packets of another kind")
+    flight.monitor.instead = "90 packets of another kind"
     flight.monitor.stream_failed("nothing came in time")
     assert flight.fly(3, pictures=False)[-1].reason == f"{SILENT}: 90 packets of another kind came"
-    flight.monitor.came_instead(None)
+    flight.monitor.instead = None
     assert flight.fly(1, pictures=False)[-1].reason == f"{SILENT}: nothing came in time"
 
 
@@ -138,10 +138,10 @@ def test_each_trouble_is_told_in_time_and_ends(flight, off, state, reason, withi
 
 
 def test_what_a_sink_lacks_is_told_until_it_has_it(flight):
-    flight.monitor.lacks("obstacles are unknown: nobody tells the drone's heading")
+    flight.monitor.lacking = "obstacles are unknown: nobody tells the drone's heading"
     assert flight.fly(1)[-1].state is State.DEGRADED
     assert flight.noticed_s(State.DEGRADED, FROZEN, changed=False) < 2  # worse things first
-    flight.monitor.lacks(None)
+    flight.monitor.lacking = None
     assert flight.fly(2)[-1].state is State.OK
 
 
@@ -197,10 +197,10 @@ def test_since_holds_while_only_figures_change(flight):
 
 
 def test_a_slow_machine(flight):
-    flight.monitor.rates(30.0, 3.0)
+    flight.monitor.pictures_hz, flight.monitor.results_hz = 30.0, 3.0
     told = flight.fly(FRAME_S)[-1].reason
     assert told == f"{SLOW}: 3.0 results a second of 30 pictures; --no-align take less time"
-    flight.monitor.rates(4.0, 4.0)  # a slow camera is none
+    flight.monitor.pictures_hz, flight.monitor.results_hz = 4.0, 4.0  # a slow camera is none
     assert flight.fly(1)[-1].state is State.OK
 
 

@@ -210,7 +210,7 @@ def test_the_state_names_both_focal_lengths(monkeypatch):
     for happened in (monitor.picture, monitor.changed, monitor.velocity):
         happened(1)
     monitor.result(1, no_depth=None, age_ms=20.0)
-    monitor.lens(watch.verdict.doubt)
+    monitor.lens_doubt = watch.verdict.doubt
     health = monitor.judge(2)
     assert health.state.value == "degraded"
     assert health.reason.startswith(f"{LENS}: focal length {WRONG.fx:.0f} px, where the turns tell ")

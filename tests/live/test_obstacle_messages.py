@@ -123,6 +123,7 @@ def test_points_lie_on_the_wall_in_the_body_frame():
     banked.take(live_result(0, result(wall(camera_attitude(), 10.0)), body=(20, 0, 0)))
     tilted = [m for m in decoded(banked.due(0)) if m.get_type() == DISTANCE_3D]
     turn = rotation_from_euler(math.radians(20), 0, 0)
+    assert len(tilted) == len(points)
     for point in tilted:
         level = turn @ (point.x, point.y, point.z)
         assert level[0] == pytest.approx(10.0, rel=1e-3) and abs(level[2]) <= 1.5

@@ -37,21 +37,7 @@ from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
 from flightdepth.ranges.result import RangedDepth
 
 FREE = 4001  # max_distance + 1
-INNER = (
-    -6,
-    -5,
-    -4,
-    -3,
-    -2,
-    -1,
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    6,
-)  # whole sectors within 80 degrees: up to 32.5 off the axis
+INNER = range(-6, 7)  # whole sectors within 80 degrees: up to 32.5 off the axis
 NEAR = 0.02
 
 
@@ -191,15 +177,9 @@ def test_looking_down_says_nothing_of_what_is_ahead():
     assert (cm(looked(nothing(60.0), attitude)) == UNKNOWN).all()
 
 
-def test_the_blind_cone_by_hand():
-    """10 m away, moved 0.5 m, focal length 200 px: 1 px of parallax at asin(10 / 100) = 5.74 degrees."""
-    assert pytest.approx(1.0) == LEAST_PARALLAX_PX
-    assert blind_cone_deg(10.0, 0.5, SIGHT) == pytest.approx(5.739, abs=1e-3)
-    assert blind_cone_deg(10.0, 0.02, SIGHT) == 90.0
-
-
 def test_flying_at_a_wall_nothing_is_known_in_the_cone():
     """40 m and 1 m flown: 11.5 degrees. 10 m: 2.9 degrees, so that wall is seen from sector 1 on."""
+    assert pytest.approx(1.0) == LEAST_PARALLAX_PX
     ahead = (4.0, 0.0, 0.0)
     free = cm(looked(nothing(90.0), velocity=ahead))
     cone = blind_cone_deg(SETTINGS.max_m + 4.0 * SETTINGS.stale_s, 1.0, SIGHT)

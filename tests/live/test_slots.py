@@ -3,16 +3,11 @@
 import threading
 import time
 
+from live_peers import until
+
 from flightdepth.live.slots import Newest, SinkThread
 
 PATIENCE_S = 10.0
-
-
-def until(condition):
-    end = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end, "it never came about"
-        time.sleep(0.002)
 
 
 def test_only_the_newest_is_taken_and_the_others_counted():

@@ -118,15 +118,13 @@ class LiveEngine:
         now_ns = time.monotonic_ns()
         lens = None if self._parts.lens is None else self._parts.lens.verdict
         with self._lock:
-            last = self._last
-            pictures_hz, results_hz = self._pictures.hz(now_ns), self._results.hz(now_ns)
-            self._monitor.rates(pictures_hz, results_hz)
-            self._monitor.came_instead(self._video.instead)
-            self._monitor.lacks(self._parts.lacking())
-            self._monitor.lens(None if lens is None else lens.doubt)
+            monitor, last = self._monitor, self._last
+            monitor.pictures_hz, monitor.results_hz = self._pictures.hz(now_ns), self._results.hz(now_ns)
+            monitor.instead, monitor.lacking = self._video.instead, self._parts.lacking()
+            monitor.lens_doubt = None if lens is None else lens.doubt
             return LiveStatus(
                 stamp_ns=now_ns,
-                health=self._monitor.judge(now_ns),
+                health=monitor.judge(now_ns),
                 age_ms=self._ages.last_ms,
                 age_from="reception" if last is None else last[1].age_from,
                 distrusted=self._video.distrusted,
@@ -135,8 +133,8 @@ class LiveEngine:
                 ranges=self._stage.ranges,
                 shifts=() if last is None else tuple(last[0].depth.shifts.tolist()),
                 displacements_m=() if last is None else tuple(last[0].depth.displacements_m.tolist()),
-                fps_in=pictures_hz,
-                fps=results_hz,
+                fps_in=monitor.pictures_hz,
+                fps=monitor.results_hz,
                 telemetry_hz=self._store.rate_hz(now_ns),
                 telemetry_age_ms=self._store.age_ms(now_ns),
                 uptime_s=(now_ns - self._start_ns) / 1e9,

@@ -39,16 +39,24 @@ class Limits:
 class HealthMonitor:
     """Hears what happened and when; `judge(now_ns)` says how things stand. Not for several threads at once.
 
-    `faster`: what would take less time than what runs.
+    `faster`: what would take less time than what runs. To be set before it is asked to judge:
+
+    instead                  what came since the last picture, and was none
+    lens_doubt               what the camera's turns say against its focal length
+    lacking                  what somebody who needs the results can't do, and for want of what
+    pictures_hz, results_hz  how many came, and went, a second
     """
 
     def __init__(self, start_ns: int, limits: Limits | None = None, *, faster: str = "") -> None:
         self._limits, self._faster = limits or Limits(), f"; {faster} take less time" if faster else ""
+        self.instead: str | None = None
+        self.lens_doubt: str | None = None
+        self.lacking: str | None = None
+        self.pictures_hz = self.results_hz = 0.0
         self._health = Health(State.LOST, STARTING, start_ns)
         self._trouble_ns = start_ns
         self._picture_ns: int | None = None
         self._stream_error: str | None = None
-        self._instead: str | None = None
         self._refused: str | None = None
         self._changed_ns = self._resumed_ns = start_ns
         self._velocity_ns: int | None = None
@@ -58,9 +66,7 @@ class HealthMonitor:
         self._depth_ns = start_ns
         self._no_depth: str | None = None
         self._doubt: str | None = None
-        self._lens_doubt: str | None = None
-        self._lacking: str | None = None
-        self._age_ms = self._pictures_hz = self._results_hz = 0.0
+        self._age_ms = 0.0
 
     def picture(self, now_ns: int) -> None:
         """A picture came."""
@@ -75,10 +81,6 @@ class HealthMonitor:
     def stream_failed(self, why: str) -> None:
         """The stream could not be opened, or broke."""
         self._stream_error = why
-
-    def came_instead(self, what: str | None) -> None:
-        """What came since the last picture, and was none."""
-        self._instead = what
 
     def refused(self, why: str) -> None:
         """A picture could not be used at all."""
@@ -103,18 +105,6 @@ class HealthMonitor:
         if no_depth is None:
             self._depth_ns = now_ns
 
-    def lens(self, doubt: str | None) -> None:
-        """What the camera's turns say against its focal length; None: nothing."""
-        self._lens_doubt = doubt
-
-    def lacks(self, what: str | None) -> None:
-        """What somebody who needs the results can't do, and for want of what; None: nothing is wanting."""
-        self._lacking = what
-
-    def rates(self, pictures_hz: float, results_hz: float) -> None:
-        """How many pictures came, and results went, a second."""
-        self._pictures_hz, self._results_hz = pictures_hz, results_hz
-
     def judge(self, now_ns: int) -> Health:
         """The state now. Trouble counts at once; it must be over for `recovered_ns` before all is well."""
         state, reason = self._worst(now_ns)
@@ -136,7 +126,7 @@ class HealthMonitor:
         return (State.OK if degraded is None else State.DEGRADED), degraded
 
     def _lost(self, now_ns: int) -> str | None:
-        why = f"{self._instead} came" if self._instead else self._stream_error
+        why = f"{self.instead} came" if self.instead else self._stream_error
         because = f": {why}" if why else ""
         if self._picture_ns is None:
             return STARTING + because
@@ -156,7 +146,7 @@ class HealthMonitor:
         why = self._link_error
         silent = NO_TELEMETRY + (f": {why}" if why else "")
         late = f"{LATE}: no velocity for {late_ns / NS_PER_S:.1f} s" + (f"; {why}" if why else "")
-        results_hz, pictures_hz = self._results_hz, self._pictures_hz
+        results_hz, pictures_hz = self.results_hz, self.pictures_hz
         troubles = (
             (now_ns - self._changed_ns > limits.frozen_ns, FROZEN),
             (reboot_ns is not None and now_ns - reboot_ns < limits.reboot_ns, REBOOTED),
@@ -170,7 +160,7 @@ class HealthMonitor:
             ),
             (self._age_ms > limits.old_ms, f"{OLD}: {self._age_ms:.0f} ms"),
             # Once told it lasts, so what may pass comes before it.
-            (self._lens_doubt is not None, f"{LENS}: {self._lens_doubt}"),
-            (True, self._lacking),
+            (self.lens_doubt is not None, f"{LENS}: {self.lens_doubt}"),
+            (True, self.lacking),
         )
         return next((reason for counts, reason in troubles if counts and reason is not None), None)

@@ -25,7 +25,7 @@ from flightdepth.ranges.log_check import LogCheck
 from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.motion_error import widened
 from flightdepth.ranges.network import AtSource, DepthNetwork, Image, Map
-from flightdepth.ranges.pairs import Baselines, Frame, FrameBuffer, Pair, Served, baselines, pick, seen_from
+from flightdepth.ranges.pairs import Baselines, Frame, FrameBuffer, Pair, baselines, pick, seen_from
 from flightdepth.ranges.plan import Planner
 from flightdepth.ranges.repeats import Repeats
 from flightdepth.ranges.result import RangedDepth
@@ -253,47 +253,33 @@ class MultiRangeEstimator:
         lines = baselines(self._trajectory, frames, current.stamp_ns, self._max_turn_rad)
         if lines.reason is not None:
             return lines.reason
-        pairs = self._picked(lines, frames, current, self._first)
-        through = seen_from(lines, frames, current.index, pairs)
-        self._denied = self._log_denied(pairs, through, current)
-        pairs = self._with_directions(pairs, through, current, self._first)
-        if pairs:
+        if pairs := self._picked(lines, frames, current, self._first):
             return pairs, self._first
         if self._open_fallback is None:
             return NO_DIRECTION
-        if self._fallback is None:
-            network = OnGridOf(self._open_fallback())
-            if network.card.knows_direction:
-                raise BadInput(
-                    "fallback", expected="a network that needs no direction", got=network.card.name
-                )
-            planner = self._planner_of(network.card, ranges=self.ranges, sides=sides_of(self._camera))
-            self._fallback = Seer(network, network.card, planner)
-        pairs = self._picked(lines, frames, current, self._fallback)
-        through = seen_from(lines, frames, current.index, pairs)
-        return self._with_directions(pairs, through, current, self._fallback), self._fallback
+        self._fallback = self._fallback or self._opened(self._open_fallback())
+        return self._picked(lines, frames, current, self._fallback), self._fallback
 
-    def _with_directions(
-        self, pairs: tuple[Pair, ...], through: Sequence[Served], current: Frame, seer: Seer
-    ) -> tuple[Pair, ...]:
-        """The pairs with directions that the log or the pictures tell; without any those that serve `seer`."""
-        told = all(pair.directed for pair in pairs) and not self._denied
-        asks = seer.card.knows_direction
-        if not told and (asks or self._derotate):
-            pairs = self._directions.of(through, current)
-        return tuple(pair for pair in pairs if pair.directed or pair.seen or not asks)
-
-    def _log_denied(self, pairs: Sequence[Pair], through: Sequence[Served], current: Frame) -> bool:
-        """Whether the pictures contradict the direction that a log tells of these pairs."""
-        told = all(pair.directed for pair in pairs)
-        return self._derotate and told and self._log_check.denies(through[0][0][0], current)
+    def _opened(self, fallback: DepthNetwork) -> Seer:
+        network, card = OnGridOf(fallback), fallback.card
+        if card.knows_direction:
+            raise BadInput("fallback", expected="a network that needs no direction", got=card.name)
+        return Seer(network, card, self._planner_of(card, ranges=self.ranges, sides=sides_of(self._camera)))
 
     def _picked(
         self, lines: Baselines, frames: Sequence[Frame], current: Frame, seer: Seer
     ) -> tuple[Pair, ...]:
+        """The pairs that `seer` wants, of directions that the log or the pictures tell; none where it needs one."""
         seer.planner.ranges, most = self.ranges, self._memory.most_pairs
         wanted_m, depths_m = seer.planner.wanted(current.stamp_ns, lines.length_m[lines.usable])
-        return pick(lines, frames, current.index, wanted_m[:most], depths_m[:most])
+        pairs = pick(lines, frames, current.index, wanted_m[:most], depths_m[:most])
+        through = seen_from(lines, frames, current.index, pairs)
+        told, asks = all(pair.directed for pair in pairs), seer.card.knows_direction
+        if seer is self._first:
+            self._denied = self._derotate and told and self._log_check.denies(through[0][0][0], current)
+        if (self._denied or not told) and (asks or self._derotate):
+            pairs = self._directions.of(through, current)
+        return tuple(pair for pair in pairs if pair.directed or pair.seen or not asks)
 
     def _is_frozen(self, current: Frame, now_ns: int) -> bool:
         """Whether the camera moved while it showed this picture; then that holds until it shows another."""
