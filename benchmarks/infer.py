@@ -99,8 +99,7 @@ def pytorch(card: NetworkCard, made: Arrays) -> Call:
     import torch
 
     from flightdepth.architectures import DepthNet, FlowNetS, MotionNet
-    from flightdepth.training.inputs import motion_inputs
-    from flightdepth.training.pictures import normalised
+    from flightdepth.training.inputs import motion_inputs, normalised
 
     network: torch.nn.Module
     if card.knows_direction:

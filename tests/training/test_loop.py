@@ -20,9 +20,9 @@ from flightdepth.stillbox.stored import StoredSet
 from flightdepth.training import learner, loop, precision
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.export import deployed, to_onnx, weights_of
+from flightdepth.training.inputs import normalised
 from flightdepth.training.learner import Learner, mixed_precision
 from flightdepth.training.loop import train
-from flightdepth.training.pictures import normalised
 from flightdepth.training.processes import Share
 from flightdepth.training.run_folder import CHECKPOINT, RECIPE, SHIPPED, read_trained
 from flightdepth.weights.card import NetworkCard

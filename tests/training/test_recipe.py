@@ -303,6 +303,12 @@ def test_two_stages_of_one_name_would_write_one_checkpoint(written):
         ),
         ("seed = 0", "seed = 0\nresidual_blocks = true", "expected no residual_blocks, which a DepthNet"),
         ("batch = 10", "batch = 10\ndirection_noise_deg = 2.0", "expected no direction_noise_deg"),
+        ("seed = 0", 'seed = 0\narchitecture = "FlowNetS"\nleaky_slope = 0.2', "expected no leaky_slope"),
+        (
+            "seed = 0",
+            'seed = 0\narchitecture = "FlowNetS"\nbatch_norm_momentum = 0.01',
+            "expected no batch_norm_momentum, which a FlowNetS",
+        ),
         ("seed = 0", 'seed = 0\narchitecture = "MotionNet"', 'expected activation = "elu\\+1"'),
         ("batch = 10", "batch = 10\nphotometric_share = 0.3", "stages.0: expected photometric = true"),
         ("batch = 10", "batch = 10\nfov_deg = [55.0, 120.0]", "expected reference_focal_px, since a stage"),

@@ -20,7 +20,7 @@ from torch.nn import functional
 STEP = math.log(1.3)  # between the hypotheses, in log of the shift
 LEAST_GRADIENT = 0.01  # squared, contrasts a step
 NEAREST_SHARE, FARTHEST_SHARE = 0.003, 1.4  # of the largest depth: what can be refined at all
-NEIGHBOURHOOD = 5  # pixels of depth, to either side of an edge
+NEIGHBOURHOOD = 5  # pixels of depth across, which hold both sides of an edge nearby
 SQUEEZED, WIDTH = 16, 32
 CANDIDATES = 6  # the five hypotheses, and the second corrected
 CLUES = 14

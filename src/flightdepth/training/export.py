@@ -21,9 +21,8 @@ from torch import Tensor, nn
 from flightdepth.architectures import DepthNet, FlowNetS, MotionNet
 from flightdepth.errors import BadInput
 from flightdepth.sweep import LEVELS
-from flightdepth.training.inputs import motion_inputs
+from flightdepth.training.inputs import motion_inputs, normalised
 from flightdepth.training.network import built
-from flightdepth.training.pictures import normalised
 from flightdepth.training.recipe import STRIDE, Recipe
 
 OPSET = 18

@@ -8,7 +8,6 @@ from torch import Tensor
 
 from flightdepth.stillbox import Batch
 from flightdepth.sweep import stacked, sweep
-from flightdepth.training.pictures import normalised
 from flightdepth.training.recipe import Recipe
 
 
@@ -21,6 +20,12 @@ def network_inputs(recipe: Recipe, batch: Batch, device: torch.device) -> tuple[
         for pair, moved, camera in zip(batch.pairs, batch.displacement, batch.cameras, strict=True)
     )
     return motion_inputs(*(torch.from_numpy(array).to(device) for array in swept))
+
+
+def normalised(pairs: Tensor) -> Tensor:
+    """uint8 [B, H, W, 6] to float [B, 6, H, W], (x / 255 - 0.5) / 0.2, channels last in memory."""
+    images = pairs.permute(0, 3, 1, 2).to(torch.float32)
+    return (images * (1 / 255 / 0.2) - 0.5 / 0.2).contiguous(memory_format=torch.channels_last)
 
 
 def motion_inputs(current: Tensor, *maps: Tensor) -> tuple[Tensor, ...]:

@@ -6,6 +6,7 @@ import copy
 import math
 import warnings
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,7 +33,7 @@ from flightdepth.training.loss import loss_m
 from flightdepth.training.muon import Muon
 from flightdepth.training.network import built
 from flightdepth.training.precision import Precision, mixed_precision
-from flightdepth.training.processes import Share, any_says, mean_over, weigh_part, without_gpu
+from flightdepth.training.processes import Share, mean_over, weigh_part, without_gpu
 from flightdepth.training.recipe import OptimizerName, Recipe, Stage
 from flightdepth.training.run_folder import SHIPPED, parent_checkpoint, read_trained, stages_behind
 from flightdepth.training.schedule import learning_rate
@@ -64,8 +65,7 @@ class Learner:
         torch.manual_seed(recipe.seed)
         network = built(recipe)
         self.network: nn.Module = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self._optimizer_name = recipe.optimizer_in(recipe.stages[0])
-        self.optimizer = optimizer_of(recipe, self.network, self._optimizer_name)
+        self._begin_optimizer(recipe.optimizer_in(recipe.stages[0]))
         self.averaged = copy.deepcopy(self.network).requires_grad_(False).eval()
 
     def restored(self, path: Path) -> Progress:
@@ -82,8 +82,7 @@ class Learner:
         self.averaged.load_state_dict(read_weights(path, "averaged"))
         # A stage that has not begun has the state of the one before.
         stage = recipe.stages[max(progress.stage - (progress.sample == 0), 0)]
-        self._optimizer_name = recipe.optimizer_in(stage)
-        self.optimizer = optimizer_of(recipe, self.network, self._optimizer_name)
+        self._begin_optimizer(recipe.optimizer_in(stage))
         read_optimizer(path, self.network, self.optimizer)
         return progress
 
@@ -164,12 +163,15 @@ class Learner:
         """A stage begins, or goes on: what it does not train stays as it is, running statistics too."""
         name = self.recipe.optimizer_in(stage)
         if name != self._optimizer_name:
-            self._optimizer_name, self.optimizer = name, optimizer_of(self.recipe, self.network, name)
+            self._begin_optimizer(name)
             self.stepper = self.accelerator.prepare(self.optimizer)
         self.model.train(not stage.only_last_look)
         self.network.requires_grad_(not stage.only_last_look)
         if stage.only_last_look:
             self.network.get_submodule(LAST_LOOK).train().requires_grad_()
+
+    def _begin_optimizer(self, name: OptimizerName) -> None:
+        self._optimizer_name, self.optimizer = name, optimizer_of(self.recipe, self.network, name)
 
     def step(self, parts: Sequence[Batch], stage: Stage, sample: int) -> float:
         """One step on samples `sample` ... of a stage, of which `parts` are this process's; the loss in metres."""
@@ -179,10 +181,8 @@ class Learner:
         loss = torch.zeros((), device=self.accelerator.device)
         for number, batch in enumerate(parts):
             weigh_part(self.network, self.recipe.batch_norm_momentum, number, len(parts))
-            if number < len(parts) - 1:
-                with self.accelerator.no_sync(self.model):
-                    loss += self._learn(batch, len(parts))
-            else:
+            is_last = number == len(parts) - 1  # which puts the gradients of all processes together
+            with nullcontext() if is_last else self.accelerator.no_sync(self.model):
                 loss += self._learn(batch, len(parts))
         if not torch.isfinite(loss):
             raise FlightDepthError(
@@ -204,8 +204,11 @@ class Learner:
         return loss.detach()
 
     def agreed(self, flag: bool) -> bool:
-        """Whether any process says so."""
-        return any_says(self.accelerator, flag)
+        """Whether any process says so; all get the same answer."""
+        if self.accelerator.num_processes == 1:
+            return flag
+        said = torch.tensor(float(flag), device=self.accelerator.device)
+        return bool(self.accelerator.reduce(said, "sum") > 0)
 
     def save(self, path: Path, progress: Progress) -> None:
         """Write a checkpoint; all processes come here, the first one writes.

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -103,12 +103,14 @@ class _Run:
     report: Callable[[Report], None]
     stop: Callable[[], bool]
     clock: Callable[[], float]
-    recipe: Recipe = field(init=False)
-    stage: Stage = field(init=False)
 
-    def __post_init__(self) -> None:
-        self.recipe = self.learner.recipe
-        self.stage = self.recipe.stages[self.number]
+    @property
+    def recipe(self) -> Recipe:
+        return self.learner.recipe
+
+    @property
+    def stage(self) -> Stage:
+        return self.recipe.stages[self.number]
 
     def to_end(self, progress: Progress, path: Path, every_s: float) -> Progress:
         """Train from `progress` to the stage's last sample, or until told to stop."""
@@ -141,8 +143,7 @@ class _Run:
         smooth = before.loss_m
         smooth = loss_m if math.isnan(smooth) else SMOOTHING * smooth + (1 - SMOOTHING) * loss_m
         sample, seen = before.sample + self.stage.batch, before.seen + self.stage.batch
-        parts = self.learner.share.parts
-        return Progress(self.recipe.name, self.recipe.digest, self.number, sample, seen, smooth, parts)
+        return replace(before, sample=sample, seen=seen, loss_m=smooth, parts=self.learner.share.parts)
 
     def _total(self, progress: Progress) -> int:
         rest = sum(stage.samples for stage in self.recipe.stages[self.number + 1 :])

@@ -86,10 +86,3 @@ def mean_over(accelerator: Accelerator, *modules: nn.Module) -> None:
         for buffer in module.buffers():
             if buffer.is_floating_point():
                 buffer.copy_(accelerator.reduce(buffer, "mean"))
-
-
-def any_says(accelerator: Accelerator, flag: bool) -> bool:
-    """Whether any process says so; all get the same answer."""
-    if accelerator.num_processes == 1:
-        return flag
-    return bool(accelerator.reduce(torch.tensor(float(flag), device=accelerator.device), "sum") > 0)

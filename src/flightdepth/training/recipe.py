@@ -24,6 +24,7 @@ class _Strict(BaseModel):
 STRIDE = 64  # the deepest feature map is at 1/64 of a picture's size
 FILE_NAME = r"^[^\s./\\][^/\\]*$"  # of what names a file or a folder of a run
 FILE_NAME_RULE = "a name without / that does not begin with a dot"
+BATCH_NORM_MOMENTUM = 0.1  # where a recipe names none
 OptimizerName = Literal["adamw", "sgd", "muon"]
 
 
@@ -92,7 +93,9 @@ class Recipe(_Strict):
         default=False, description="MotionNet's last look has weights of its own, and sees more"
     )
     residual_blocks: bool = Field(default=False, description="MotionNet's trunk has residual blocks")
-    batch_norm_momentum: float = Field(default=0.1, gt=0, le=1, description="of the running statistics")
+    batch_norm_momentum: float = Field(
+        default=BATCH_NORM_MOMENTUM, gt=0, le=1, description="of the running statistics"
+    )
     nominal_shift: int = Field(gt=0)
     depth_min_m: float = Field(ge=0)
     depth_max_m: float = Field(gt=0)
@@ -159,6 +162,11 @@ class Recipe(_Strict):
             "residual_blocks": self.residual_blocks,
             "direction_noise_deg": any(stage.direction_noise_deg for stage in self.stages),
         }
+        if self.architecture == "FlowNetS":  # it has a slope of its own, and no batch norm
+            asked |= {
+                "leaky_slope": self.leaky_slope > 0,
+                "batch_norm_momentum": self.batch_norm_momentum != BATCH_NORM_MOMENTUM,
+            }
         for key in (key for key, given in asked.items() if given):
             raise ValueError(f"no {key}, which a {self.architecture} has no use for")
 

@@ -68,7 +68,7 @@ def parent_checkpoint(runs: Path, starts_from: str) -> Path:
 def stages_behind(card: NetworkCard, recipe: Recipe) -> int:
     """How many of the recipe's first stages are the card's last: what its network has been through already.
 
-    None, where the card is that of another network, which the recipe starts from.
+    0 where the card is that of another network, which the recipe starts from.
     """
     if card.name != recipe.name:
         return 0
