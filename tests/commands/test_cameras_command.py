@@ -3,11 +3,9 @@
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from command_flights import SIZE, make_log, make_video
 
-from flightdepth.camera import Camera
 from flightdepth.cli import main
 from flightdepth.flight.lenses import known_lenses
 from flightdepth.outputs import FlightFolder
@@ -78,20 +76,3 @@ def test_run_refuses_a_mount_without_the_drones_attitude(run):
     code, _, said, _ = run("--hfov", "90", "--mount-pitch", "0")
     assert code == 2
     assert "attitude of the drone" in said
-
-
-def test_a_camera_that_zooms_drops_its_earlier_pictures(save_difference_network):
-    from flightdepth.ranges import MultiRangeEstimator
-    from flightdepth.runtimes.network import load_network
-
-    network = load_network(save_difference_network())
-    wide, narrow = Camera.from_fov(128, 128, 90), Camera.from_fov(128, 128, 60)
-    estimator = MultiRangeEstimator(network, wide)
-    rng = np.random.default_rng(0)
-    reasons = []
-    for index in range(8):
-        estimator.add_velocity(index * 10**8, (3.0, 0.0, 0.0))
-        estimator.see_through(wide if index < 4 else narrow)
-        result = estimator.add_frame(index * 10**8, rng.integers(0, 256, (128, 128, 3), np.uint8))
-        reasons.append(result.reason)
-    assert [reason is None for reason in reasons] == [False, True, True, True, False, True, True, True]

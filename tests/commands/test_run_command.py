@@ -5,7 +5,6 @@ import pytest
 from command_flights import FRAMES, SIZE, make_log, make_video
 
 from flightdepth.cli import main
-from flightdepth.commands.batch import jobs_of
 from flightdepth.outputs import FlightFolder, FlightWriter
 from flightdepth.ranges.direction import SeenDirections
 
@@ -170,11 +169,6 @@ def test_a_bad_flight_does_not_stop_the_next(run, work):
     assert code == 2
     assert "nowhere.mp4" in stderr
     assert [path.name for path in (work / "made/out").iterdir()] == ["second"]
-
-
-def test_flights_of_one_name_do_not_share_a_folder(tmp_path):
-    flights = [tmp_path / "a/DJI_1.mp4", tmp_path / "b/DJI_1.mp4", tmp_path / "b/DJI_2.mp4"]
-    assert [job.target.name for job in jobs_of(flights, tmp_path)] == ["DJI_1", "DJI_1-2", "DJI_2"]
 
 
 # What it refuses

@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import sys
-import tomllib
 from functools import partial
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from flightdepth.commands.signals import stop_request
 from flightdepth.files import held
 from flightdepth.scenes.config import SET_VERSION
 from flightdepth.stillbox import PairStream
-from flightdepth.training import Recipe, loop
+from flightdepth.training import loop
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.export import weights_of
 from flightdepth.weights.store import read_network
@@ -166,7 +165,6 @@ def test_photos_are_counted(tmp_path, capsys):
         (["export", "runs/small", "--name", "a/b"], "--name: expected a name without /"),
         (["export", "runs/small", "--name", ""], "--name: expected a name without /"),
         (["evaluate", "network", "nothing"], "network: expected a path to an ONNX file"),
-        (["render", "64", "--out", "."], "--out: expected a new or empty folder"),
     ],
 )
 def test_bad_input_is_one_line(arguments, said, capsys):
@@ -274,7 +272,3 @@ def test_evaluate_noise_writes_what_it_takes_to_repeat_it(exported):
     card = read_network(exported / "small.onnx").card
     assert [each["weights_sha256"] for each in figures["networks"]] == [card.sha256]
     assert {row["size"] for row in figures["rows"]} >= {0.0, 0.05, 10.0}
-
-
-def test_the_recipe_of_a_test_is_a_recipe():
-    assert Recipe.model_validate(tomllib.loads(TOML)).samples == 12

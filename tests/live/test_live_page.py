@@ -118,6 +118,12 @@ def test_other_paths_and_names_are_refused(flying):
         refused.value.close()
 
 
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1:8080", "[::1]:8080", "[::1]"])
+def test_its_own_names_are_answered(flying, host):
+    """`[::1]`, as a browser names port 80 there, was taken for another's name."""
+    assert get(flying.server, "state.json", {"Host": host})[0] == 200
+
+
 def trickling(server: PageServer) -> socket.socket:
     """A connection whose request never ends."""
     connection = socket.create_connection(server.server_address[:2], timeout=5)

@@ -76,12 +76,6 @@ def test_a_camera_comes_back_from_its_info(conversion, camera):
     assert back == camera
 
 
-def test_plumb_bob_has_its_five_coefficients():
-    """A calibration of four was published as it stood."""
-    fields = camera_fields(Camera(640, 480, 500, 510, 319.5, 240.5, (-0.2, 0.03, 0.001, -0.002)))
-    assert fields["d"].tolist() == [-0.2, 0.03, 0.001, -0.002, 0.0]
-
-
 def test_a_region_of_interest_that_is_the_whole_picture_is_none(conversion):
     info = info_message(camera_fields(Camera(64, 48, 50, 50, 31.5, 23.5)))
     info.roi.width, info.roi.height = 64, 48

@@ -1,17 +1,13 @@
 """Which way the estimator tells a network that asks: from the log, from the pictures, or not at all."""
 
-import cv2
 import numpy as np
 import pytest
+from sideways_flight import CAMERA, FRAME_NS, picture
 
-from flightdepth.camera import Camera
 from flightdepth.ranges import MultiRangeEstimator, derotation, direction
 from flightdepth.ranges.estimator import NO_DIRECTION
 from flightdepth.runtimes.network import Network
 from tests_networks import BestHypothesis, difference_card, swept_card
-
-CAMERA = Camera.from_fov(192, 128, 90)
-FRAME_NS = 100_000_000
 
 
 class Told(Network):
@@ -37,14 +33,6 @@ class NearAndFar:
         depth_m = np.full((n, height // 4, width // 4), 5.0, np.float32)
         depth_m[..., width // 8 :] = 90.0
         return {"depth_m": depth_m}
-
-
-def picture(number: int) -> np.ndarray:
-    """Smooth noise that moves 3 px to the left with each frame: the camera flies to the right."""
-    noise = np.random.default_rng(4).integers(0, 256, (128, 240), dtype=np.uint8)
-    smooth = cv2.GaussianBlur(noise, (0, 0), 2.0) * 3.0 - 256
-    seen = smooth[:, 3 * number : 3 * number + 192].clip(0, 255).astype(np.uint8)
-    return np.repeat(seen[..., None], 3, axis=2)
 
 
 def blank(number):

@@ -418,3 +418,15 @@ def test_a_refused_picture_may_come_again_mended() -> None:
     estimator.add_velocity(stamp_ns, SIDEWAYS)
     assert estimator.add_frame(stamp_ns, picture(10)).reason is None
     assert not estimator.dropped
+
+
+def test_a_camera_that_zooms_drops_its_earlier_pictures() -> None:
+    oracle = Oracle(wall(10.0), straight(SIDEWAYS))
+    wide, narrow = CAMERA, Camera.from_fov(CAMERA.width, CAMERA.height, 60)
+    estimator = MultiRangeEstimator(oracle, wide)
+    reasons = []
+    for index in range(8):
+        estimator.add_velocity(index * FRAME_NS, SIDEWAYS)
+        estimator.see_through(wide if index < 4 else narrow)
+        reasons.append(estimator.add_frame(index * FRAME_NS, picture(index)).reason)
+    assert [reason is None for reason in reasons] == [False, True, True, True, False, True, True, True]

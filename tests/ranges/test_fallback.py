@@ -1,10 +1,9 @@
 """Frames whose displacement has a length but no direction: a second network that needs none, or nothing."""
 
-import cv2
 import numpy as np
 import pytest
+from sideways_flight import CAMERA, FRAME_NS, picture
 
-from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.ranges.direction import SeenDirections
@@ -13,8 +12,6 @@ from flightdepth.ranges.fallback import OnGridOf
 from flightdepth.runtimes.network import Network
 from tests_networks import BestHypothesis, difference_card, swept_card
 
-CAMERA = Camera.from_fov(192, 128, 90)
-FRAME_NS = 100_000_000
 HIDDEN = {5, 6, 9}
 
 
@@ -31,14 +28,6 @@ class Same:
 
 def spare(focal_px=64.0):
     return Network(difference_card(name="spare", focal_px=focal_px), Same())
-
-
-def picture(number):
-    """Smooth noise that moves 3 px to the left with each frame: the camera flies to the right."""
-    noise = np.random.default_rng(4).integers(0, 256, (128, 240), dtype=np.uint8)
-    smooth = cv2.GaussianBlur(noise, (0, 0), 2.0) * 3.0 - 256
-    seen = smooth[:, 3 * number : 3 * number + 192].clip(0, 255).astype(np.uint8)
-    return np.repeat(seen[..., None], 3, axis=2)
 
 
 @pytest.fixture

@@ -232,8 +232,7 @@ class Handler(BaseHTTPRequestHandler):
         """Whether it was asked by its own name: a foreign site's name that leads here reads nothing."""
         if not self.server.local:
             return True
-        name = self.headers.get("Host", "").rsplit(":", 1)[0]
-        return name in ("", "127.0.0.1", "localhost", "[::1]")
+        return re.fullmatch(r"(127\.0\.0\.1|localhost|\[::1\])?(:\d+)?", self.headers.get("Host", "")) is not None
 
     def _picture(self, name: str, query: dict[str, list[str]]) -> None:
         asked = query.get("after", ["0"])[0]
