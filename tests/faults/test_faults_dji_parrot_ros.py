@@ -1,5 +1,5 @@
-"""Faults 1 to 4 of logs, for DJI subtitles, Parrot metadata and ROS recordings: a file that is nothing of the
-kind, cut off anywhere, damaged anywhere, or that declares lengths it does not hold."""
+"""Faults 1 to 4 of logs, for DJI subtitles and flight records, Parrot metadata and ROS recordings: a file that is
+nothing of the kind, cut off anywhere, damaged anywhere, or that declares lengths it does not hold."""
 
 import shutil
 import struct
@@ -18,6 +18,7 @@ from flightdepth.flight.records import VelocitySample
 from flightdepth.flight.ros_frames import ros_frames
 from flightdepth.flight.ros_records import DamagedError, decompressed
 from flightdepth.flight.telemetry import read_telemetry
+from tests_dji_records import airdata, flight_reader, record, steady, txt_log
 from tests_recordings import (
     DJI_LAYOUTS,
     Messages,
@@ -66,9 +67,16 @@ def layout(name, seconds=6):
     return text(cues(VELOCITY, body, seconds=seconds, rate=2, fixes_per_s=2))
 
 
+def flown(seconds=1.2):
+    return record(steady(VELOCITY), seconds=seconds, recordings=((0.2, seconds - 0.2),))
+
+
 FILES = {
     "DJI, Mavic 3": layout("Mavic 3"),
     "DJI, Phantom 4 RTK": layout("Phantom 4 RTK"),
+    "DJI, AirData": text(airdata(flown())),
+    "DJI, Flight Reader": text(flight_reader(flown())),
+    "DJI, TXTlogToCSVtool": text(txt_log(flown())),
     "Parrot CSV": text(parrot_csv(VELOCITY, rows=12)),
     "Parrot JSON": text(parrot_json(VELOCITY, rows=12)),
     "ROS 1": small_ros1,
@@ -135,6 +143,8 @@ def test_fault_2_a_cut_log_gives_what_came_before(whole, tmp_path):
 
 LONG_FILES = {
     "DJI, Mavic 3": layout("Mavic 3", seconds=60),
+    "DJI, AirData": text(airdata(flown(20))),
+    "DJI, Flight Reader": text(flight_reader(flown(20))),
     "Parrot CSV": text(parrot_csv(VELOCITY, rows=100)),
     "Parrot JSON": text(parrot_json(VELOCITY, rows=100)),
     "ROS 1": lambda path: small_ros1(path, rows=100),
@@ -288,6 +298,12 @@ TEXT_PARTS = st.sampled_from(
         "0 1 2 3\n",
         "nan inf -inf 1e400\n",
         "<font",
+        "sep=;\n",
+        "time(millisecond),latitude,longitude,xSpeed(mph), ySpeed(mph),zSpeed(),isVideo,GIMBAL.yaw,GIMBAL.pitch\n",
+        "OSD.flyTime [s];OSD.latitude;OSD.longitude;OSD.xSpeed [m/s];OSD.ySpeed [m/s];OSD.zSpeed [m/s]\n",
+        "0,48.7,2.2,1,2,3,1,4,5\n",
+        "9e99,-1e300,nan,inf,2,3,true,1e18,5\n",
+        "1;48,7;2,2;1;2,5;3\n",
         "\ufeff",
         "\x00",
     ]

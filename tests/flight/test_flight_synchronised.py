@@ -15,6 +15,7 @@ from flightdepth.errors import BadInput
 from flightdepth.flight import AttitudeSample, VelocitySample, open_flight, write_csv
 from flightdepth.flight.open import clock_warnings
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
+from tests_dji_records import airdata, record, steady
 
 CAMERA = Camera.from_fov(192, 128, 70.0)
 VIDEO_S, RATE_HZ = 12.0, 15
@@ -135,3 +136,39 @@ def test_an_offset_that_is_none(video, tmp_path, capsys, text):
     ]
     assert main(["run", str(video), *given]) == 2
     assert "--telemetry-offset" in capsys.readouterr().err
+
+
+def dji_log(path, recordings):
+    """A DJI flight record of a minute, whose second 20 is the video's first picture."""
+    flown = record(
+        steady((4.0, 0.0, 0.0)),
+        recordings=recordings,
+        yaw_at=lambda at_s: np.rad2deg(yaw_rad(at_s - 20)),
+        gimbal_pitch=0.0,
+    )
+    path.write_text(airdata(flown), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.6])
+def test_the_pictures_tell_how_late_an_app_heard_of_a_recording(video, tmp_path, late_s):
+    log = dji_log(tmp_path / "log.csv", ((5, 10), (20 + late_s, 32 + late_s)))
+    with open_flight(video, log, CAMERA, telemetry_offset_s="auto") as flight:
+        assert flight.clock.offset_s == pytest.approx(late_s + 0.05, abs=0.05)
+        assert flight.warnings == ()
+
+
+def test_pictures_are_not_asked_about_times_far_from_the_recording(video, tmp_path):
+    """A whole flight holds other turns and speeds that fit as well."""
+    log = dji_log(tmp_path / "log.csv", ((30, 42),))
+    with open_flight(video, log, CAMERA, telemetry_offset_s="auto") as flight:
+        assert flight.clock.offset_s is None or abs(flight.clock.offset_s) <= 3
+    log = dji_log(tmp_path / "log.csv", ((25, 50),))  # not as long as the video: it may be anywhere
+    with open_flight(video, log, CAMERA, telemetry_offset_s="auto") as flight:
+        assert flight.clock.offset_s == pytest.approx(5.05, abs=0.05)
+
+
+def test_pictures_pick_one_of_several_recordings(video, tmp_path):
+    log = dji_log(tmp_path / "log.csv", ((5, 17), (20, 32)))
+    with open_flight(video, log, CAMERA, telemetry_offset_s="auto") as flight:
+        assert flight.clock.offset_s == pytest.approx(-20, abs=0.05)

@@ -57,13 +57,14 @@ def tell(path: Path, log: Path | None) -> None:
     """What `run` would take for a video without --camera, or what it would ask for."""
     from flightdepth.flight.cameras import choose_camera
     from flightdepth.flight.gpmf_telemetry import read_gpmf
+    from flightdepth.flight.recordings import at_recording
     from flightdepth.flight.telemetry import read_telemetry
     from flightdepth.flight.turn_verdict import described_turns, doubted_by_turns, turns_of
     from flightdepth.flight.video import Video
 
     with Video(path) as video:
         try:
-            told = read_gpmf(path) if log is None else read_telemetry(log)
+            told = read_gpmf(path) if log is None else at_recording(read_telemetry(log), video.duration_ns)
         except BadInput:
             if log is not None:
                 raise

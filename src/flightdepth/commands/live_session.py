@@ -19,6 +19,7 @@ from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.cameras import ChosenCamera, choose_camera
 from flightdepth.flight.gimbal import looking
 from flightdepth.flight.open import check_overlap, own_telemetry
+from flightdepth.flight.recordings import at_recording
 from flightdepth.flight.records import NS_PER_S, Telemetry
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.video import Video
@@ -218,7 +219,10 @@ def played_log(settings: LiveSettings, address: VideoAddress) -> Telemetry | Non
         raise BadInput(
             "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="neither"
         )
-    return log.later_by(round(settings.telemetry_offset * NS_PER_S))
+    offset_ns = round(settings.telemetry_offset * NS_PER_S)
+    with Video(Path(address.target)) as video:
+        log = at_recording(log, video.duration_ns, offset_given=offset_ns != 0)
+    return log.later_by(offset_ns)
 
 
 def refuse_idle(settings: LiveSettings, address: VideoAddress, card: NetworkCard) -> None:

@@ -88,11 +88,16 @@ class Signal:
         return np.stack(columns, axis=1)
 
 
-def estimate_offset(motion: ApparentMotion, log: Telemetry) -> ClockOffset:
-    """What to add to the log's times; the witness with the narrower peak decides, if it is believed at all."""
+def estimate_offset(motion: ApparentMotion, log: Telemetry, within_s: float | None = None) -> ClockOffset:
+    """What to add to the log's times; the witness with the narrower peak decides, if it is believed at all.
+
+    `within_s`: larger offsets are not looked at, where the log tells about when the video began.
+    """
+    turns = Signal(_seconds(motion.stamps_ns), motion.turn_rad_s)
+    flow = Signal(_seconds(motion.stamps_ns), motion.flow_1_s[:, None])
     tries = [
-        _compared("turn rate", Signal(_seconds(motion.stamps_ns), motion.turn_rad_s), turn_signal(log)),
-        _compared("speed", Signal(_seconds(motion.stamps_ns), motion.flow_1_s[:, None]), speed_signal(log)),
+        _compared("turn rate", turns, turn_signal(log), within_s),
+        _compared("speed", flow, speed_signal(log), within_s),
     ]
     known = [each for each in tries if each.offset_s is not None]
     if not known:
@@ -151,7 +156,7 @@ def _smooth(values: Vector, stamps_ns: Stamps) -> Vector:
     return np.stack([np.convolve(column, window, mode="same") for column in values.T], axis=1)
 
 
-def _compared(witness: Witness, seen: Signal, told: Signal | None) -> ClockOffset:
+def _compared(witness: Witness, seen: Signal, told: Signal | None, within_s: float | None) -> ClockOffset:
     """The offset by one witness."""
     if told is None:
         return _unknown(witness, "the log has none")
@@ -161,7 +166,7 @@ def _compared(witness: Witness, seen: Signal, told: Signal | None) -> ClockOffse
     reason = _too_even(witness, video[1]) or _too_even(witness, told.values)
     if reason is not None:
         return _unknown(witness, reason)
-    curve = _correlations(video, told)
+    curve = _correlations(video, told, within_s)
     if not np.isfinite(curve.values).any():
         return _unknown(witness, f"less than {LEAST_OVERLAP_S:g} s in common")
     return _judged(witness, curve, video[1])
@@ -194,13 +199,14 @@ def _trimmed(seen: Signal) -> tuple[int, Vector]:
     return first, seen.on_grid(first, last + 1)
 
 
-def _correlations(video: tuple[int, Vector], told: Signal) -> _Curve:
+def _correlations(video: tuple[int, Vector], told: Signal, within_s: float | None) -> _Curve:
     """The log moved over the video, by whole steps."""
     first, seen = video
     start, end = int(np.ceil(told.at_s[0] / STEP_S)), int(told.at_s[-1] / STEP_S) + 1
     log = told.on_grid(start, end)
     least = round(max(LEAST_OVERLAP_S / STEP_S, OVERLAP_SHARE * min(len(seen), len(log))))
     lags = np.arange(first - end + least, first + len(seen) - start - least + 1)
+    lags = lags if within_s is None else lags[np.abs(lags) * STEP_S <= within_s]
     values, samples = np.full(len(lags), np.nan), np.zeros(len(lags), dtype=np.int64)
     whole = _size(seen[np.isfinite(seen).all(axis=1)])
     for k, lag in enumerate(lags.tolist()):

@@ -22,6 +22,7 @@ from flightdepth.flight.gimbal import looking, with_fixed_camera
 from flightdepth.flight.gpmf_telemetry import read_gpmf
 from flightdepth.flight.offset import GAP_S, ClockOffset, estimate_offset
 from flightdepth.flight.own_track import disagreements
+from flightdepth.flight.recordings import at_recording, doubted_length, searched_s
 from flightdepth.flight.records import (
     NS_PER_S,
     AttitudeSample,
@@ -202,6 +203,8 @@ def open_flight(
         told = clock_warnings(clock, inside=inside) + (() if log is None else seldom_told(log))
         if log is not None and telemetry is not None:
             told += disagreements(log, video)
+        if log is not None and (not telemetry_offset_s if clock is None else clock.offset_s is None):
+            told += doubted_length(log, video.duration_ns)
         return Flight(video, chosen, log, speed_m_s or 0.0, clock=clock, log_warnings=told)
     except BaseException:
         video.close()
@@ -226,6 +229,7 @@ def choose_telemetry(
         log, inside = own_telemetry(video.path, mend=NO_TELEMETRY)
     else:
         log, inside = read_telemetry(Path(telemetry)), False
+    log = at_recording(log, video.duration_ns, offset_given=bool(offset_s))
     if offset_s == AUTO:
         return log, inside  # moved once the camera is known
     log = log.later_by(round(offset_s * NS_PER_S)) if offset_s else log
@@ -267,8 +271,12 @@ def synchronised(video: Video, camera: Camera, log: Telemetry) -> tuple[Telemetr
         start_s + WATCHED_S if video.end_ns is None else min(start_s + WATCHED_S, video.end_ns / NS_PER_S)
     )
     with Video(video.path, start_s=start_s, end_s=last_s) as watched:
-        clock = estimate_offset(apparent_motion(watched.frames(), camera), log)
-    log = log if clock.offset_s is None else log.later_by(round(clock.offset_s * NS_PER_S))
+        within_s = searched_s(log, video.duration_ns)
+        clock = estimate_offset(apparent_motion(watched.frames(), camera), log, within_s)
+    if clock.offset_s is not None:
+        log = log.later_by(round(clock.offset_s * NS_PER_S))
+    elif len(log.recordings) > 1:  # of which none is this video: refused
+        log = at_recording(log, video.duration_ns)
     try:
         check_overlap(video, log)
     except BadInput as error:

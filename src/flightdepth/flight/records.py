@@ -144,13 +144,28 @@ class ViewTrack:
         return float(self.horizontal_deg[int(np.abs(self.stamps_ns - stamp_ns).argmin())])
 
 
+@dataclass(frozen=True)
+class Recording:
+    """When a video was recorded, on the log's clock; from its first row, or to its last, where an end is not told."""
+
+    start_ns: int
+    end_ns: int
+    start_told: bool = True
+    end_told: bool = True
+
+    def later_by(self, offset_ns: int) -> Recording:
+        """The same recording with `offset_ns` added to its times."""
+        return replace(self, start_ns=self.start_ns + offset_ns, end_ns=self.end_ns + offset_ns)
+
+
 @dataclass(frozen=True, eq=False)
 class Telemetry:
     """All that one log says about a flight, in time order, on the video's clock.
 
     `name` is a line for people; `counts` says how much of the log was dropped, and why. `body_attitudes` are
     the drone's own, in time order; they say nothing of a camera until somebody knows how it is mounted.
-    `view` is the field of view of each picture, where the log tells it.
+    `view` is the field of view of each picture, where the log tells it. `recordings` are the videos that the log
+    says were recorded, in time order: recordings.py finds the one at hand.
     """
 
     name: str
@@ -159,6 +174,7 @@ class Telemetry:
     gyroscope: GyroscopeTrack | None = None
     body_attitudes: tuple[BodyAttitudeSample, ...] = ()
     view: ViewTrack | None = None
+    recordings: tuple[Recording, ...] = ()
 
     def __post_init__(self) -> None:
         stamps = [sample.stamp_ns for sample in self.samples]
@@ -189,6 +205,7 @@ class Telemetry:
                 replace(body, stamp_ns=body.stamp_ns + offset_ns) for body in self.body_attitudes
             ),
             view=None if self.view is None else replace(self.view, stamps_ns=self.view.stamps_ns + offset_ns),
+            recordings=tuple(recording.later_by(offset_ns) for recording in self.recordings),
         )
 
     @property

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.dataflash import looks_like_dataflash, read_dataflash
+from flightdepth.flight.dji_record import looks_like_dji_record, read_dji_record
 from flightdepth.flight.dji_srt import looks_like_dji_srt, read_dji_srt
 from flightdepth.flight.gpmf_telemetry import read_gpmf
 from flightdepth.flight.parrot import looks_like_parrot, read_parrot
@@ -38,6 +39,7 @@ FORMATS: tuple[Format, ...] = (
     Format("ArduPilot DataFlash", looks_like_dataflash, read_dataflash),
     Format("MAVLink tlog", looks_like_tlog, read_tlog),
     Format("DJI subtitles", looks_like_dji_srt, read_dji_srt),
+    Format("DJI flight record", looks_like_dji_record, read_dji_record),
     Format("Parrot metadata", looks_like_parrot, read_parrot),
     Format("CSV", looks_like_csv, read_csv),
 )

@@ -1,0 +1,243 @@
+"""The columns of DJI flight records that were decoded to CSV, whoever did it, as numbers in one set of units.
+
+    maker                                     columns
+    AirData                                   time(millisecond), latitude, height_above_takeoff(feet), xSpeed(mph),
+                                              compass_heading(degrees), isVideo, gimbal_heading(degrees), ...
+    PhantomHelp's viewers (Flight Reader),    OSD.flyTime [s], OSD.latitude, OSD.height [ft], OSD.xSpeed [MPH],
+    TXTlogToCSVtool                           OSD.yaw, GIMBAL.yaw, CAMERA.isVideo, CUSTOM.isVideo, ...
+    Litchi                                    time(millisecond), latitude, altitude(m), velocityX(mps), yaw(deg),
+                                              isTakingVideo, gimbalYawRaw (tenths of a degree), ...
+
+The unit stands in the name, in round or square brackets. A first line `sep=,` is skipped; where a country writes
+decimal commas, semicolons or tabs part the columns. Rows of another number of cells than the header are left out
+and counted: what stands in the wrong column would pass for a number.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.flight.order import rising
+from flightdepth.flight.records import NS_PER_S
+from flightdepth.motion import Vector
+
+UNIT = re.compile(r"^(.*?)\s*[(\[]\s*([^)\]]*?)\s*[)\]]$")
+CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d{1,9})?)\s*([ap]m)?", re.IGNORECASE)
+SECONDS = {"s": 1.0, "ms": 1e-3, "millisecond": 1e-3}
+METRES = {"m": 1.0, "meters": 1.0, "metres": 1.0, "ft": 0.3048, "feet": 0.3048}
+METRES_A_SECOND = {"m/s": 1.0, "mps": 1.0, "mph": 0.44704, "km/h": 1 / 3.6, "kph": 1 / 3.6, "kmh": 1 / 3.6}
+ANY: Mapping[str, float] = {}  # degrees: the unit, where one stands there, is none that must be changed
+
+TIME = ("time", "osd.flytime")
+WALL_CLOCK = ("custom.updatetime", "datetime")
+PLACE = (("latitude", "osd.latitude"), ("longitude", "osd.longitude"))
+HEIGHT = (
+    "height_above_takeoff",
+    "osd.height",
+    "ascent",
+    "altitude_above_sealevel",
+    "osd.altitude",
+    "altitude",
+)
+SPEEDS = tuple((f"{axis}speed", f"osd.{axis}speed", f"velocity{axis}") for axis in "xyz")
+BODY = (("compass_heading", "osd.yaw", "yaw"), ("pitch", "osd.pitch"), ("roll", "osd.roll"))
+GIMBAL = (
+    ("gimbal_heading", "gimbal.yaw", "gimbalyawraw"),
+    ("gimbal_pitch", "gimbal.pitch", "gimbalpitchraw"),
+    ("gimbal_roll", "gimbal.roll", "gimbalrollraw"),
+)
+GIMBAL_MODE = ("gimbal.mode",)
+RECORDING = ("custom.isvideo", "camera_info.recordstate", "camera.isvideo", "isvideo", "istakingvideo")
+IS_RECORDING = frozenset({"1", "1.0", "true", "yes", "recording", "start", "starting"})
+# A clock is taken instead of the time in flight where that stands still in more than this share of the rows.
+STANDING_SHARE = 0.05
+HALF_DAY_S = 43_200.0
+
+
+class Column(NamedTuple):
+    """A column's number, and what turns its numbers into s, m, m/s or degrees."""
+
+    at: int
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class FlightTable:
+    """The rows of a flight record whose times rise; NaN where a cell tells no number.
+
+    stamps_ns [n]  on the record's own clock
+    places_deg     latitude and longitude [n, 2]
+    heights_m      [n], above where the drone took off, or above the sea
+    speeds         x, y, z as they are written, m/s [n, 3]
+    body_deg, gimbal_deg  yaw, pitch, roll in degrees [n, 3]
+    recording      whether a video is recorded [n]; None where no column tells
+    follows        whether the gimbal's mode says that it follows the drone's heading; None where no column tells
+    """
+
+    maker: str
+    stamps_ns: NDArray[np.int64]
+    places_deg: Vector
+    heights_m: Vector
+    speeds: Vector
+    body_deg: Vector
+    gimbal_deg: Vector
+    recording: NDArray[np.bool_] | None
+    follows: bool | None
+
+
+@dataclass(frozen=True)
+class Header:
+    """The columns of one file, in its order, names in lower case without their units."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    separator: str
+
+    @classmethod
+    def of(cls, line: str) -> Header:
+        """Read a header line, whatever parts its columns."""
+        separator = max(",;\t", key=line.count)
+        cells = next(csv.reader([line], delimiter=separator), [])
+        parted = [UNIT.match(cell.strip()) for cell in cells]
+        names = [match[1] if match else cell.strip() for match, cell in zip(parted, cells, strict=True)]
+        units = [match[2].lower() if match else "" for match in parted]
+        return cls(tuple(name.lower() for name in names), tuple(units), separator)
+
+    def column(self, names: Sequence[str], units: Mapping[str, float] = ANY) -> Column | None:
+        """The first of `names` that is there, in a unit of `units` if any are given."""
+        for name in names:
+            for at, (other, unit) in enumerate(zip(self.names, self.units, strict=True)):
+                if other == name and (unit in units or units is ANY):
+                    tenths = name.startswith("gimbal") and name.endswith("raw")
+                    return Column(at, units.get(unit, 0.1 if tenths else 1.0))
+        return None
+
+    @property
+    def is_record(self) -> bool:
+        """Whether it is that of a DJI flight record: a time, a place, and speeds, gimbal or recordings."""
+        timed = self.column(TIME, SECONDS) or self.column(WALL_CLOCK)
+        telling = [self.column(SPEEDS[0], METRES_A_SECOND), self.column(GIMBAL[0]), self.column(RECORDING)]
+        return timed is not None and all(map(self.column, PLACE)) and any(telling)
+
+    @property
+    def maker(self) -> str:
+        """Whose layout it is, for people."""
+        if any(name.startswith("osd.") for name in self.names):
+            return "DJI flight record"
+        return "Litchi log" if "velocityx" in self.names else "AirData log"
+
+
+def header_and_rows(text: str) -> tuple[Header, list[str]]:
+    """The header of a file, and the lines after it."""
+    lines = [line for line in text.splitlines(keepends=True) if line.strip()]
+    if lines and lines[0].lstrip('"').lower().startswith("sep="):
+        del lines[0]
+    return Header.of(lines[0] if lines else ""), lines[1:]
+
+
+def flight_table(text: str, counts: Counter[str]) -> FlightTable:
+    """All rows of a file whose header `is_record`; those that cannot be used are counted."""
+    header, lines = header_and_rows(text)
+    if lines and not lines[-1].endswith(("\n", "\r")):
+        counts["last lines without an end: cut off"] += 1
+        del lines[-1]
+    rows = []
+    for line in lines:
+        cells = next(csv.reader([line.replace("\0", "")], delimiter=header.separator), [])
+        if len(cells) >= len(header.names) and not any(cells[len(header.names) :]):
+            rows.append(cells)
+    counts["rows of another number of cells than the header"] += len(lines) - len(rows)
+    times_s = _times(header, rows)
+    known = np.flatnonzero(np.isfinite(times_s) & (np.abs(times_s) < 1e9))
+    counts["rows without a time"] += len(rows) - len(known)
+    stamps_ns = np.round(times_s[known] * NS_PER_S).astype(np.int64)
+    risen = rising(stamps_ns.tolist())
+    counts["rows not later than the one before"] += len(known) - len(risen)
+    kept = [rows[index] for index in known[risen].tolist()]
+
+    def table(names: Sequence[Sequence[str]], units: Mapping[str, float] = ANY) -> Vector:
+        return np.stack([_numbers(header, kept, header.column(each, units)) for each in names], axis=1)
+
+    return FlightTable(
+        header.maker,
+        stamps_ns[risen],
+        table(PLACE),
+        table([HEIGHT], METRES)[:, 0],
+        table(SPEEDS, METRES_A_SECOND),
+        table(BODY),
+        table(GIMBAL),
+        _recording(header, kept),
+        _follows(header, kept),
+    )
+
+
+def _times(header: Header, rows: Sequence[Sequence[str]]) -> Vector:
+    """Seconds [n] of the flight's own time, or of the wall clock where the former stands still on the ground."""
+    flown = _numbers(header, rows, header.column(TIME, SECONDS))
+    clock = np.array([math.nan] * len(rows))
+    if (column := header.column(WALL_CLOCK)) is not None:
+        clock = np.array([_of_clock(row[column.at]) for row in rows])
+        # Across midnight a clock falls by a day.
+        falls = np.diff(clock, prepend=clock[:1])
+        clock += 2 * HALF_DAY_S * np.cumsum(np.nan_to_num(falls) < -HALF_DAY_S)
+    lost = len(rows) * STANDING_SHARE
+    return clock if len(_distinct(clock)) > len(_distinct(flown)) + lost else flown
+
+
+def _distinct(times_s: Vector) -> Vector:
+    return np.unique(times_s[np.isfinite(times_s)])
+
+
+def _of_clock(cell: str) -> float:
+    """Seconds since midnight of `2018/07/04 09:19:31.701` or `2:22:59,45 PM`; NaN for anything else."""
+    match = CLOCK.search(cell)
+    if match is None:
+        return math.nan
+    hours = int(match[1])
+    if match[4]:
+        hours = hours % 12 + (12 if match[4].lower() == "pm" else 0)
+    return hours * 3600.0 + int(match[2]) * 60 + float(match[3].replace(",", "."))
+
+
+def _numbers(header: Header, rows: Sequence[Sequence[str]], column: Column | None) -> Vector:
+    """The numbers of a column [n]; NaN where there are none, or no such column."""
+    found = np.full(len(rows), math.nan)
+    if column is None:
+        return found
+    for index, row in enumerate(rows):
+        cell = row[column.at]
+        try:
+            number = float(cell if header.separator == "," else cell.replace(",", "."))
+        except ValueError:
+            continue
+        if abs(number) < 1e12:  # False for NaN too
+            found[index] = number * column.scale
+    return found
+
+
+def _recording(header: Header, rows: Sequence[Sequence[str]]) -> NDArray[np.bool_] | None:
+    """Whether each row says that a video is recorded; of several columns the first that ever does."""
+    told = None
+    for name in RECORDING:
+        if (column := header.column([name])) is not None:
+            told = np.array([row[column.at].strip().lower() in IS_RECORDING for row in rows], dtype=bool)
+            if told.any():
+                break
+    return told
+
+
+def _follows(header: Header, rows: Sequence[Sequence[str]]) -> bool | None:
+    """Whether most rows that tell the gimbal's mode say `Follow Yaw` or `YawFollow`."""
+    column = header.column(GIMBAL_MODE)
+    modes = [] if column is None else [row[column.at].strip().lower() for row in rows]
+    told = [mode for mode in modes if mode]
+    return 2 * sum("follow" in mode for mode in told) > len(told) if told else None

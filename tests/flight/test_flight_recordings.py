@@ -1,0 +1,164 @@
+"""Which recording of a log a video is, and what is said where nobody knows."""
+
+import numpy as np
+import pytest
+from flight_files import make_video
+
+from flightdepth.errors import BadInput
+from flightdepth.flight import open_flight
+from flightdepth.flight.recordings import at_recording, doubted_length, recordings_in
+from flightdepth.flight.records import NS_PER_S, Recording, Telemetry, VelocitySample
+from tests_dji_records import airdata, flight_reader, record
+
+S = NS_PER_S
+
+
+def told(*recordings, length_s=600):
+    samples = tuple(VelocitySample(second * S, np.array((1.0, 0, 0))) for second in range(length_s))
+    return Telemetry("log", samples, recordings=recordings)
+
+
+def flag(text):
+    """Recordings of a flag with a row a second."""
+    up = np.array([letter == "#" for letter in text])
+    return [
+        (each.start_ns / S, each.end_ns / S, each.start_told, each.end_told)
+        for each in recordings_in(np.arange(len(up)) * S, up)
+    ]
+
+
+def test_a_recording_begins_and_ends_between_two_rows():
+    assert flag("..###...##..") == [(1.5, 4.5, True, True), (7.5, 9.5, True, True)]
+
+
+def test_what_the_log_did_not_see_begin_or_end_is_told():
+    assert flag("###...##") == [(0, 2.5, False, True), (5.5, 7, True, False)]
+    assert flag("####") == [(0, 3, False, False)]
+    assert flag("....") == flag("") == []
+
+
+def test_flickers_are_no_recordings():
+    stamps = np.arange(200) * S // 10
+    up = np.zeros(200, dtype=bool)
+    up[20:100], up[60:63], up[150:152] = True, False, True
+    assert recordings_in(stamps, up) == (Recording(1_950_000_000, 9_950_000_000),)
+
+
+def test_the_recording_as_long_as_the_video_is_taken():
+    log = told(Recording(10 * S, 40 * S), Recording(100 * S, 284 * S), Recording(300 * S, 330 * S))
+    moved = at_recording(log, 185 * S)
+    assert moved.samples[0].stamp_ns == -100 * S
+    assert moved.recordings == (Recording(0, 184 * S),)
+    assert moved.name == (
+        "log; time 0 is the start of recording 2 of 3, 184 s long, 100.0 s after its first velocity"
+    )
+    assert doubted_length(moved, 185 * S) == ()
+
+
+@pytest.mark.parametrize("duration_s", [30, 100, 0])
+def test_none_or_several_that_fit_are_refused_with_the_offset_of_each(duration_s):
+    log = told(Recording(10 * S, 40 * S), Recording(100 * S, 284 * S), Recording(300 * S, 330 * S))
+    with pytest.raises(BadInput) as refused:
+        at_recording(log, duration_s * S)
+    assert "3 (1: 30 s, --telemetry-offset -10.00; 2: 184 s, --telemetry-offset -100.00; 3: 30 s" in str(
+        refused.value
+    )
+    assert "auto" in str(refused.value)
+    assert at_recording(log, duration_s * S, offset_given=True) is log
+
+
+def test_a_recording_begun_before_the_log_is_placed_by_its_end():
+    log = told(Recording(0, 50 * S, start_told=False), Recording(100 * S, 130 * S))
+    moved = at_recording(log, 60 * S)
+    assert moved.samples[0].stamp_ns == 10 * S
+    assert "recording 1 of 2, at least 50 s long, -10.0 s after" in moved.name
+    assert at_recording(log, 30 * S).samples[0].stamp_ns == -100 * S
+
+
+def test_the_only_recording_is_taken_and_doubted_where_its_length_differs():
+    log = told(Recording(10 * S, 330 * S))
+    moved = at_recording(log, 100 * S)  # trimmed, or split by the camera
+    assert moved.samples[0].stamp_ns == -10 * S
+    [doubt] = doubted_length(moved, 100 * S)
+    assert "recording of 320 s, the video has 100 s" in doubt
+    assert "--telemetry-offset auto" in doubt
+    assert doubted_length(at_recording(log, 321 * S), 321 * S) == ()
+    assert doubted_length(at_recording(log, 0), 0) == ()
+
+
+def test_a_recording_that_never_begins_or_ends_is_doubted():
+    log = told(Recording(0, 599 * S, start_told=False, end_told=False))
+    assert "recorded when the log began" in doubted_length(at_recording(log, 700 * S), 700 * S)[0]
+
+
+def test_a_log_without_recordings_stays_as_it_is():
+    log = told()
+    assert at_recording(log, 5 * S) is log
+    assert doubted_length(log, 5 * S) == ()
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory):
+    """20 seconds."""
+    return make_video(tmp_path_factory.mktemp("video") / "DJI_0002.MP4", range(0, 20_000, 100), rate=10)
+
+
+def first_stamp_s(flight):
+    return next(iter(flight._telemetry.samples)).stamp_ns / S
+
+
+def opened(video, log, text, **options):
+    log.write_text(text, encoding="utf-8")
+    return open_flight(video, log, hfov_deg=73, **options)
+
+
+def test_a_flight_takes_the_recording_of_the_video(video, tmp_path):
+    text = airdata(record(recordings=((5, 15), (30, 50))))
+    with opened(video, tmp_path / "log.csv", text) as flight:
+        assert first_stamp_s(flight) == pytest.approx(-30.05)
+        assert "recording 2 of 2, 20 s long" in flight.telemetry_name
+        assert not any("recording" in line for line in flight.warnings)
+
+
+def test_a_number_of_seconds_is_added_to_the_recording_s_times(video, tmp_path):
+    text = airdata(record(recordings=((5, 15), (30, 50))))
+    with opened(video, tmp_path / "log.csv", text, telemetry_offset_s=0.25) as flight:
+        assert first_stamp_s(flight) == pytest.approx(-29.8)
+
+
+def test_the_offset_that_the_refusal_names_picks_the_recording(video, tmp_path):
+    text = flight_reader(record(recordings=((5, 15), (30, 40))))
+    with pytest.raises(
+        BadInput, match=r"2 \(1: 10 s, --telemetry-offset -5.05; 2: 10 s, --telemetry-offset -30"
+    ):
+        opened(video, tmp_path / "log.csv", text)
+    with opened(video, tmp_path / "log.csv", text, telemetry_offset_s=-30.05) as flight:
+        assert first_stamp_s(flight) == pytest.approx(-30.05)
+
+
+def test_an_offset_that_no_picture_tells_picks_no_recording(video, tmp_path):
+    text = airdata(record(recordings=((5, 15), (30, 40))))
+    with pytest.raises(BadInput, match="expected one recording of 20 s"):
+        opened(video, tmp_path / "log.csv", text, telemetry_offset_s="auto")
+
+
+def test_a_video_of_another_length_is_doubted_unless_an_offset_is_given(video, tmp_path):
+    text = airdata(record(recordings=((5, 55),)))
+    with opened(video, tmp_path / "log.csv", text) as flight:
+        assert any("recording of 50 s, the video has 20 s" in line for line in flight.warnings)
+    with opened(video, tmp_path / "log.csv", text, telemetry_offset_s=-3.0) as flight:
+        assert not any("recording" in line for line in flight.warnings)
+
+
+def test_without_a_recording_time_0_is_the_first_velocity(video, tmp_path):
+    text = airdata(record(recordings=(), start_s=100))
+    with opened(video, tmp_path / "log.csv", text) as flight:
+        assert first_stamp_s(flight) == 0
+        assert "time 0 is its first velocity, 100.000 s of its clock" in flight.telemetry_name
+
+
+def test_a_log_of_the_video_s_name_beside_it_is_found(tmp_path):
+    path = make_video(tmp_path / "DJI_0003.MP4", range(0, 20_000, 100), rate=10)
+    (tmp_path / "DJI_0003.csv").write_text(airdata(record(recordings=((5, 25),))), encoding="utf-8")
+    with open_flight(path, hfov_deg=73) as flight:
+        assert first_stamp_s(flight) == pytest.approx(-5.05)

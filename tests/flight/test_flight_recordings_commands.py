@@ -1,0 +1,49 @@
+"""Commands that read a log beside a video take the recording of that video, as `run` does."""
+
+from types import SimpleNamespace
+
+import pytest
+from flight_files import make_video
+
+from flightdepth.cli import main
+from flightdepth.commands.live_session import recorded
+from flightdepth.errors import BadInput
+from tests_dji_records import airdata, record
+
+BOTH = ((5, 15), (30, 50))
+
+
+@pytest.fixture
+def video(tmp_path):
+    """20 seconds."""
+    return make_video(tmp_path / "DJI_0002.MP4", range(0, 20_000, 100), rate=10)
+
+
+def live(video, log, offset=0.0):
+    settings = SimpleNamespace(mavlink=None, telemetry=log, telemetry_offset=offset, camera=None, hfov=73.0)
+    return recorded(settings, SimpleNamespace(paced=True, target=str(video), name="video"))[0]
+
+
+@pytest.mark.parametrize(("offset", "first_s"), [(0.0, -30.05), (0.5, -29.55)])
+def test_live_plays_the_recording(video, tmp_path, offset, first_s):
+    log = tmp_path / "log.csv"
+    log.write_text(airdata(record(recordings=BOTH)), encoding="utf-8")
+    assert live(video, log, offset).samples[0].stamp_ns / 1e9 == pytest.approx(first_s)
+
+
+def test_live_refuses_what_may_be_any(video, tmp_path):
+    log = tmp_path / "log.csv"
+    log.write_text(airdata(record(recordings=((5, 15), (30, 40)))), encoding="utf-8")
+    with pytest.raises(BadInput, match=r"--telemetry-offset -30\.05"):
+        live(video, log)
+    assert live(video, log, -30.05).samples[0].stamp_ns / 1e9 == pytest.approx(-30.05)
+
+
+def test_a_run_is_refused_in_one_line(video, tmp_path, capsys):
+    log = tmp_path / "log.csv"
+    log.write_text(airdata(record(recordings=((5, 15), (30, 40)))), encoding="utf-8")
+    code = main(["run", str(video), "--telemetry", str(log), "--hfov", "73", "--out", str(tmp_path / "out")])
+    assert code == 2
+    said = capsys.readouterr().err
+    assert said.count("error:") == 1
+    assert "1: 10 s, --telemetry-offset -5.05; 2: 10 s, --telemetry-offset -30.05" in " ".join(said.split())
