@@ -51,7 +51,8 @@ def read_dji_record(path: Path) -> Telemetry:
     found = flown(table, counts)
     if found is None or not len(found.velocities.stamps_ns):
         expected = "a flight record with speeds or two GPS positions"
-        raise BadInput(what, expected=expected, got=f"{len(table.stamps_ns)} rows without them")
+        why = ", ".join(f"{count} {reason}" for reason, count in (+counts).items())
+        raise BadInput(what, expected=expected, got=f"none ({why})" if why else "none")
     cameras, heading = _cameras(table)
     table_of = zip(
         found.velocities.stamps_ns.tolist(),

@@ -1,10 +1,10 @@
 """How a DJI flight record says that the drone flew: by its x, y and z speed, else by its positions.
 
 DJI counts x to the north, y to the east and z down (its SDK's FlightControllerState), whatever AirData's manual says
-of x. In real logs of a Mini 2 (Flight Reader) and of a Mavic (AirData) x follows the latitude and y the longitude;
-in these and a Phantom 4's (TXTlogToCSVtool) z is negative while the height rises. Logs of other makers pass through
-the same programs, so the positions overrule that: axes and sign are those that agree with them, and speeds that
-agree in no way are left for the positions' slopes.
+of x. In real logs of a Mini 2 (Flight Reader) and of a drone of two cells (AirData) x follows the latitude and y the
+longitude; in these and a Phantom 4's (TXTlogToCSVtool) z is down. Logs of other makers pass through the same
+programs, so the positions overrule that: axes and sign are those that agree with them, and speeds that agree in no
+way are left for the positions' slopes.
 
 The speeds are rounded to 0.1 m/s and were up to 0.15 s late in those logs. Their standard deviation is that of
 their rounding, or what they differ from the slopes by beyond the slopes' own error, whichever is more.

@@ -1,10 +1,10 @@
 """A gimbal's heading, put right by that of the drone whose nose it follows.
 
 The yaw that a DJI gimbal reports is meant from north, but it starts anywhere and drifts, while the drone's own is
-held by its compass and its flight: logs of a Mini 2 and of a Mavic differ by 36 and by 13 to 28 degrees though the
-camera looked ahead, and DJI's support says to take the drone's heading where a gimbal cannot pan (dji-sdk,
-Mobile-SDK-Android-V5, issues 536 and 795). What differs slowly is therefore the gimbal's error; what differs for
-moments is the gimbal that smooths a turn.
+held by its compass and its flight: they differ by 36 degrees in a log of a Mini 2, by 12, and by 13 to 28, in two of
+another drone, though the cameras looked ahead. DJI's support says to take the drone's heading where a gimbal cannot
+pan (dji-sdk, Mobile-SDK-Android-V5, issues 536 and 795). So what differs slowly is the gimbal's error; what differs
+for moments is the gimbal that smooths a turn.
 """
 
 from __future__ import annotations
