@@ -102,7 +102,7 @@ def test_a_longer_displacement_brings_the_truth_nearer() -> None:
     pair = plane_pair(CAMERA, (2 * D0, 0.0, 0.0), distance_m=8.0)
     task = Task.of(pair, CARD)
     assert task.truth_m == pytest.approx(np.full((16, 32), 4.0), rel=1e-5)
-    assert task.scale == pytest.approx(2)
+    assert task.nominal == pytest.approx([D0, 0, 0])
 
 
 def test_the_peer_is_held_to_the_same_truth_for_a_longer_displacement() -> None:

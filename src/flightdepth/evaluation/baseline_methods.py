@@ -73,7 +73,7 @@ class PeerMethod:
     """Optical flow and triangulation, clipped to the widest range of the networks that it stands beside."""
 
     cards: tuple[NetworkCard, ...]
-    name: str = PEER
+    name = PEER
 
     def answer(self, previous: Image, current: Image, displacement: Vector, camera: Camera) -> Answer:
         """See `Method`. Means of inverse depth over 4x4 pixels; what could not have moved is not measured."""

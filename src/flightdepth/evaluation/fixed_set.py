@@ -13,7 +13,7 @@ from flightdepth.weights.card import FLIGHT_DETAIL, NetworkCard
 MOST_PX = 256  # of the pictures that a network for one lens is measured on: crops of larger ones
 
 
-def outdoor_set(card: NetworkCard, *, scenes: int = SCENES) -> OutdoorTestSet:
+def outdoor_set(card: NetworkCard, *, scenes: int) -> OutdoorTestSet:
     """Flights outdoors, like no training room, `full_width` wide."""
     _check(scenes)
     return OutdoorTestSet(full_width(card), scenes)

@@ -160,9 +160,8 @@ def _loss(answer: Tensor, network: Tensor, truth: Tensor, kept: Tensor | None = 
     in_range = known & (truth < 0.99)
     off = (depth - truth).abs()
     if kept is None:
-        loss = (off / truth)[in_range].clamp(max=LARGEST_ERROR).mean() + METRE_WEIGHT * 100 * off[
-            known
-        ].mean()
+        loss = (off / truth)[in_range].clamp(max=LARGEST_ERROR).mean()
+        loss = loss + METRE_WEIGHT * 100 * off[known].mean()
     else:
         loss = (answer[:, 0] - kept[:, 0]).abs().mean()
     return loss + bar_loss((off / depth).detach()[in_range], answer[:, 1][in_range])
@@ -171,13 +170,11 @@ def _loss(answer: Tensor, network: Tensor, truth: Tensor, kept: Tensor | None = 
 def bar_loss(error: Tensor, bar: Tensor) -> Tensor:
     """Least where `bar` holds 68 % of the errors, both as shares of the depth, [n].
 
-    The quantile loss of Koenker and Bassett (1978), of logarithms: errors of one per cent count as much as those of
-    thirty.
+    The quantile loss of logarithms: errors of one per cent count as much as those of thirty.
     """
-    import torch
+    from flightdepth.training.loss import pinball
 
-    beyond = torch.log(error.clamp_min(LEAST_ERROR) / bar.clamp_min(LEAST_ERROR))
-    return torch.maximum(INSIDE_ONE * beyond, (INSIDE_ONE - 1) * beyond).mean()
+    return pinball(bar.clamp_min(LEAST_ERROR).log(), error.clamp_min(LEAST_ERROR).log(), INSIDE_ONE)
 
 
 def _weights(onnx: bytes, judge: JudgeNet) -> dict[str, Tensor]:

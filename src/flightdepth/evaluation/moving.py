@@ -84,12 +84,8 @@ def with_moving_thing(pair: Pair, textures: Textures, rng: np.random.Generator) 
 
 def _shape(rng: np.random.Generator, middle: NDArray[np.float64], width: int, height: int) -> Mask:
     """How much of each pixel a thing covers, [H, W]."""
-    half = (
-        rng.uniform(*SIZE)
-        * min(width, height)
-        / 2
-        * np.exp(rng.uniform(*np.log(ASPECT)) / 2 * np.array([1, -1]))
-    )
+    size = rng.uniform(*SIZE) * min(width, height) / 2
+    half = size * np.exp(rng.uniform(*np.log(ASPECT)) / 2 * np.array([1, -1]))
     angle, power = rng.uniform(0, np.pi), rng.choice(SHAPES)
     rows, columns = np.indices((height, width))
     x, y = columns - middle[0], rows - middle[1]

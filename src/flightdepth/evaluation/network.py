@@ -31,7 +31,7 @@ class Answers:
     network_m: Maps
     classical_m: Maps
     displacement: NDArray[np.float64]
-    sigma_m: Maps | None = None
+    sigma_m: Maps | None
 
 
 def answers(network: Network, pairs: Iterable[TruePair]) -> Iterator[Answers]:
@@ -75,7 +75,8 @@ def evaluate_network(
     result = provenance(network, set_name, seed, len(rows))
     result["truth_percentiles_m"] = percentiles([row.sampled_m for row in rows])
     result |= {**summaries, "l1_ratios": l1_ratios(summaries)}
-    result |= {"spread": spread} if (spread := spread_of(rows, network.card)) else {}
+    if spread := spread_of(rows, network.card):
+        result["spread"] = spread
     return {key: without_nan(value) for key, value in result.items()}
 
 

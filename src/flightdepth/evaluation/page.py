@@ -94,16 +94,14 @@ def errors_table(result: Mapping[str, Any]) -> str:
     """L1, RMSE, relative error of the network and its peers."""
     columns = (("l1_m", "L1 m"), ("rmse_m", "RMSE m"), ("abs_rel", "abs rel"), ("delta", "< 1.25"))
     rows = [
-        (NAMES[who], *(number(result[who][name], 3) for name, _ in columns), number(ratio(result, who), 2))
+        (
+            NAMES[who],
+            *(number(result[who][name], 3) for name, _ in columns),
+            number(result["l1_ratios"].get(who), 2),
+        )
         for who in WHO
     ]
     return markdown(("", *(heading for _, heading in columns), "L1 of the network over this"), rows)
-
-
-def ratio(result: Mapping[str, Any], who: str) -> float | None:
-    """L1 of the network over a peer's."""
-    value = result["l1_ratios"].get(who)
-    return None if value is None else float(value)
 
 
 def parts_table(result: Mapping[str, Any], parts: str, heading: str) -> str:

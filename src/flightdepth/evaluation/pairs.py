@@ -62,7 +62,6 @@ class Task:
     truth_m  [h, w] metres at D0: depth * D0 / |displacement|, clipped to the card's range, then averaged over
              4x4 px (paper, III.B); for a nominal pair the depth itself
     sampled_m  the same, one pixel of each 4x4 instead of their mean
-    scale    metres of depth per metre at D0
     nominal  the displacement shortened or lengthened to D0, metres (3,)
     card     the network's at the pair's focal length
     """
@@ -70,7 +69,6 @@ class Task:
     camera: Camera
     truth_m: Maps
     sampled_m: Maps
-    scale: float
     nominal: NDArray[np.float64]
     card: NetworkCard
 
@@ -93,7 +91,7 @@ class Task:
         camera = Camera(width, height, pair.focal_px, pair.focal_px, (width - 1) / 2, (height - 1) / 2)
         nominal = np.asarray(pair.displacement, dtype=np.float64) / scale
         truth_m, sampled_m = pooled(at_D0, (height // 4, width // 4)), at_D0[2::4, 2::4].copy()
-        return cls(camera, truth_m, sampled_m, scale, nominal, card)
+        return cls(camera, truth_m, sampled_m, nominal, card)
 
     def ask(
         self,

@@ -19,9 +19,8 @@ class Reliability:
     """Counts pixels by what their confidence said and whether their depth was right."""
 
     def __init__(self) -> None:
-        self.sums: Floats = np.zeros(
-            (BINS, 3)
-        )  # per tenth of confidence: pixels, sum of confidence, right ones
+        # Per tenth of confidence: pixels, sum of confidence, right ones.
+        self.sums: Floats = np.zeros((BINS, 3))
 
     def add(self, depth_m: Maps, confidence: Maps, truth_m: Maps) -> None:
         """One frame's maps [h, w]; pixels without depth or truth do not count."""

@@ -26,9 +26,8 @@ class Coverage:
 
     def __init__(self, card: NetworkCard) -> None:
         self._card = card
-        self.sums: Floats = np.zeros(
-            (len(PLACES), 3)
-        )  # pixels with a truth, with a depth, sum of |error| / truth
+        # Pixels with a truth, with a depth, sum of |error| / truth.
+        self.sums: Floats = np.zeros((len(PLACES), 3))
 
     def add(self, depth_m: Maps, truth_m: Maps, displacements_m: Floats) -> None:
         """One frame's maps [h, w] and the displacements really flown, [n]."""

@@ -30,10 +30,21 @@ FLOW_D0_M, FLOW_BEST_BETA = 0.75, 0.2
 
 def flow_card(focal_px: float) -> NetworkCard:
     """The range of DIS flow: 100 m at FLOW_D0_M through 128 px; it needs the direction."""
-    facts = {"name": "DIS flow", "architecture": "MotionNet", "base_width": 1, "activation": "none"}
-    size = {"focal_px": focal_px, "width": round(2 * focal_px), "height": round(2 * focal_px)}
-    depth = {"depth_min_m": 0.0, "depth_max_m": 100.0, "D0_m": FLOW_D0_M * 128 / focal_px, "nominal_shift": 3}
-    return NetworkCard.model_validate(facts | size | depth | {"best_beta": FLOW_BEST_BETA, "samples": 0})
+    return NetworkCard(
+        name="DIS flow",
+        architecture="MotionNet",
+        base_width=1,
+        activation="none",
+        nominal_shift=3,
+        D0_m=FLOW_D0_M * 128 / focal_px,
+        depth_min_m=0.0,
+        depth_max_m=100.0,
+        best_beta=FLOW_BEST_BETA,
+        focal_px=focal_px,
+        width=round(2 * focal_px),
+        height=round(2 * focal_px),
+        samples=0,
+    )
 
 
 class FlowNetwork:

@@ -62,11 +62,10 @@ class Sequences:
 
     frames: int
     width: int = WIDTH
-    seed: int = SEED
 
     def render(self, number: int, noise_rad: float, textures: Textures) -> Sequence:
         """All frames, on every core that this process may use."""
-        drawn = SceneSet(self.config(noise_rad), self.width, self.width, self.seed)
+        drawn = SceneSet(self.config(noise_rad), self.width, self.width, SEED)
         scene = drawn.scene(number, len(textures))
         with ThreadPoolExecutor(usable_cores()) as executor:
             rendered = render(scene, textures, drawn.camera, executor=executor)
@@ -80,7 +79,7 @@ class Sequences:
         return {
             "frames": self.frames,
             "width": self.width,
-            "seed": self.seed,
+            "seed": SEED,
             "set_version": SET_VERSION,
             "renderer": VERSION,
             "config": self.config(0.0).model_dump(mode="json"),
@@ -88,7 +87,7 @@ class Sequences:
 
     def empty(self, number: int, noise_rad: float) -> Sequence:
         """The sequence's camera, velocity and stamps, without any picture."""
-        drawn = SceneSet(self.config(noise_rad), self.width, self.width, self.seed)
+        drawn = SceneSet(self.config(noise_rad), self.width, self.width, SEED)
         stamps = np.arange(self.frames, dtype=np.int64) * round(STEP_S * NS_PER_S)
         images, truth_m = np.empty((0, 0, 0, 3), np.uint8), np.empty((0, 0, 0), np.float32)
         # The world has the axes of the first camera without noise, and nothing turns on purpose.

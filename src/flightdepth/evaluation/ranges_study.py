@@ -175,8 +175,5 @@ class Study:
 
 def _kind(trial: Trial) -> Trial:
     """Trials of one kind take equally long, but for the number of ranges."""
-    return Trial(trial.method, min(trial.ranges, 1), "paper", derotate=trial.derotate, telemetry=_log(trial))
-
-
-def _log(trial: Trial) -> Telemetry:
-    return Telemetry(directed=trial.telemetry.directed)
+    log = Telemetry(directed=trial.telemetry.directed)
+    return Trial(trial.method, min(trial.ranges, 1), "paper", derotate=trial.derotate, telemetry=log)

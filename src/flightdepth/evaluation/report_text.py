@@ -7,6 +7,7 @@ from html import escape
 from itertools import groupby
 from typing import Any
 
+from flightdepth.evaluation.network_tables import number
 from flightdepth.evaluation.ranges_claims import FAILS, HOLDS, LEAST_SCENES, OPEN
 from flightdepth.evaluation.ranges_trials import NOISE_RAD
 
@@ -124,7 +125,7 @@ def tally(rows: Sequence[Mapping[str, Any]]) -> str:
 def _comparisons(rows: list[Mapping[str, Any]]) -> str:
     cells = "".join(
         f"<tr><td><span class='chip {CHIPS[row['verdict']]}'>{row['verdict']}</span></td>"
-        f"<td style='text-align:left'>{escape(_versus(row))}</td><td>{_ratio(row['ratio'])}</td>"
+        f"<td style='text-align:left'>{escape(_versus(row))}</td><td>{number(row['ratio'], 2)}</td>"
         f"<td>{_points(row['difference']['low'])} to {_points(row['difference']['high'])}</td>"
         f"<td>{row['scenes_better']} of {row['scenes']}</td></tr>"
         for row in rows
@@ -185,7 +186,7 @@ def _cells(row: Mapping[str, Any]) -> str:
     cells += [_points(errors[span]["abs_rel"]["mean"]) for span in ("near", "middle", "far")]
     cells += [_points(whole[key]["mean"]) for key in ("delta", "known")]
     cells += [_points(row["flicker"]["mean"]), ", ".join(shifts) or "-", _points(row["shifts"]["coincide"])]
-    cells += [_ms(row["predict_ms"]), _ms(row["whole_ms"])]
+    cells += [number(row["predict_ms"], 1), number(row["whole_ms"], 1)]
     return "".join(f"<td>{cell}</td>" for cell in cells)
 
 
@@ -210,11 +211,3 @@ def settings(found: Mapping[str, Any]) -> str:
 
 def _points(share: float | None) -> str:
     return "-" if share is None else f"{100 * share:.1f} %"
-
-
-def _ratio(ratio: float | None) -> str:
-    return "-" if ratio is None else f"{ratio:.2f}"
-
-
-def _ms(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}"

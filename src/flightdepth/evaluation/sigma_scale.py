@@ -14,7 +14,7 @@ from flightdepth.evaluation.spread import sigma_scale
 from flightdepth.ranges.fusion import WORST_SIGMA, ends
 from flightdepth.runtimes.network import Network
 from flightdepth.scenes import Textures
-from flightdepth.stillbox.testset import SCENES, TEXTURES, OutdoorTestSet, TestSet
+from flightdepth.stillbox.testset import TEXTURES, OutdoorTestSet, TestSet
 from flightdepth.weights.card import NetworkCard
 
 Values = NDArray[np.float64]
@@ -23,7 +23,7 @@ SEED, TEXTURE_SEED = 1702_2018, 8  # neither training's nor those of the fixed t
 FITS = 4  # which pixels count depends on the scale a little
 
 
-def calibration_set(card: NetworkCard, *, scenes: int = SCENES) -> TestSet:
+def calibration_set(card: NetworkCard, *, scenes: int) -> TestSet:
     """Pairs like those of the fixed test set, of other rooms with other textures."""
     return replace(
         fixed_set(card, scenes=scenes, textures=Textures.procedural(TEXTURES, TEXTURE_SEED)), seed=SEED
