@@ -13,8 +13,7 @@ from live_peers import free_port
 from flightdepth.commands import live_session
 from flightdepth.commands.demo import LOG, VIDEO
 from flightdepth.commands.live_session import Session, missing, played_log, recorded
-from flightdepth.commands.live_settings import LiveSettings, Mount
-from flightdepth.commands.network_options import NetworkPrecision
+from flightdepth.commands.live_settings import LiveSettings
 from flightdepth.errors import BadInput
 from flightdepth.flight import Frame, open_flight
 from flightdepth.flight import open as flight_open
@@ -38,12 +37,12 @@ def session(tmp_path, save_difference_network):
             telemetry_offset=0.0,
             camera=None,
             hfov=80.0,
-            mount=Mount.FIXED,
+            mount="fixed",
             mount_pitch=-15.0,
             camera_delay_ms=0.0,
             sender_clock=False,
             network=str(save_difference_network()),
-            precision=NetworkPrecision.AUTO,
+            precision="auto",
             align=True,
             ranges=2,
             out=tmp_path / "out",
@@ -156,7 +155,7 @@ def test_a_log_is_not_played_beside_a_stream(session):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"mount": Mount.GIMBAL}, "--mount-pitch: expected --mount fixed beside it, got --mount gimbal"),
+        ({"mount": "gimbal"}, "--mount-pitch: expected --mount fixed beside it, got --mount gimbal"),
         ({"telemetry_offset": 1.0}, "--telemetry-offset: expected a log to move, got --mavlink"),
     ],
 )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import chain, count
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 from flightdepth.commands.terminal import report, say
 from flightdepth.errors import FlightDepthError
@@ -15,11 +16,7 @@ from flightdepth.errors import FlightDepthError
 CORES_PER_FLIGHT = 2
 
 
-class Engine(StrEnum):
-    """Who runs the flights."""
-
-    LOCAL = "local"
-    RAY = "ray"
+Engine: TypeAlias = Literal["local", "ray"]
 
 
 class Outcome(StrEnum):
@@ -59,7 +56,7 @@ def jobs_of(flights: Sequence[Path], out: Path) -> list[Job]:
 
 def run_jobs(jobs: Sequence[Job], run: Run, engine: Engine, address: str | None) -> int:
     """Run them all; one that fails is reported and does not stop the others. The worst exit code."""
-    attempts = here(jobs, run) if engine is Engine.LOCAL else on_ray(jobs, run, address)
+    attempts = here(jobs, run) if engine == "local" else on_ray(jobs, run, address)
     outcomes: Counter[Outcome] = Counter()
     worst = 0
     for job, attempt in zip(jobs, attempts, strict=True):
@@ -71,7 +68,7 @@ def run_jobs(jobs: Sequence[Job], run: Run, engine: Engine, address: str | None)
             worst = max(worst, FlightDepthError.exit_code)
         if attempt is Outcome.STOOD:
             say(f"{job.flight}: finished before, skipped; remove {job.target} to have it done again")
-        elif attempt is Outcome.DONE and engine is Engine.RAY:
+        elif attempt is Outcome.DONE and engine == "ray":
             say(f"{job.flight}: done, {job.target}")
     if len(jobs) > 1:
         counts = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items())

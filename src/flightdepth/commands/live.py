@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from flightdepth.commands.live_settings import LiveSettings, Mount
-from flightdepth.commands.network_options import METHOD, AlignOption, NetworkPrecision, PrecisionOption
+from flightdepth.commands.network_options import METHOD, AlignOption, PrecisionOption
 
 RESULTS = "Results"  # a panel of --help
 
@@ -49,7 +49,7 @@ def live(
     mount: Annotated[
         Mount,
         typer.Option(help="gimbal: stabilised, attitude from the gimbal. fixed: screwed to the drone."),
-    ] = Mount.GIMBAL,
+    ] = "gimbal",
     mount_pitch: Annotated[
         float | None,
         typer.Option(metavar="DEG", help="A fixed camera looks up by DEG (0 ahead, -90 down; without it 0)."),
@@ -67,7 +67,7 @@ def live(
         str | None,
         typer.Option(metavar="NAME", help="See `flightdepth networks`. Default: one for any lens."),
     ] = None,
-    precision: PrecisionOption = NetworkPrecision.AUTO,
+    precision: PrecisionOption = "auto",
     align: AlignOption = True,
     ranges: Annotated[
         int,

@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from flightdepth.camera import Camera
-from flightdepth.commands.live_settings import LiveSettings, Mount
+from flightdepth.commands.live_settings import LiveSettings
 from flightdepth.commands.network_options import check_align
 from flightdepth.commands.signals import stop_request
 from flightdepth.commands.terminal import mention, say, warn
@@ -64,11 +64,11 @@ class Session:
         nominal = self.lens.camera or self.lens.at(*NOMINAL_SIZE)
         self.network: Network = load_network(
             settings.network or nearest_network(nominal),
-            precision=settings.precision.chosen,
+            precision=None if settings.precision == "auto" else settings.precision,
             aligned=settings.align,
         )
         refuse_idle(settings, self.address, self.network.card)
-        fixed = settings.mount is Mount.FIXED
+        fixed = settings.mount == "fixed"
         self.store = MotionStore(looking(math.radians(settings.mount_pitch or 0.0)) if fixed else None)
         # Obstacles join two results in a row, so with one range these look near and far in turn.
         turns = 2 if settings.obstacles or settings.dry_run is not None else 1
@@ -158,7 +158,7 @@ class Session:
         if not settings.obstacles and settings.dry_run is None:
             return None
         packer = ObstaclePacker(ObstacleSettings(), system=self._vehicle)
-        fixed = settings.mount is Mount.FIXED
+        fixed = settings.mount == "fixed"
         feed = self.obstacles = ObstacleFeed(ObstacleMap(self._sight), packer, camera_ahead=fixed)
         self.engine.add_sink("obstacles", feed.take)
         self.sender = stack.enter_context(ObstacleSender(feed, self._obstacle_writer(stack)))

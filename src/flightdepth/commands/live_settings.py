@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from enum import StrEnum
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 from flightdepth.commands.network_options import NetworkPrecision
 from flightdepth.errors import BadInput
 from flightdepth.files import check_parent, refuse_to_replace
 
-
-class Mount(StrEnum):
-    """What holds the camera."""
-
-    GIMBAL = "gimbal"
-    FIXED = "fixed"
+Mount: TypeAlias = Literal["gimbal", "fixed"]  # what holds the camera
 
 
 @dataclass(frozen=True)
@@ -61,7 +56,7 @@ class LiveSettings:
         if self.mount_pitch is not None:
             if not -90 <= self.mount_pitch <= 90:
                 raise BadInput("--mount-pitch", expected="-90 to 90 degrees", got=str(self.mount_pitch))
-            if self.mount is not Mount.FIXED:
+            if self.mount != "fixed":
                 raise BadInput(
                     "--mount-pitch", expected="--mount fixed beside it", got=f"--mount {self.mount}"
                 )
@@ -78,7 +73,4 @@ class LiveSettings:
     @property
     def for_record(self) -> dict[str, bool | int | float | str | None]:
         """As they stand in flight.json."""
-        return {
-            key: str(value) if isinstance(value, Path | StrEnum) else value
-            for key, value in asdict(self).items()
-        }
+        return {key: str(value) if isinstance(value, Path) else value for key, value in asdict(self).items()}

@@ -2,34 +2,19 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import typer
 
 from flightdepth.errors import BadInput
 
 if TYPE_CHECKING:
-    from flightdepth.runtimes.contract import Precision
     from flightdepth.weights.card import NetworkCard
 
 METHOD = "Method"  # a panel of --help
 
 
-class NetworkPrecision(StrEnum):
-    """In which numbers a network runs."""
-
-    AUTO = "auto"
-    F32 = "f32"
-    BF16 = "bf16"
-    INT8 = "int8"
-
-    @property
-    def chosen(self) -> Precision | None:
-        """As `load_network` takes it."""
-        return None if self is NetworkPrecision.AUTO else self.value  # type: ignore[return-value]
-
-
+NetworkPrecision: TypeAlias = Literal["auto", "f32", "bf16", "int8"]
 PrecisionOption = Annotated[
     NetworkPrecision,
     typer.Option(

@@ -20,7 +20,7 @@ QUICK_SCENES, QUICK_FRAMES = 6, 64
 
 
 class Sweep(StrEnum):
-    """What is varied, and everything at once."""
+    """What is varied, and everything at once; an enum, since typer takes no list of literals."""
 
     SHIFT = "shift"
     NOISE = "noise"

@@ -6,9 +6,8 @@ import errno
 import re
 from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import typer
 
@@ -27,11 +26,7 @@ if TYPE_CHECKING:
 SCENES = 100  # where nobody says how many
 
 
-class Engine(StrEnum):
-    """Who renders."""
-
-    THREADS = "threads"
-    RAY = "ray"
+Engine: TypeAlias = Literal["threads", "ray"]
 
 
 def render(
@@ -68,7 +63,7 @@ def render(
     ] = "raycast",
     engine: Annotated[
         Engine, typer.Option(help="threads: this machine's cores; ray: a Ray cluster.")
-    ] = Engine.THREADS,
+    ] = "threads",
     address: Annotated[
         str | None,
         typer.Option(metavar="HOST:PORT|auto", help="The Ray cluster; without it, one on this machine."),
@@ -180,7 +175,7 @@ def started(
     """Scenes `numbers` in order, by the engine that was asked for."""
     from flightdepth.stillbox.engines import on_ray, on_threads
 
-    if engine is Engine.THREADS:
+    if engine == "threads":
         return on_threads(source, textures, numbers)
     return on_ray(source, textures, numbers, address)
 

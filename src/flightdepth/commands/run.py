@@ -16,7 +16,7 @@ from flightdepth.commands.flight_options import (
     StartOption,
     TelemetryOption,
 )
-from flightdepth.commands.network_options import METHOD, AlignOption, NetworkPrecision, PrecisionOption
+from flightdepth.commands.network_options import METHOD, AlignOption, PrecisionOption
 from flightdepth.commands.ray_option import check_engine
 from flightdepth.commands.run_settings import RunSettings, offset_of
 from flightdepth.commands.signals import stopped_as_by_ctrl_c
@@ -75,7 +75,7 @@ def run(
             "long. Networks for any lens only.",
         ),
     ] = 1.0,
-    precision: PrecisionOption = NetworkPrecision.AUTO,
+    precision: PrecisionOption = "auto",
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Output folder; a sub-folder each for several flights.")
     ] = Path("out"),
@@ -116,7 +116,7 @@ def run(
             help="local: one flight after the other; ray: many at once, on a Ray cluster.",
             rich_help_panel=SEVERAL,
         ),
-    ] = Engine.LOCAL,
+    ] = "local",
     address: Annotated[
         str | None,
         typer.Option(
@@ -182,7 +182,7 @@ def run(
         detail=detail,
     )
     with stopped_as_by_ctrl_c():
-        if several or engine is Engine.RAY:
+        if several or engine == "ray":
             jobs = jobs_of(flights, out) if several else [Job(flights[0], out)]
             one = partial(run_one, settings=settings.anywhere(), resume=several)
             if worst := run_jobs(jobs, one, engine, address):

@@ -30,7 +30,7 @@ class RunSettings:
     derotate: bool = True
     align: bool = True
     fallback: str | None = None
-    precision: NetworkPrecision = NetworkPrecision.AUTO
+    precision: NetworkPrecision = "auto"
     detail: float = 1.0
 
     def anywhere(self) -> RunSettings:

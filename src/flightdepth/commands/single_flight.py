@@ -43,7 +43,7 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
     ) as flight:
         network = load_network(
             settings.network or nearest_network(flight.camera),
-            precision=settings.precision.chosen,
+            precision=None if settings.precision == "auto" else settings.precision,
             aligned=settings.align,
         ).finer(settings.detail)
         check_options(network, settings)
