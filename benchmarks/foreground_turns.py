@@ -32,7 +32,7 @@ from flightdepth.runtimes.lens import undistort
 from flightdepth.scenes.outdoor import draw_outdoor
 from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.scenes.outdoor_textures import VARIANTS, Surface, outdoor_textures
-from flightdepth.scenes.scene import Materials, Scene, Shape
+from flightdepth.scenes.scene import Scene, Shape
 
 CAMERA = Camera.from_fov(320, 180, 80.0)
 CONFIG = OutdoorConfig(frames=2, turn_over_s=0.01, height_m=(6.0, 9.0))
@@ -67,22 +67,7 @@ def walled(scene: Scene, near_m: float, share: float, texture: int) -> Scene:
     pose = np.column_stack(
         [scene.world_from_camera[0] * half, scene.camera_position[0] + scene.world_from_camera[0] @ centre]
     )
-    worn = scene.materials
-    materials = Materials(
-        texture=np.append(worn.texture, texture),
-        colour=np.concatenate([worn.colour, np.full((1, 3), 0.9)]),
-        specular=np.append(worn.specular, 0.0),
-        repeats=np.append(worn.repeats, 4.0),
-        turn=np.append(worn.turn, 0),
-    )
-    return replace(
-        scene,
-        shape=np.append(scene.shape, Shape.CUBE),
-        world_from_object=np.concatenate([scene.world_from_object, pose[None]]),
-        torus_radius=np.append(scene.torus_radius, 0.0),
-        object_material=np.append(scene.object_material, len(worn.texture)),
-        materials=materials,
-    )
+    return scene.with_object(Shape.CUBE, pose, texture=texture, colour=np.full(3, 0.9), repeats=4.0)
 
 
 def pairs(number: int) -> Iterator[tuple[Case, Flow | None]]:

@@ -56,6 +56,7 @@ from flightdepth.ranges.plan import Planner
 from flightdepth.runtimes import network as runtimes_network
 from flightdepth.runtimes.contract import Precision
 from flightdepth.runtimes.network import Network, load_network
+from flightdepth.stillbox.engines import usable_cores
 
 SAMPLE = Path(flightdepth.__file__).parent / "sample" / "flight.mp4"
 RATE_HZ = 30
@@ -198,7 +199,7 @@ class Watch:
             1e3 * cpu_s / len(rows),
             rss_mib,
             float(rows[:, 2].mean()),
-            others_s / (seconds * len(os.sched_getaffinity(0))),
+            others_s / (seconds * usable_cores()),
         )
 
 
@@ -419,7 +420,7 @@ def main() -> None:
     arguments = parser.parse_args()
     wanted = arguments.precision[:1] if arguments.minutes else arguments.precision
     found: dict[str, Any] = {"runs": {str(each or "auto"): run(arguments, each) for each in wanted}}
-    found |= {"cpu": cpu_name(), "cores": len(os.sched_getaffinity(0)), "load_average": os.getloadavg()[0]}
+    found |= {"cpu": cpu_name(), "cores": usable_cores(), "load_average": os.getloadavg()[0]}
     found |= {
         "commit": source_commit(),
         "ranges": arguments.ranges,

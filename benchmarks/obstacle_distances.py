@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import os
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -39,6 +38,7 @@ from flightdepth.runtimes.network import load_network, nearest_network
 from flightdepth.scenes.outdoor import draw_outdoor, outdoor_flight
 from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.scenes.outdoor_textures import outdoor_textures
+from flightdepth.stillbox.engines import usable_cores
 from flightdepth.weights.store import find_network, read_card
 
 # Low, so that much of what is seen stands in the corridor, at 3 to 40 m.
@@ -254,9 +254,7 @@ def main() -> None:
     options = parser.parse_args()
     work = options.work or Path(tempfile.mkdtemp())
     work.mkdir(parents=True, exist_ok=True)
-    with ProcessPoolExecutor(
-        len(os.sched_getaffinity(0)), mp_context=multiprocessing.get_context("spawn")
-    ) as pool:
+    with ProcessPoolExecutor(usable_cores(), mp_context=multiprocessing.get_context("spawn")) as pool:
         flights = list(pool.map(partial(part, work=work), range(QUICK if options.quick else ALL)))
     found = {
         f"{way.label}; {name}": intervals([flight[i] for flight in flights], chosen)

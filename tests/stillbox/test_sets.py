@@ -157,7 +157,7 @@ def test_velocity_times_time_step_is_the_way_flown(config):
     found = SceneSet(config, 16, 16, seed=2)
     velocity, position = found.velocity(3), found.scene(3, 0).camera_position
     assert velocity.shape == position.shape
-    way = np.cumsum((velocity[1:] + velocity[:-1]) / 2 * found.time_step_s, axis=0)
+    way = np.cumsum((velocity[1:] + velocity[:-1]) / 2 * config.time_step_s, axis=0)
     np.testing.assert_allclose(position[1:] - position[0], way, atol=1e-3)
 
 

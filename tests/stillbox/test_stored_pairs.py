@@ -54,13 +54,13 @@ def test_scenes_come_in_a_new_order_each_time_round(stored):
 def test_a_pair_is_one_of_the_set(stored):
     """Targets at 100 m or scaled from a frame's depth, displacements of whole steps."""
     with opened(stored) as stream:
-        for index in range(20):
-            pair = stream.pair(index)
-            steps = np.linalg.norm(pair.displacement) / 0.1
-            assert steps == pytest.approx(round(steps), abs=1e-6)
-            assert round(steps) <= 2
-            assert (pair.target_m == 100).all() == (round(steps) == 0)
-            assert pair.camera.fx == pytest.approx(8)
+        batch = stream.batch(0, 20)
+    for moved, target_m, camera in zip(batch.displacement, batch.target_m, batch.cameras, strict=True):
+        steps = np.linalg.norm(moved) / 0.1
+        assert steps == pytest.approx(round(steps), abs=1e-6)
+        assert round(steps) <= 2
+        assert (target_m == 100).all() == (round(steps) == 0)
+        assert camera.fx == pytest.approx(8)
 
 
 def test_depth_is_the_scenes(stored):

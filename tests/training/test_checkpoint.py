@@ -79,18 +79,11 @@ def test_moments_get_the_layout_of_their_parameter(saved):
         assert optimizer.state[parameter]["exp_avg"].stride() == parameter.stride()
 
 
-@pytest.mark.parametrize("size", [0, 1, 7, 8, 100, 5000])
+@pytest.mark.parametrize("size", [0, 1, 7, 8, 100, 5000, -1])
 def test_a_cut_file_is_refused(saved, size):
     path, _ = saved
     path.write_bytes(path.read_bytes()[:size])
     with pytest.raises(BadInput, match="a checkpoint of flightdepth train"):
-        read_progress(path)
-
-
-def test_a_file_without_its_last_byte_is_refused(saved):
-    path, _ = saved
-    path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(BadInput):
         read_progress(path)
 
 

@@ -225,12 +225,6 @@ def test_other_optimizers_are_resumed_exactly(tmp_path, optimizer):
     assert checkpoint(tmp_path / "cut") == checkpoint(tmp_path / "whole")
 
 
-def test_pairs_of_the_recipe_before_are_counted(whole, tmp_path):
-    (tmp_path / "small").symlink_to(whole[0])
-    run(tmp_path / "child", recipe=small_recipe(name="child", starts_from="small", stages=[stage("c", 1)]))
-    assert read_progress(tmp_path / "child" / "checkpoint.safetensors").seen == BATCH * (STEPS + 1)
-
-
 def test_without_the_recipe_before_there_is_no_start(tmp_path):
     with pytest.raises(BadInput, match="to start from"):
         run(tmp_path / "child", recipe=small_recipe(name="child", starts_from="small"))

@@ -160,12 +160,10 @@ def test_the_hash_survives_json():
     assert Recipe.model_validate_json(written).digest == recipe.digest
 
 
-@pytest.mark.parametrize("change", [{"seed": 2}, {"floor": 0.2}, {"scenes": {"frames": 4}}])
-def test_the_hash_knows_every_part(change):
-    assert small_recipe(**change).digest != small_recipe().digest
-
-
 KNOBS = {
+    "seed": 2,
+    "floor": 0.2,
+    "scenes": {"frames": 4},
     "leaky_slope": 0.1,
     "batch_norm_momentum": 0.01,
     "optimizer": "sgd",

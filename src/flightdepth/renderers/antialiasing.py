@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from flightdepth.renderers.bundles import STRIDE, padded, place_hits
 from flightdepth.renderers.compiling import compiled
 from flightdepth.renderers.intersections import CONE, CUBE, SPHERE, TORUS, hit_cone, hit_cube, hit_sphere
-from flightdepth.renderers.shading import Blockers, shade, sky_colour
+from flightdepth.renderers.shading import Blockers, Colours, shade, sky_colour
 from flightdepth.renderers.shadows import LIT, Lists, aim, cast_shadow, list_blockers
 from flightdepth.renderers.surfaces import Vec3
 from flightdepth.renderers.tracing import PARTS, SKY, Labels, meet_torus, ray_in_object, rays_in_object
@@ -22,7 +22,6 @@ from flightdepth.renderers.view import Records
 from flightdepth.scenes.scene import Floats
 
 FOLD = 0.05  # relative step in depth within one torus that counts as an edge
-Colours = NDArray[np.float32]
 ROW_STEP, COLUMN_STEP = (0, 0, -1, 1, 0), (0, -1, 0, 0, 1)  # a pixel and its neighbours
 QUAD, NEAR = 4, 5  # rays through a pixel, pixels that are asked
 AROUND = np.dtype(  # what a pixel and its neighbours show

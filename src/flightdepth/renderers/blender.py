@@ -163,11 +163,7 @@ class Blender:
 
 
 def render(
-    scene: Scene,
-    textures: Textures,
-    camera: Camera,
-    *,
-    frames: Sequence[int] | None = None,
+    scene: Scene, textures: Textures, camera: Camera, *, frames: Sequence[int] | None = None
 ) -> Rendered:
     """As `Blender.render`, by a process that later calls share, until one fails or Python ends."""
     blender = _shared()

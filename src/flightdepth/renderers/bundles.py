@@ -30,13 +30,8 @@ FLOATS = (
     *("shine", "r", "g", "b"),  # highlight, light to the viewer
     *("ox", "oy", "oz", "dx", "dy", "dz"),  # a ray in the space of an object
     *("far", "hit"),  # end of the interval of t that counts, first t in it where the object is met
-    *(
-        "p",
-        "q",
-        "s",
-        "shift",
-        "length",
-    ),  # quartic of a torus, see tori.py, and what its roots are searched with
+    *("p", "q", "s", "shift", "length"),  # quartic of a torus, see tori.py
+    # What its roots are searched with.
     *("low", "high", "a", "f_a", "u0", "u1", "f0", "root", "c0", "c1", "f_c0", "f_c1", "g_c0", "g_c1"),
 )
 INTS = (
@@ -46,11 +41,8 @@ INTS = (
     "blocker",  # the object that keeps the lamp's light away, or -1
     "dark",  # bit mask of the lamps whose light is kept away
     "doubt",  # bit mask of the lamps for which that is asked
-    *(
-        "open",
-        "dips",
-        "found",
-    ),  # 1 where a torus' root is looked for, where a dip below zero is, where it is bracketed
+    # 1 where a torus' root is looked for, where a dip below zero is, where it is bracketed.
+    *("open", "dips", "found"),
 )
 PLACES = ("row", "column")  # of the pixel in the bordered picture; never negative
 KINDS = (("f8", FLOATS), ("i8", INTS), ("u8", PLACES))

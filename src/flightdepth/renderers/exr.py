@@ -41,9 +41,8 @@ def _channels(data: bytes) -> Channels:
     left, top, right, bottom = struct.unpack("<4i", attributes["dataWindow"])
     rows, columns = bottom - top + 1, right - left + 1
     lines = np.dtype([("row", "<i4"), ("bytes", "<i4"), ("values", "<f4", (len(names), columns))])
-    block = np.frombuffer(
-        data, lines, count=rows, offset=start + 8 * rows
-    )  # a table of offsets stands before
+    # A table of offsets stands before.
+    block = np.frombuffer(data, lines, count=rows, offset=start + 8 * rows)
     if sorted(block["row"]) != list(range(top, bottom + 1)):
         raise ValueError("lines are missing")
     values = np.empty((rows, len(names), columns), np.float32)

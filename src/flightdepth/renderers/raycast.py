@@ -20,10 +20,10 @@ from flightdepth.errors import BadInput
 from flightdepth.renderers.antialiasing import AROUND, is_fold, mark_edges, supersample
 from flightdepth.renderers.bundles import BUNDLE, LANES
 from flightdepth.renderers.compiling import compiled
-from flightdepth.renderers.shading import Blockers
+from flightdepth.renderers.shading import Blockers, Colours
 from flightdepth.renderers.shadows import Lists
 from flightdepth.renderers.surfaces import encoded
-from flightdepth.renderers.tiles import NOBODY, TILE, Colours, shade_tile
+from flightdepth.renderers.tiles import NOBODY, TILE, shade_tile
 from flightdepth.renderers.tracing import PARTS, Labels, trace_picture
 from flightdepth.renderers.view import Records, World, place_things, prepare_cameras, prepare_world
 from flightdepth.scenes.scene import Floats, Ints, Scene

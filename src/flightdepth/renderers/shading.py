@@ -16,6 +16,7 @@ from flightdepth.renderers.view import Records
 
 DARKEST = 1e-3  # least light of a lamp, linear, for which its shadow is looked for
 SHINE_SQUARINGS = 5  # highlight exponent 2^5
+Colours = NDArray[np.float32]  # linear RGB
 Blockers = NDArray[np.int16]  # the object that keeps a lamp's light away, or LIT
 
 

@@ -14,9 +14,8 @@ from flightdepth.scenes.textures import EDGE, LEVELS
 # First texel of each mip level in a texture's block.
 LEVEL_OFFSET = np.cumsum([0] + [(EDGE >> level) ** 2 for level in range(LEVELS)])[:LEVELS].astype(np.int64)
 LINEAR = ((np.arange(256) / 255.0) ** 2.2).astype(np.float32).astype(np.float64)  # sRGB byte -> linear light
-FINER = np.array(
-    [0] + [n.bit_length() - 1 for n in range(1, EDGE)] + [LEVELS - 2]
-)  # texels in a pixel -> level
+# Texels in a pixel -> level.
+FINER = np.array([0] + [n.bit_length() - 1 for n in range(1, EDGE)] + [LEVELS - 2])
 SHRINK = 0.5 ** np.arange(LEVELS)
 ENCODE_STEPS = 4096
 ENCODED = np.rint(255 * (np.arange(ENCODE_STEPS + 1) / ENCODE_STEPS) ** (1 / 2.2)).astype(np.uint8)

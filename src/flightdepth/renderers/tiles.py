@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flightdepth.renderers.bundles import LANES, padded
 from flightdepth.renderers.compiling import compiled
-from flightdepth.renderers.shading import Blockers, shade, sky_colour
+from flightdepth.renderers.shading import Blockers, Colours, shade, sky_colour
 from flightdepth.renderers.shadows import Lists, list_blockers
 from flightdepth.renderers.tracing import PARTS, SKY, Labels
 from flightdepth.renderers.view import Records
@@ -17,8 +17,6 @@ from flightdepth.scenes.scene import Floats, Ints
 
 TILE = math.isqrt(LANES)  # pixels; the objects that may cast a shadow are listed per tile and face
 NOBODY = -1
-
-Colours = NDArray[np.float32]
 
 
 @compiled

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from flightdepth.camera import Camera
 
 Range = tuple[float, float]
 SET_VERSION = "2"
@@ -71,4 +72,4 @@ class StillBoxConfig(BaseModel):
 
     def focal_px(self, width: int) -> float:
         """Focal length of a picture `width` pixels wide."""
-        return width / 2 / math.tan(math.radians(self.horizontal_fov_deg) / 2)
+        return Camera.from_fov(width, width, self.horizontal_fov_deg).fx

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from flightdepth.scenes import chance
-from flightdepth.scenes.scene import Floats, Materials, Scene, Shape
+from flightdepth.scenes.scene import Floats, Scene, Shape
 
 GROUND_HALF_M = 400.0  # the ground is the top of a cube
 SUN_DISTANCE_M = 2000.0
@@ -33,13 +33,15 @@ def opened(scene: Scene, texture_count: int, rng: np.random.Generator, clearance
     to_sun = chance.unit_vector(rng) * 0.7 + up
     to_sun /= np.sqrt((to_sun * to_sun).sum())
     horizon = rng.uniform(0.3, 0.95) * rng.uniform([0.85, 0.9, 0.95], 1.0)
+    with_ground = scene.with_object(
+        Shape.CUBE,
+        ground,
+        texture=int(rng.integers(texture_count)) if texture_count else -1,
+        colour=np.full(3, rng.uniform(0.5, 1.0)),
+        repeats=2 * GROUND_HALF_M / chance.log_uniform(rng, *TILE_M),
+    )
     return replace(
-        scene,
-        shape=np.append(scene.shape, int(Shape.CUBE)),
-        world_from_object=np.concatenate([scene.world_from_object, ground[None]]),
-        torus_radius=np.append(scene.torus_radius, 0.0),
-        object_material=np.append(scene.object_material, len(scene.materials.texture)),
-        materials=_with_ground(scene.materials, texture_count, rng),
+        with_ground,
         room_half=np.full(3, np.inf),
         lamp_position=(to_sun * SUN_DISTANCE_M)[None],
         lamp_power=np.full((1, 3), rng.uniform(0.3, 1.2) * SUN_DISTANCE_M**2),
@@ -57,14 +59,3 @@ def _tilt(rng: np.random.Generator) -> Floats:
     about_y = np.array([[ch, 0, sh], [0, 1, 0], [-sh, 0, ch]])
     # float32 and back: where libraries of mathematics agree.
     return np.asarray((about_x @ about_z @ about_y).astype(np.float32), dtype=np.float64)
-
-
-def _with_ground(materials: Materials, texture_count: int, rng: np.random.Generator) -> Materials:
-    """The same materials and one more, textured where there are textures."""
-    return Materials(
-        texture=np.append(materials.texture, rng.integers(texture_count) if texture_count else -1),
-        colour=np.append(materials.colour, np.full((1, 3), rng.uniform(0.5, 1.0)), axis=0),
-        specular=np.append(materials.specular, 0.0),
-        repeats=np.append(materials.repeats, 2 * GROUND_HALF_M / chance.log_uniform(rng, *TILE_M)),
-        turn=np.append(materials.turn, 0),
-    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 
 import numpy as np
@@ -111,6 +111,26 @@ class Scene:
         With orientation noise `previous` is turned a little against `current`, as on a gimbal; that is left in.
         """
         return displacement(self.camera_position, self.world_from_camera, previous, current)
+
+    def with_object(
+        self, shape: Shape, pose: Floats, *, texture: int, colour: Floats, repeats: float
+    ) -> Scene:
+        """The scene with one object more, matt and no torus: `pose` [3, 4], and what it wears, as in `Materials`."""
+        worn = self.materials
+        return replace(
+            self,
+            shape=np.append(self.shape, int(shape)),
+            world_from_object=np.concatenate([self.world_from_object, pose[None]]),
+            torus_radius=np.append(self.torus_radius, 0.0),
+            object_material=np.append(self.object_material, len(worn.texture)),
+            materials=Materials(
+                texture=np.append(worn.texture, texture),
+                colour=np.concatenate([worn.colour, colour[None]]),
+                specular=np.append(worn.specular, 0.0),
+                repeats=np.append(worn.repeats, repeats),
+                turn=np.append(worn.turn, 0),
+            ),
+        )
 
     def unit_bound_radii(self) -> Floats:
         """Radius, in object space, of a sphere round the origin that holds each object, shape [K]."""

@@ -15,7 +15,7 @@ GAP = 4  # pixels between scenes
 
 
 def contact_sheet(
-    scene_set: SceneSet, textures: Textures, *, scenes: int = 16, columns: int = 4, first: int = 0
+    scene_set: SceneSet, textures: Textures, *, scenes: int, columns: int, first: int = 0
 ) -> Image:
     """The middle frame of scenes `first` ... with its depth, uint8 RGB, `columns` scenes in a row."""
     height, width = scene_set.height, scene_set.width

@@ -67,7 +67,7 @@ class Source:
         rendered = self.renderer.render(scene, textures, self.scenes.camera)
         return EncodedScene(
             number,
-            described_path(scene, self.scenes.time_step_s),
+            described_path(scene, self.scenes.config.time_step_s),
             tuple(jpeg(image) for image in rendered.images),
             tuple(npy(depth_m.clip(*DEPTH_CLIP_M)) for depth_m in rendered.depth_m),
         )

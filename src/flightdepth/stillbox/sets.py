@@ -56,11 +56,6 @@ class SceneSet:
         return Camera.from_fov(self.width, self.height, self.config.horizontal_fov_deg)
 
     @property
-    def time_step_s(self) -> float:
-        """Time between two frames."""
-        return self.config.time_step_s
-
-    @property
     def version(self) -> str:
         """Changes when the same config and seed give other scenes."""
         return f"outdoor-{OUTDOOR_VERSION}" if isinstance(self.config, OutdoorConfig) else SET_VERSION

@@ -113,10 +113,6 @@ class PairStream:
         made = self._makers.map(lambda part: [self._make(*each) for each in part], shares)
         return Batch.of(list(chain.from_iterable(made)))
 
-    def pair(self, index: int) -> Pair:
-        """Sample `index` of the stream."""
-        return self._make(*self._draw(index))
-
     def _draw(self, index: int) -> tuple[np.random.Generator, Flown, Rendered, Camera]:
         """The sample's randomness and its scene."""
         rng = chance.stream(self.seed, _SAMPLE, index)

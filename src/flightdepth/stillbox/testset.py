@@ -81,7 +81,7 @@ class OutdoorTestSet:
     __test__ = False
 
     width: int
-    scenes: int = 100
+    scenes: int
     seed: int = SEED
 
     def __len__(self) -> int:
