@@ -95,7 +95,8 @@ def test_what_is_sent_arrives():
     port = free_port()
     with Listening(f"udpin:127.0.0.1:{port}") as ours, Autopilot(port) as autopilot:
         until(lambda: ours.velocities)
-        ours.link.send(mavlink.MAVLink_statustext_message(6, b"obstacle"))
+        message = mavlink.MAVLink_statustext_message(6, b"obstacle")
+        ours.link.write(message.pack(mavlink.MAVLink(None, srcSystem=1)))
         until(lambda: any(m.get_type() == "STATUSTEXT" for m in autopilot.heard))
 
 

@@ -76,7 +76,7 @@ def check_address(address: str) -> tuple[str, int | None]:
 
 
 class MavlinkLink:
-    """Feeds `feed` from `start` to `close`, and sends: heartbeats, rate requests, TIMESYNC, what `send` is given.
+    """Feeds `feed` from `start` to `close`, and sends: heartbeats, rate requests, TIMESYNC, what `write` is given.
 
     `on_error` hears why the connection was lost. `rate_hz` tells how many velocities come a second.
     """
@@ -97,7 +97,7 @@ class MavlinkLink:
         self.counts: Counter[str] = Counter()
         self._address, self._feed, self._rate_hz, self._on_error = address, feed, rate_hz, on_error
         self._dialect = mavlink
-        self._mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=COMPONENT)
+        self._mav = mavlink.MAVLink(self, srcSystem=1, srcComponent=COMPONENT)
         self._mav.robust_parsing = True
         self._writing = threading.Lock()
         self._transport: Any = None
@@ -116,12 +116,6 @@ class MavlinkLink:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(2.0)
-
-    def send(self, message: Message) -> None:
-        """Send one message of the common dialect as ours, with the next number of our own."""
-        data = message.pack(self._mav)
-        self._mav.seq = (self._mav.seq + 1) % 256
-        self.write(data)
 
     def write(self, data: bytes) -> None:
         """Send a packed message, of any component; never waits long, and counts what did not go out."""
@@ -185,20 +179,20 @@ class MavlinkLink:
             return
         system, component = timesync_target(message.get_msgbuf())
         if system in (0, self._mav.srcSystem) and component in (0, COMPONENT):
-            self.send(self._dialect.MAVLink_timesync_message(tc1=now_ns, ts1=message.ts1))
+            self._mav.timesync_send(tc1=now_ns, ts1=message.ts1)
 
     def _keep_up(self, now_ns: int) -> None:
         """What is due: a heartbeat, a TIMESYNC question, requests for rates that are too low."""
         if self._is_due("heartbeat", now_ns, HEARTBEAT_NS):
             kind, nobody = self._dialect.MAV_TYPE_ONBOARD_CONTROLLER, self._dialect.MAV_AUTOPILOT_INVALID
             active = self._dialect.MAV_STATE_ACTIVE
-            self.send(self._dialect.MAVLink_heartbeat_message(kind, nobody, 0, 0, active, 3))
+            self._mav.heartbeat_send(kind, nobody, 0, 0, active)
         if self._feed.vehicle is None:
             return
         self._mav.srcSystem = self._feed.vehicle.system
         if self._is_due("timesync", now_ns, TIMESYNC_NS):
             self._questions.append(time.monotonic_ns())
-            self.send(self._dialect.MAVLink_timesync_message(tc1=0, ts1=self._questions[-1]))
+            self._mav.timesync_send(tc1=0, ts1=self._questions[-1])
         slow = self._rate_hz(now_ns) < RATES_HZ["LOCAL_POSITION_NED"] / 2
         if slow and self._is_due("rates", now_ns, ASK_AGAIN_NS):
             self._ask_for_rates()
@@ -216,16 +210,10 @@ class MavlinkLink:
         self._asked += 1
         for name, rate_hz in wanted.items():
             number = getattr(self._dialect, f"MAVLINK_MSG_ID_{name}")
-            self.send(
-                self._dialect.MAVLink_command_long_message(
-                    vehicle.system,
-                    vehicle.component,
-                    self._dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
-                    0,
-                    number,
-                    1e6 / rate_hz,
-                    *(0,) * 5,
-                )
+            command = self._dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+            nothing = (0,) * 5
+            self._mav.command_long_send(
+                vehicle.system, vehicle.component, command, 0, number, 1e6 / rate_hz, *nothing
             )
 
 

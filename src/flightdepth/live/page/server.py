@@ -29,6 +29,7 @@ from flightdepth.live.status import LiveResult, StatusSource
 from flightdepth.outputs.palette import DepthScale
 
 ADDRESS = re.compile(r"(?P<host>[^:]+|\[[0-9a-fA-F:]+\]):(?P<port>\d{1,5})")
+OWN_NAME = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])?(:\d+)?")
 MOST_REQUESTS = 24  # at a time: four browsers that take all they can
 SOCKET_TIMEOUT_S = 5.0
 LEAVE_S = 0.5  # a connection that was ended gives its place back at once, unless the machine stands still
@@ -232,7 +233,7 @@ class Handler(BaseHTTPRequestHandler):
         """Whether it was asked by its own name: a foreign site's name that leads here reads nothing."""
         if not self.server.local:
             return True
-        return re.fullmatch(r"(127\.0\.0\.1|localhost|\[::1\])?(:\d+)?", self.headers.get("Host", "")) is not None
+        return OWN_NAME.fullmatch(self.headers.get("Host", "")) is not None
 
     def _picture(self, name: str, query: dict[str, list[str]]) -> None:
         asked = query.get("after", ["0"])[0]
