@@ -147,7 +147,7 @@ def test_rendered_pairs_that_were_turned(pairs, degrees):
 def pair_of(pair, previous, *, directed=True, turn=STEADY):
     length_m = float(np.linalg.norm(pair.displacement))
     angle = float(np.linalg.norm(cv2.Rodrigues(turn)[0]))
-    return Pair(Frame(0, 0, previous), pair.displacement, length_m, 1, 5.0, turn, angle, directed)
+    return Pair(Frame(0, 0, previous), pair.displacement, length_m, 5.0, turn, angle, directed)
 
 
 @pytest.mark.parametrize("degrees", [0.9, 2.0])

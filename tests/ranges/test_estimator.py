@@ -430,3 +430,13 @@ def test_a_camera_that_zooms_drops_its_earlier_pictures() -> None:
         estimator.see_through(wide if index < 4 else narrow)
         reasons.append(estimator.add_frame(index * FRAME_NS, picture(index)).reason)
     assert [reason is None for reason in reasons] == [False, True, True, True, False, True, True, True]
+
+
+def test_shifts_count_all_frames_of_a_fast_camera() -> None:
+    """At 100 frames a second one in four is kept."""
+    estimator = MultiRangeEstimator(Oracle(wall(10.0), straight(SIDEWAYS)), CAMERA, ranges=1)
+    for index in range(100):
+        estimator.add_velocity(index * 10**7, SIDEWAYS)
+        result = estimator.add_frame(index * 10**7, picture(index))
+    np.testing.assert_allclose(result.displacements_m, 0.03 * result.shifts, rtol=1e-6)
+    assert result.shifts[0] > 4

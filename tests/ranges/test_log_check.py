@@ -24,7 +24,7 @@ def pair_of(room, way, *, turn_deg=0.0, previous=None):
     """The pair with the displacement that a log tells, `way`, and an earlier picture turned by what none does."""
     seen = room.previous if previous is None else previous
     seen = rotated(seen, CAMERA, np.radians(turn_deg) * AXIS / np.linalg.norm(AXIS)) if turn_deg else seen
-    return Pair(Frame(0, 0, seen), way, float(np.linalg.norm(way)), 3, 10.0, np.eye(3), 0.0)
+    return Pair(Frame(0, 0, seen), way, float(np.linalg.norm(way)), 10.0, np.eye(3), 0.0)
 
 
 def denied(room, way, *, checks=DENIALS, **wrong):

@@ -101,7 +101,7 @@ def test_what_was_found_and_left_is_off_by_itself(turned_back, redirected):
 
 def pair_of(covariance: np.ndarray | None) -> Pair:
     frame = Frame(0, 0, np.zeros((192, 256, 3), np.uint8))
-    return Pair(frame, np.array(WAYS[1]), 0.55, 3, 10.0, np.eye(3), 0.0, covariance=covariance)
+    return Pair(frame, np.array(WAYS[1]), 0.55, 10.0, np.eye(3), 0.0, covariance=covariance)
 
 
 def test_pairs_are_widened_each_by_its_own_motion():

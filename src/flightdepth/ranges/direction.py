@@ -68,7 +68,7 @@ class SeenDirections:
             for pair in pairs:
                 moved_m = pair.displacement_m if unit is None else unit * pair.length_m
                 found.append(replace(pair, displacement_m=moved_m, directed=False, seen=unit is not None))
-        return tuple(sorted(found, key=lambda pair: pair.shift))
+        return tuple(sorted(found, key=lambda pair: pair.previous.index, reverse=True))
 
     def _seen(self, through: Sequence[Pair], world_m: Vector, current: Frame) -> Vector | None:
         tries = (direction_seen(*rays_of(pair, current, self._tracker), self._focal_px) for pair in through)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -249,16 +249,15 @@ class MultiRangeEstimator:
         if self._is_frozen(current, now_ns):
             frozen_s = (now_ns - self._repeats.shown_ns) * 1e-9
             return f"frozen picture: the same for {frozen_s:.2f} s in flight"
-        frames = self._buffer.frames
-        lines = baselines(self._trajectory, frames, current.stamp_ns, self._max_turn_rad)
+        lines = baselines(self._trajectory, self._buffer.frames, current.stamp_ns, self._max_turn_rad)
         if lines.reason is not None:
             return lines.reason
-        if pairs := self._picked(lines, frames, current, self._first):
+        if pairs := self._picked(lines, current, self._first):
             return pairs, self._first
         if self._open_fallback is None:
             return NO_DIRECTION
         self._fallback = self._fallback or self._opened(self._open_fallback())
-        return self._picked(lines, frames, current, self._fallback), self._fallback
+        return self._picked(lines, current, self._fallback), self._fallback
 
     def _opened(self, fallback: DepthNetwork) -> Seer:
         network, card = OnGridOf(fallback), fallback.card
@@ -266,14 +265,12 @@ class MultiRangeEstimator:
             raise BadInput("fallback", expected="a network that needs no direction", got=card.name)
         return Seer(network, card, self._planner_of(card, ranges=self.ranges, sides=sides_of(self._camera)))
 
-    def _picked(
-        self, lines: Baselines, frames: Sequence[Frame], current: Frame, seer: Seer
-    ) -> tuple[Pair, ...]:
+    def _picked(self, lines: Baselines, current: Frame, seer: Seer) -> tuple[Pair, ...]:
         """The pairs that `seer` wants, of directions that the log or the pictures tell; none where it needs one."""
         seer.planner.ranges, most = self.ranges, self._memory.most_pairs
         wanted_m, depths_m = seer.planner.wanted(current.stamp_ns, lines.length_m[lines.usable])
-        pairs = pick(lines, frames, current.index, wanted_m[:most], depths_m[:most])
-        through = seen_from(lines, frames, current.index, pairs)
+        pairs = pick(lines, wanted_m[:most], depths_m[:most])
+        through = seen_from(lines, pairs)
         told, asks = all(pair.directed for pair in pairs), seer.card.knows_direction
         if seer is self._first:
             self._denied = self._derotate and told and self._log_check.denies(through[0][0][0], current)
@@ -338,7 +335,7 @@ class MultiRangeEstimator:
             confidence=np.nan_to_num(at_source(fused.confidence), copy=False, nan=0.0),
             sigma_m=None if fused.sigma_m is None else at_source(fused.sigma_m),
             range_depths_m=prediction.depth_m,
-            shifts=np.array([pair.shift for pair in pairs]),
+            shifts=np.array([self._frames_given - pair.previous.index for pair in pairs]),
             displacements_m=np.array([pair.length_m for pair in pairs]),
             centroids_m=np.array([pair.depth_m for pair in pairs]),
             farther_than_m=_bound(fused.farther_than_m, at_source),

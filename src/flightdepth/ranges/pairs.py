@@ -68,6 +68,7 @@ class FrameBuffer:
 class Baselines:
     """From each of k buffered frames to the current one.
 
+    frames                 [k]        oldest first
     displacement_m         [k, 3]     current camera's orientation where `directed`, else world
     length_m               [k]
     current_from_previous  [k, 3, 3]  the identity where an attitude is unknown
@@ -77,6 +78,7 @@ class Baselines:
     reason                            why none is usable, None when one is
     """
 
+    frames: Sequence[Frame]
     displacement_m: Vector
     length_m: Vector
     current_from_previous: Vector
@@ -107,7 +109,8 @@ def baselines(
     reason = _reason(frames, current, length, (connected, steady, moved))
     displacement = np.where(oriented[:, None], in_camera, world)
     directed = oriented | trajectory.non_rotating
-    return Baselines(displacement, length, turn, turn_rad, directed, connected & steady & moved, reason)
+    usable = connected & steady & moved
+    return Baselines(frames, displacement, length, turn, turn_rad, directed, usable, reason)
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,7 @@ class Pair:
     """An earlier frame chosen for the current one.
 
     displacement_m (3,) and directed as in Baselines, or seen, where the pictures tell its direction to the camera;
-    length_m its length, shift in frames, depth_m the depth that asked for it, current_from_previous (3, 3), turn_rad
+    length_m its length, depth_m the depth that asked for it, current_from_previous (3, 3), turn_rad
     its angle; covariance (6, 6) of what its rotation and direction may still be off (`Remainder.left_open`), None
     where the pictures were not asked.
     """
@@ -123,7 +126,6 @@ class Pair:
     previous: Frame
     displacement_m: Vector
     length_m: float
-    shift: int
     depth_m: float
     current_from_previous: Vector
     turn_rad: float
@@ -132,10 +134,8 @@ class Pair:
     covariance: Vector | None = None
 
 
-def pick(
-    lines: Baselines, frames: Sequence[Frame], current_index: int, wanted_m: Vector, depths_m: Vector
-) -> tuple[Pair, ...]:
-    """For each wanted displacement [m] the closest usable one; shortest shift first.
+def pick(lines: Baselines, wanted_m: Vector, depths_m: Vector) -> tuple[Pair, ...]:
+    """For each wanted displacement [m] the closest usable one; youngest frame first.
 
     `depths_m` [m] are the depths that ask for them. Equal frames are merged, the first to ask keeps it. Of
     two equally close the younger frame is taken, which shares more of the picture.
@@ -145,17 +145,14 @@ def pick(
     for wanted, depth in zip(wanted_m, depths_m, strict=True):
         nearest = int(usable[np.argmin(np.abs(lines.length_m[usable] - wanted))])
         chosen.setdefault(nearest, float(depth))
-    return tuple(_pair(lines, frames, current_index, k, chosen[k]) for k in sorted(chosen, reverse=True))
+    return tuple(_pair(lines, k, chosen[k]) for k in sorted(chosen, reverse=True))
 
 
-def _pair(
-    lines: Baselines, frames: Sequence[Frame], current_index: int, k: int, depth_m: float = np.nan
-) -> Pair:
+def _pair(lines: Baselines, k: int, depth_m: float = np.nan) -> Pair:
     return Pair(
-        previous=frames[k],
+        previous=lines.frames[k],
         displacement_m=lines.displacement_m[k],
         length_m=float(lines.length_m[k]),
-        shift=current_index - frames[k].index,
         depth_m=depth_m,
         current_from_previous=lines.current_from_previous[k],
         turn_rad=float(lines.turn_rad[k]),
@@ -166,9 +163,7 @@ def _pair(
 Served = tuple[tuple[Pair, ...], tuple[Pair, ...]]  # pairs to look through, and those that they serve
 
 
-def seen_from(
-    lines: Baselines, frames: Sequence[Frame], current_index: int, pairs: Sequence[Pair]
-) -> list[Served]:
+def seen_from(lines: Baselines, pairs: Sequence[Pair]) -> list[Served]:
     """Pairs in which the direction of `pairs` can be seen, the best first, each with those that it serves.
 
     A direction is seen best over a baseline that moves pixels by several, and leaves most of them in view: the
@@ -183,7 +178,7 @@ def seen_from(
         off_m = np.where(straight, np.abs(lines.length_m - LOOK_BACK * shortest.length_m), np.inf)
         near = same_way(np.array([pair.displacement_m for pair in left]), shortest.displacement_m)
         served = tuple(pair for pair, same in zip(left, near, strict=True) if same)
-        found.append(((_pair(lines, frames, current_index, int(off_m.argmin())), served[-1]), served))
+        found.append(((_pair(lines, int(off_m.argmin())), served[-1]), served))
         left = [pair for pair, same in zip(left, near, strict=True) if not same]
     return found
 
