@@ -2,12 +2,12 @@ import threading
 
 import pytest
 
-from flightdepth.outputs.background import Background
+from flightdepth.outputs.background import MOST_WAITING, Background
 
 
 def test_items_are_done_in_order():
     done: list[int] = []
-    background = Background(done.append, name="test", length=2)
+    background = Background(done.append, name="test")
     for i in range(100):
         background.put(i)
     background.finish()
@@ -26,7 +26,7 @@ def test_finish_raises_what_the_task_raised():
 
 
 def test_put_raises_what_the_task_raised_instead_of_waiting_for_ever():
-    background = Background(fail, name="test", length=1)
+    background = Background(fail, name="test")
     with pytest.raises(OSError, match="disk full at 0"):
         for i in range(100):
             background.put(i)
@@ -39,15 +39,17 @@ def test_put_waits_while_the_queue_is_full():
         go.wait(10)
         done.append(item)
 
-    background = Background(task, name="test", length=1)
+    background = Background(task, name="test")
     background.put(0)
     timer = threading.Timer(0.3, go.set)
     timer.start()
-    background.put(1)
-    background.put(2)  # one in work, one queued: this one had to wait for the first
+    for i in range(1, MOST_WAITING + 1):
+        background.put(i)
+    assert not done
+    background.put(MOST_WAITING + 1)  # had to wait for the first
     assert done[0] == 0
     background.finish()
-    assert done == [0, 1, 2]
+    assert done == list(range(MOST_WAITING + 2))
 
 
 def test_abandon_forgets_what_is_queued():
@@ -58,7 +60,7 @@ def test_abandon_forgets_what_is_queued():
         go.wait(10)
         done.append(item)
 
-    background = Background(task, name="test", length=8)
+    background = Background(task, name="test")
     for i in range(5):
         background.put(i)
     started.wait(10)

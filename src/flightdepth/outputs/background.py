@@ -2,64 +2,35 @@
 
 from __future__ import annotations
 
-import queue
-import threading
+from collections import deque
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Generic, ParamSpec
 
-WAIT_S = 0.2  # between two looks at whether the other side still lives
-T = TypeVar("T")
+MOST_WAITING = 4
+P = ParamSpec("P")
 
 
-class Background(Generic[T]):
-    """Hands items to `task` on one thread. What `task` raises is raised by the next `put` or by `finish`."""
+class Background(Generic[P]):
+    """Calls `task` on one thread. What it raises is raised by the next `put` or by `finish`."""
 
-    def __init__(self, task: Callable[[T], None], *, name: str, length: int = 4) -> None:
+    def __init__(self, task: Callable[P, None], *, name: str) -> None:
         self._task = task
-        self._items: queue.Queue[tuple[T] | None] = queue.Queue(maxsize=length)  # None = the end
-        self._abandoned = threading.Event()
-        self._error: BaseException | None = None
-        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
-        self._thread.start()
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix=name)
+        self._calls: deque[Future[None]] = deque()  # the oldest may be in work, the others wait
 
-    def put(self, item: T) -> None:
-        """Queue one item; waits while the queue is full."""
-        self._offer((item,))
+    def put(self, *args: P.args, **kwargs: P.kwargs) -> None:
+        """Queue one call; waits while MOST_WAITING others do."""
+        while self._calls and (self._calls[0].done() or len(self._calls) > MOST_WAITING):
+            self._calls.popleft().result()
+        self._calls.append(self._thread.submit(self._task, *args, **kwargs))
 
     def finish(self) -> None:
-        """Wait until every item is done."""
-        self._offer(None)
-        self._thread.join()
-        self._raise()
+        """Wait until every call is done."""
+        for call in self._calls:
+            call.result()
+        self._thread.shutdown()
 
     def abandon(self) -> None:
-        """Forget what is queued; waits for the item in work."""
-        self._abandoned.set()
-        self._thread.join()
-
-    def _offer(self, entry: tuple[T] | None) -> None:
-        while True:
-            self._raise()
-            try:
-                self._items.put(entry, timeout=WAIT_S)
-                return
-            except queue.Full:
-                continue
-
-    def _work(self) -> None:
-        while not self._abandoned.is_set():
-            try:
-                entry = self._items.get(timeout=WAIT_S)
-            except queue.Empty:
-                continue
-            if entry is None:
-                return
-            try:
-                self._task(entry[0])
-            except BaseException as error:  # carried to the owner, who raises it
-                self._error = error
-                return
-
-    def _raise(self) -> None:
-        if self._error is not None:
-            raise self._error
+        """Forget what is queued; waits for the call in work."""
+        self._thread.shutdown(cancel_futures=True)

@@ -6,7 +6,6 @@ import io
 import tempfile
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
@@ -46,14 +45,6 @@ DEPTH, CONFIDENCE, SIGMA = "depth", "confidence", "sigma"
 FARTHER, NEARER = "farther_than", "nearer_than"  # bounds of what has no depth
 TABLE, POSES, RECORD, PREVIEW = "frames.csv", "poses.csv", "flight.json", "preview.mp4"
 OWN_NAMES = frozenset({DEPTH, CONFIDENCE, SIGMA, FARTHER, NEARER, TABLE, POSES, RECORD, PREVIEW})
-
-
-@dataclass(frozen=True, eq=False)
-class Item:
-    """A frame and what the estimator said about it."""
-
-    frame: Frame
-    result: RangedDepth
 
 
 class FlightWriter:
@@ -120,7 +111,7 @@ class FlightWriter:
         for note in result.notes if result.doubt is None else (*result.notes, result.doubt):
             self._notes.add(note)
         for thread in self._threads:
-            thread.put(Item(frame, result))
+            thread.put(frame, result)
 
     def note_dropped(self, dropped: Mapping[str, int]) -> None:
         """Record how much of the input could not be used, by reason."""
@@ -130,17 +121,17 @@ class FlightWriter:
         """Record what the user should know and only the flight itself showed."""
         self._warnings.append(line)
 
-    def _write_maps(self, item: Item) -> None:
-        name = f"{item.frame.index:06d}"
-        confidence = png(bytes_from_confidence(item.result.confidence))
+    def _write_maps(self, frame: Frame, result: RangedDepth) -> None:
+        name = f"{frame.index:06d}"
+        confidence = png(bytes_from_confidence(result.confidence))
         (self._folder / CONFIDENCE / f"{name}.png").write_bytes(confidence)
-        self._write_sigma(name, item.result.sigma_m)
-        self._write_bound(FARTHER, name, item.result.farther_than_m)
-        self._write_bound(NEARER, name, item.result.nearer_than_m)
+        self._write_sigma(name, result.sigma_m)
+        self._write_bound(FARTHER, name, result.farther_than_m)
+        self._write_bound(NEARER, name, result.nearer_than_m)
         if self._format == "npz":
-            (self._folder / DEPTH / f"{name}.npz").write_bytes(npz(depth_m=item.result.depth_m))
+            (self._folder / DEPTH / f"{name}.npz").write_bytes(npz(depth_m=result.depth_m))
             return
-        centimetres = centimetres_from_depth(item.result.depth_m)
+        centimetres = centimetres_from_depth(result.depth_m)
         self._saturated_pixels += int(np.count_nonzero(centimetres == FARTHEST))
         (self._folder / DEPTH / f"{name}.png").write_bytes(png(centimetres))
 
@@ -157,8 +148,8 @@ class FlightWriter:
             (self._folder / folder).mkdir(exist_ok=True)
             (self._folder / folder / f"{name}.png").write_bytes(png(centimetres_from_depth(bound_m)))
 
-    def _write_picture(self, item: Item) -> None:
-        self._film.add(item.frame.stamp_ns, self._preview.draw(item.frame, item.result))
+    def _write_picture(self, frame: Frame, result: RangedDepth) -> None:
+        self._film.add(frame.stamp_ns, self._preview.draw(frame, result))
 
     def _finish(self) -> None:
         for thread in self._threads:
