@@ -13,6 +13,12 @@ def test_rtsp_goes_over_tcp_unless_told():
     assert (over_udp.target, over_udp.options["rtsp_transport"]) == ("rtsp://cam/main", "udp")
 
 
+def test_capitals_are_read():
+    """FFmpeg knows none: the address was handed on as it stood, and could not be opened."""
+    assert video_address("RTSP+UDP://cam/Main").target == "rtsp://cam/Main"
+    assert video_address("SRT://cam:9000").target == "srt://cam:9000"
+
+
 def test_a_password_is_not_repeated():
     address = video_address("rtsp://pilot:secret@192.168.1.10:554/main?x=1")
     assert address.name == "rtsp://192.168.1.10:554/main?x=1"
@@ -31,9 +37,12 @@ def test_nor_is_one_with_an_at_sign_or_behind_the_address(text, name):
     assert video_address(text).name == name
 
 
-def test_a_refusal_tells_no_password():
+@pytest.mark.parametrize(
+    "text", ["srt://pilot:secret@cam?passphrase=secret", "rtp://pilot:secret@0.0.0.0:5600?codec=vp9"]
+)
+def test_a_refusal_tells_no_password(text):
     with pytest.raises(BadInput) as refused:
-        video_address("srt://pilot:secret@cam?passphrase=secret")
+        video_address(text)
     assert "secret" not in str(refused.value)
 
 

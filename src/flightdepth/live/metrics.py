@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -24,7 +24,7 @@ class Metric:
     name: str
     kind: Literal["gauge", "counter"]
     help: str
-    samples: Iterable[tuple[Labels, float]] = field(default_factory=tuple)
+    samples: Iterable[tuple[Labels, float]]
 
     def lines(self) -> Iterator[str]:
         """HELP, TYPE and the samples; nothing for a family without any."""

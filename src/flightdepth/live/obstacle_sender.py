@@ -27,7 +27,7 @@ Write = Callable[[bytes], object]
 
 
 @dataclass(frozen=True, eq=False)
-class Newest:
+class SectorsAt:
     """The sectors to send, when their picture was taken (live clock, autopilot's clock) and the drone's tilt."""
 
     sectors: Sectors
@@ -56,7 +56,7 @@ class ObstacleFeed:
         camera_ahead: bool = False,
     ) -> None:
         self.settings = obstacles.settings
-        self.newest: Newest | None = None
+        self.newest: SectorsAt | None = None
         self.lacking: str | None = None
         self._obstacles, self._packer = obstacles, packer
         self._points, self._camera_ahead = points, camera_ahead
@@ -83,7 +83,7 @@ class ObstacleFeed:
         tilt = np.eye(3)
         if motion.world_from_body is not None and heading is not None:
             tilt = rotation_from_quaternion(motion.world_from_body).T @ level_from_world(heading).T
-        self.newest = Newest(sectors, result.stamp_ns, result.boot_ns, tilt)
+        self.newest = SectorsAt(sectors, result.stamp_ns, result.boot_ns, tilt)
 
     def due(self, now_ns: int) -> list[bytes]:
         """The messages to send at `now_ns`: none twice within its interval, none about an old picture."""

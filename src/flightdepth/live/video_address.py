@@ -70,10 +70,11 @@ class VideoAddress:
 def video_address(text: str) -> VideoAddress:
     """Understand `--video`; an address that cannot be one is refused before anything is opened."""
     name = without_secrets(text)
-    scheme = text.split("://", maxsplit=1)[0].lower() if "://" in text else ""
+    scheme, separator, rest = text.partition("://")
+    scheme = scheme.lower() if separator else ""  # FFmpeg knows no capitals
     if scheme in ("rtsp", "rtsps", "rtsp+udp"):
         transport = "udp" if scheme == "rtsp+udp" else "tcp"
-        target = text.replace("rtsp+udp", "rtsp", 1)
+        target = f"{scheme.removesuffix('+udp')}://{rest}"
         options = {"rtsp_transport": transport, "reorder_queue_size": "16"} | SENDER_CLOCK | QUICK
         return VideoAddress(name, target, options=options, rtp=True)
     if scheme == "rtp":
@@ -83,7 +84,7 @@ def video_address(text: str) -> VideoAddress:
     if scheme in ("udp", "tcp", "srt"):
         _check_port(text)
         options = {"overrun_nonfatal": "1"} | QUICK | WHOLE_PICTURES
-        return VideoAddress(name, text, format="mpegts", options=options)
+        return VideoAddress(name, f"{scheme}://{rest}", format="mpegts", options=options)
     if text.startswith("/dev/"):
         return _camera(text)
     if scheme:
@@ -100,7 +101,7 @@ def codec_of(text: str) -> str:
     """FFmpeg's name of the codec in rtp://HOST:PORT[?codec=h265]; H.264 where it does not say."""
     codec = parse_qs(urlsplit(text).query).get("codec", ["h264"])[0].lower()
     if codec not in DECODERS:
-        raise BadInput(f"codec of {text}", expected=" or ".join(DECODERS), got=codec)
+        raise BadInput(f"codec of {without_secrets(text)}", expected=" or ".join(DECODERS), got=codec)
     return DECODERS[codec]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.live.obstacle_messages import UNKNOWN, distances_cm
-from flightdepth.live.obstacle_sender import Newest
+from flightdepth.live.obstacle_sender import SectorsAt
 from flightdepth.live.obstacles import ObstacleSettings, Sectors
 from flightdepth.live.status import LiveResult, LiveStatus
 from flightdepth.motion import Vector
@@ -27,7 +27,7 @@ Json = dict[str, Any]
 
 
 def state(
-    status: LiveStatus, result: LiveResult | None, newest: Newest | None, settings: ObstacleSettings | None
+    status: LiveStatus, result: LiveResult | None, newest: SectorsAt | None, settings: ObstacleSettings | None
 ) -> Json:
     """All that changes: health, ages, counts, the fan."""
     return {
@@ -69,7 +69,7 @@ def state(
     }
 
 
-def fan(newest: Newest | None, settings: ObstacleSettings, now_ns: int) -> Json:
+def fan(newest: SectorsAt | None, settings: ObstacleSettings, now_ns: int) -> Json:
     """The sectors as they would be sent now: distance in metres, or why there is none."""
     age_s = math.inf if newest is None else (now_ns - newest.stamp_ns) / NS_PER_S
     if newest is None or age_s > settings.stale_s:
