@@ -29,9 +29,10 @@ from flightdepth.processor import cpu_name
 from flightdepth.renderers.raycast import render
 from flightdepth.runtimes.network import Network, load_network
 from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
+from flightdepth.scenes.outdoor import draw_outdoor
 from flightdepth.scenes.outdoor_textures import outdoor_textures
 from flightdepth.stillbox.pairs import Pair
-from flightdepth.stillbox.sets import ANY_FLIGHT, SceneSet
+from flightdepth.stillbox.sets import ANY_FLIGHT
 
 SEED = 771
 FOV_DEG = (50.0, 70.0, 90.0, 100.0)
@@ -64,9 +65,8 @@ def rooms(count: int, network: Network) -> Iterator[Pair]:
 
 def outdoors(count: int, network: Network) -> Iterator[Pair]:
     textures = outdoor_textures(SEED)
-    scenes = SceneSet(ANY_FLIGHT, 640, 384, SEED)
     for number in range(count):
-        camera, scene = lens(number, 640, 384, network), scenes.scene(number, 0)
+        camera, scene = lens(number, 640, 384, network), draw_outdoor(ANY_FLIGHT, SEED, number)
         seen = render(scene, textures, camera, frames=(20, 22))
         yield Pair(seen.images[0], seen.images[1], seen.depth_m[1], scene.displacement(20, 22), camera)
 

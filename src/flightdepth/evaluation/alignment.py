@@ -17,23 +17,26 @@ from flightdepth.camera import Camera
 from flightdepth.evaluation.moving import with_moving_thing
 from flightdepth.ranges.derotation import derotated
 from flightdepth.renderers.raycast import render
-from flightdepth.scenes import StillBoxConfig, Textures, chance, draw_scene
+from flightdepth.scenes import Scene, StillBoxConfig, Textures, chance, draw_scene
+from flightdepth.scenes.outdoor import draw_outdoor
 from flightdepth.scenes.outdoor_textures import outdoor_textures
 from flightdepth.stillbox.motion_noise import rotated, tilted
 from flightdepth.stillbox.pairs import Pair
 from flightdepth.stillbox.photometric import Photometric
-from flightdepth.stillbox.sets import ANY_FLIGHT, SceneSet
+from flightdepth.stillbox.sets import ANY_FLIGHT
 
 SEED = 2018_0_2026
 # So that the grid is the camera; less for a network that sees less.
 SHAPES = ((256, 256), (256, 192), (192, 256))
 FOV_DEG = (25.0, 110.0)
 ROOM_SHIFTS, OUTDOOR_SHIFTS = (1, 2, 3, 3, 4, 6, 9), (1, 1, 2, 3, 5, 8)  # frames
-ROOM_SHARE, EFFECTS_SHARE, WRONG_SHARE = 0.55, 0.6, 0.6
+ROOM_SHARE, BACKWARD_SHARE, EFFECTS_SHARE, WRONG_SHARE = 0.55, 0.3, 0.6, 0.6
 WRONG_ROTATION_DEG, WRONG_DIRECTION_DEG = 0.5, 4.0  # the largest; small ones are more frequent (u^2)
 TEXTURE_SETS = 3
 MOVING_SHARE, MOST_THINGS = 0.4, 3
 LEAST_OFF_PX = 1.0
+
+Flown = tuple[Scene, Textures, tuple[int, int]]  # and which frames are the pair
 
 
 def fitting_pairs(
@@ -53,16 +56,8 @@ def fitting_pairs(
         rng = np.random.default_rng([seed, number])
         width, height = SHAPES[rng.integers(len(SHAPES))]
         camera = Camera.from_fov(width // shrunk, height // shrunk, float(rng.uniform(*FOV_DEG)))
-        if rng.random() < ROOM_SHARE:
-            textures = _room_textures(seed + int(rng.integers(TEXTURE_SETS)))
-            scene = draw_scene(StillBoxConfig(), len(textures), seed, number)
-            frames = (0, int(rng.choice(ROOM_SHIFTS)))
-        else:
-            textures = outdoor_textures(seed + int(rng.integers(TEXTURE_SETS)))
-            scene = SceneSet(ANY_FLIGHT, camera.width, camera.height, seed).scene(number, 0)
-            first = int(rng.integers(0, ANY_FLIGHT.frames - max(OUTDOOR_SHIFTS)))
-            frames = (first, first + int(rng.choice(OUTDOOR_SHIFTS)))
-        if rng.random() < 0.3:
+        scene, textures, frames = (_room if rng.random() < ROOM_SHARE else _outdoors)(seed, number, rng)
+        if rng.random() < BACKWARD_SHARE:
             frames = frames[::-1]
         seen = render(scene, textures, camera, frames=frames)
         pair = Pair(seen.images[0], seen.images[1], seen.depth_m[1], scene.displacement(*frames), camera)
@@ -85,6 +80,19 @@ def with_moving_things(pair: Pair, textures: Textures, rng: np.random.Generator)
             )
             pair = replace(thing.pair, target_m=depth_m)
     return pair
+
+
+def _room(seed: int, number: int, rng: np.random.Generator) -> Flown:
+    textures = _room_textures(seed + int(rng.integers(TEXTURE_SETS)))
+    scene = draw_scene(StillBoxConfig(), len(textures), seed, number)
+    return scene, textures, (0, int(rng.choice(ROOM_SHIFTS)))
+
+
+def _outdoors(seed: int, number: int, rng: np.random.Generator) -> Flown:
+    textures = outdoor_textures(seed + int(rng.integers(TEXTURE_SETS)))
+    scene = draw_outdoor(ANY_FLIGHT, seed, number)
+    first = int(rng.integers(0, ANY_FLIGHT.frames - max(OUTDOOR_SHIFTS)))
+    return scene, textures, (first, first + int(rng.choice(OUTDOOR_SHIFTS)))
 
 
 @cache

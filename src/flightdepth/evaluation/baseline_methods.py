@@ -6,21 +6,17 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.evaluation.arrays import Flags, Image, Maps
 from flightdepth.evaluation.metrics import pooled
 from flightdepth.evaluation.peer import BLIND_PX, ClassicalPeer
 from flightdepth.evaluation.warping import NEAREST_M
+from flightdepth.motion import Vector
 from flightdepth.ranges.fusion import BETA_MAX, WORST_SIGMA, ends
 from flightdepth.runtimes.network import Network
 from flightdepth.sweep import FIELD_SCALE, motion_field
 from flightdepth.weights.card import NetworkCard
-
-Image = NDArray[np.uint8]
-Map = NDArray[np.float32]
-Flags = NDArray[np.bool_]
-Vector = NDArray[np.float64]
 
 PEER = "classical peer"
 
@@ -32,7 +28,7 @@ class Answer:
     float32 and bool [h, w], a quarter of the pictures' size.
     """
 
-    depth_m: Map
+    depth_m: Maps
     measured: Flags
 
 

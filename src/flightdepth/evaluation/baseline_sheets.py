@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.evaluation.arrays import Flags, Image
 from flightdepth.evaluation.baseline_methods import Answer
 from flightdepth.evaluation.baselines import Sight
 from flightdepth.outputs.encoding import centimetres_from_depth
 from flightdepth.outputs.legend import GROUND_RGB, legend, write
 from flightdepth.outputs.palette import Bounds, DepthScale, Palette
-
-Image = NDArray[np.uint8]
-Flags = NDArray[np.bool_]
 
 SCALE = DepthScale(2.0, 200.0)
 FULL_ERROR = 64.0  # grey levels of difference that are shown white

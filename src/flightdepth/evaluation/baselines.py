@@ -19,19 +19,15 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.evaluation.arrays import Flags, Image, Maps
 from flightdepth.evaluation.baseline_methods import PEER, Answer, Method
 from flightdepth.evaluation.baseline_pairs import BaselinePair, Moment, Witness
 from flightdepth.evaluation.bootstrap import interval
 from flightdepth.evaluation.tracked_points import TrackedPoints
 from flightdepth.evaluation.warping import Match, WarpedPair
 from flightdepth.sweep import motion_field
-
-Image = NDArray[np.uint8]
-Map = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 
 LEAST_SPAN_M = 3.0  # metres flown over which a tracked point must be seen
 MOVED_PX = 1.0  # between the two pictures, by the method's own depth
@@ -45,9 +41,9 @@ class Sight:
     index: int
     current: Image
     pair: BaselinePair
-    unmoved: Map
+    unmoved: Maps
     answers: dict[str, Answer]
-    errors: dict[str, Map]
+    errors: dict[str, Maps]
 
 
 class BaselineStudy:

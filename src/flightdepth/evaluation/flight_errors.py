@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
+from flightdepth.evaluation.arrays import Maps
 from flightdepth.evaluation.network_tables import number
-
-Maps = NDArray[np.float32]
 
 
 @dataclass(frozen=True)

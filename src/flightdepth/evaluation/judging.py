@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from flightdepth.evaluation.arrays import Maps
 from flightdepth.runtimes.alignment import clues_of
 from flightdepth.runtimes.network import Network
 from flightdepth.stillbox.pairs import Pair
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from flightdepth.architectures.judge import JudgeNet
 
-Maps = NDArray[np.float32]
 
 STEPS, BLOCKS, RATE = 10_000, 12 * 64 * 64, 8e-3  # of a batch
 METRE_WEIGHT = 0.03  # of an error in metres at D0 beside a relative one

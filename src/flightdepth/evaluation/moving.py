@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.evaluation.arrays import Image
 from flightdepth.scenes.textures import EDGE, Textures
 from flightdepth.stillbox.pairs import Pair
 
-Image = NDArray[np.uint8]
 Mask = NDArray[np.float32]
 
 SIZE = (0.1, 0.35)  # of the picture's smaller side

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.evaluation.arrays import Maps
 from flightdepth.evaluation.metrics import PERCENTILES, PictureErrors, picture_errors, pooled, summary
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.evaluation.peer import ClassicalPeer, best_constant_m, known_pixels
@@ -18,8 +19,6 @@ from flightdepth.evaluation.sigma_scale import believed
 from flightdepth.evaluation.spread import spread_summary
 from flightdepth.runtimes.network import Network
 from flightdepth.weights.card import NetworkCard
-
-Maps = NDArray[np.float32]
 
 
 @dataclass(frozen=True)

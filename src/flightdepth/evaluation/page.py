@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from flightdepth.evaluation.arrays import Image
 from flightdepth.evaluation.network_tables import PARTS, WHO, inside, number, part_rows
 from flightdepth.evaluation.pairs import TruePair
-from flightdepth.evaluation.pictures import ERROR_SHARE, Image, answered_sheet
+from flightdepth.evaluation.pictures import ERROR_SHARE, answered_sheet
 from flightdepth.files import write_atomic
 from flightdepth.outputs.encoding import jpeg
 from flightdepth.runtimes.network import Network

@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.metrics import pooled
 from flightdepth.runtimes.network import Network
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
-
-Image = NDArray[np.uint8]
-Maps = NDArray[np.float32]
 
 
 def refuse_namesakes(what: str, networks: Sequence[Network]) -> None:

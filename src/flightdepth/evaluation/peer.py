@@ -12,13 +12,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flightdepth.camera import Camera
+from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.triangulation import inverse_depth
-
-Image = NDArray[np.uint8]
-Maps = NDArray[np.float32]
 
 # Flow of DIS is good to a few tenths of a pixel; below this shift, at a tenth of the largest depth, a pixel
 # tells nothing: it lies next to the focus of expansion.

@@ -7,15 +7,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.files import write_atomic
 from flightdepth.outputs.encoding import rgb_png
 from flightdepth.runtimes.network import Network
-
-Image = NDArray[np.uint8]
-Maps = NDArray[np.float32]
 
 GREEN, RED, BLUE, GREY = (0, 190, 0), (230, 0, 0), (0, 0, 230), (90, 90, 90)
 ERROR_SHARE = 0.2  # of the largest depth: an error of this size or more has the full colour

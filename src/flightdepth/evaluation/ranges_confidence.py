@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.evaluation.arrays import Maps
 from flightdepth.ranges.fusion import RIGHT_WITHIN
 
-Maps = NDArray[np.float32]
 Floats = NDArray[np.float64]
 
 BINS = 10

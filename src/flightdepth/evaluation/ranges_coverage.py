@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.evaluation.arrays import Maps
 from flightdepth.weights.card import NetworkCard
 
-Maps = NDArray[np.float32]
 Floats = NDArray[np.float64]
 
 # A pixel's truth lies inside the range of a pair, nearer than every pair's, or else beyond.

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-
-Maps = NDArray[np.float32]
-Vector = NDArray[np.float64]
+from flightdepth.evaluation.arrays import Maps
+from flightdepth.motion import Vector
 
 
 def moved(depth_m: Maps, displacement: Vector, camera: Camera) -> Maps:

@@ -9,9 +9,10 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flightdepth.camera import Camera
+from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.flight_errors import RANGES, DepthRange, FlightErrors
 from flightdepth.evaluation.ranges_confidence import Reliability
 from flightdepth.evaluation.ranges_coverage import Coverage
@@ -20,6 +21,7 @@ from flightdepth.evaluation.ranges_peers import FixedShift, least_relative_m
 from flightdepth.evaluation.ranges_sequences import SPEED_M_S, STEP_S, Sequence, log_of
 from flightdepth.evaluation.ranges_trials import CONSTANT, Trial
 from flightdepth.flight.records import VelocityFrame
+from flightdepth.motion import Vector
 from flightdepth.outputs.encoding import centimetres_from_depth, jpeg, png
 from flightdepth.ranges import DepthNetwork, FrameGrid, MultiRangeEstimator, RangedDepth
 from flightdepth.ranges.estimator import MAX_RANGES
@@ -27,10 +29,6 @@ from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.network import AtSource
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
-
-Image = NDArray[np.uint8]
-Maps = NDArray[np.float32]
-Vector = NDArray[np.float64]
 
 MEASURED_FROM = 31  # frames: before, a metre was not flown yet, and long displacements can't be had
 ALL = DepthRange("all", 0.0, float("inf"))

@@ -6,11 +6,13 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flightdepth.camera import Camera
+from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.baseline_methods import PeerMethod
 from flightdepth.flight.records import VelocityFrame
+from flightdepth.motion import Vector
 from flightdepth.ranges import DepthNetwork, RangedDepth
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fusion import Fusion, fuse
@@ -18,10 +20,6 @@ from flightdepth.ranges.pairs import Frame, baselines
 from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
-
-Image = NDArray[np.uint8]
-Maps = NDArray[np.float32]
-Vector = NDArray[np.float64]
 
 # Displacement at which DIS flow is taken to reach 100 m, through 128 px. Of 0.3 (as DepthNet), 0.75 and 1.5 m the one
 # that served the peer best; so with the output that its displacements are chosen for.

@@ -14,17 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.metrics import pooled
 from flightdepth.files import file_in_progress
+from flightdepth.motion import Vector
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures, chance
 from flightdepth.scenes.config import SET_VERSION
 from flightdepth.stillbox.engines import usable_cores
 from flightdepth.stillbox.sets import SceneSet, changed
-
-Images = NDArray[np.uint8]
-Maps = NDArray[np.float32]
-Vector = NDArray[np.float64]
 
 SEED = 51  # of the study; the test sets and training have others
 WIDTH = 256
@@ -45,7 +43,7 @@ class Sequence:
 
     number: int
     camera: Camera
-    images: Images
+    images: Image
     truth_m: Maps
     velocity: Vector
     stamps_ns: NDArray[np.int64]

@@ -16,7 +16,7 @@ from flightdepth.evaluation.provenance import source_commit
 from flightdepth.evaluation.ranges_flight import MEASURED_FROM, fly
 from flightdepth.evaluation.ranges_peers import FLOW_D0_M, FlowNetwork
 from flightdepth.evaluation.ranges_sequences import KeptSequences, Sequence, Sequences
-from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Telemetry, Trial, all_trials
+from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Telemetry, Trial
 from flightdepth.files import write_json
 from flightdepth.processor import cpu_name
 from flightdepth.ranges import DepthNetwork
@@ -50,9 +50,7 @@ class Workload:
 class Study:
     """`scenes` sequences, rendered once and kept in `folder`/sequences; results go to `folder`/parts.
 
-    Networks run on one core, so that times can be compared.
-
-    `textures` None takes those of the fixed test sets.
+    Networks run on one core, so that times can be compared. `textures` None takes those of the fixed test sets.
     """
 
     def __init__(
@@ -61,7 +59,7 @@ class Study:
         scenes: int,
         sequences: Sequences,
         *,
-        trials: tuple[Trial, ...] | None = None,
+        trials: tuple[Trial, ...],
         textures: Textures | None = None,
     ) -> None:
         if scenes < 1:
@@ -70,11 +68,11 @@ class Study:
             got = str(sequences.frames)
             raise BadInput("frames of a sequence", expected=f"at least {MEASURED_FROM + 2}", got=got)
         self.folder, self.scenes, self.sequences = folder, scenes, sequences
-        self._wanted = all_trials() if trials is None else trials
-        self._own_textures = textures
+        self._wanted = trials
         self._opened: dict[str, DepthNetwork] = {}
         self._digest = "" if textures is None else textures.digest
-        self._kept = KeptSequences(folder / PICTURES, sequences, lambda: self._textures, self._digest)
+        worn = test_textures if textures is None else lambda: textures
+        self._kept = KeptSequences(folder / PICTURES, sequences, worn, self._digest)
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -167,10 +165,6 @@ class Study:
             flow = method == FLOW
             self._opened[method] = FlowNetwork(focal_px) if flow else load_network(method, threads=1)
         return self._opened[method]
-
-    @cached_property
-    def _textures(self) -> Textures:
-        return test_textures() if self._own_textures is None else self._own_textures
 
 
 def _kind(trial: Trial) -> Trial:

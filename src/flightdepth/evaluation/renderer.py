@@ -11,13 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.evaluation.arrays import Flags, Image, Maps
 from flightdepth.renderers import raycast
 from flightdepth.renderers.blender import Blender
 from flightdepth.scenes import Scene, Textures
-
-Image = NDArray[np.uint8]
-Maps = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 JUMP = 0.01  # relative bend of inverse depth that makes an edge
 OFF = 0.01  # relative difference of a pixel that counts as off
@@ -39,12 +36,12 @@ class Frame:
     their_depth_m: Maps
 
     @property
-    def edges(self) -> Mask:
+    def edges(self) -> Flags:
         """Where either depth has an edge nearby, [H, W]."""
         return edges(self.our_depth_m) | edges(self.their_depth_m)
 
     @property
-    def seen(self) -> Mask:
+    def seen(self) -> Flags:
         """Where not both see sky, [H, W]."""
         return np.isfinite(self.our_depth_m) | np.isfinite(self.their_depth_m)
 
@@ -57,7 +54,7 @@ class Frame:
         return np.asarray(np.where(both | neither, np.abs(difference), np.inf))
 
 
-def edges(depth_m: Maps) -> Mask:
+def edges(depth_m: Maps) -> Flags:
     """Pixels in whose 3x3 neighbourhood inverse depth bends by more than JUMP of itself, [H, W].
 
     Inverse depth is linear in pixels on every plane, however slanted, so that steps bend it and slopes do not.
@@ -132,7 +129,7 @@ def median(values: NDArray[np.float64]) -> float | None:
     return middle if np.isfinite(middle) else None
 
 
-def share(chosen: Mask) -> float:
+def share(chosen: Flags) -> float:
     """0..1; 0 of nothing."""
     return float(chosen.mean()) if chosen.size else 0.0
 

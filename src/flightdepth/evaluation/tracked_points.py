@@ -13,10 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.bootstrap import with_ends
 
-Image = NDArray[np.uint8]
-Map = NDArray[np.float32]
 Floats = NDArray[np.float64]
 
 MOST_POINTS = 400
@@ -95,7 +94,7 @@ class TrackedPoints:
         self._alive: list[_Track] = []
         self._all: list[_Track] = []
 
-    def add(self, image: Image, depth_m: Map, flown_m: float) -> None:
+    def add(self, image: Image, depth_m: Maps, flown_m: float) -> None:
         """The next frame: uint8 RGB [H, W, 3], depth [H, W] (NaN = unknown), metres flown so far."""
         grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
         if self._grey is not None and self._alive:
@@ -118,7 +117,7 @@ class TrackedPoints:
         columns = np.array(fitted, dtype=np.float64).reshape(-1, 3).T
         return slopes_of(*columns)
 
-    def _replenish(self, grey: Image, depth_m: Map) -> None:
+    def _replenish(self, grey: Image, depth_m: Maps) -> None:
         """New corners where depth is known and no track is near."""
         mask = np.where(np.isfinite(depth_m), np.uint8(255), np.uint8(0))
         for track in self._alive:
@@ -153,7 +152,7 @@ def _followed(before: Image, now: Image, tracks: list[_Track]) -> list[_Track]:
     return kept
 
 
-def _depth_at(depth_m: Map, point: tuple[float, float]) -> float:
+def _depth_at(depth_m: Maps, point: tuple[float, float]) -> float:
     """Median of the known depths round a point; NaN when fewer than half are known."""
     x, y = round(point[0]), round(point[1])
     patch = depth_m[max(y - PATCH_PX, 0) : y + PATCH_PX + 1, max(x - PATCH_PX, 0) : x + PATCH_PX + 1]

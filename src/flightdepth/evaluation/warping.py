@@ -13,14 +13,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-
-Image = NDArray[np.uint8]
-Map = NDArray[np.float32]
-Flags = NDArray[np.bool_]
-Vector = NDArray[np.float64]
+from flightdepth.evaluation.arrays import Flags, Image, Maps
+from flightdepth.motion import Vector
 
 NEAREST_M = 1e-3  # a network's output of exactly 0 has no inverse
 # Sideways shifts, pixels, of the constant depths to choose from: a quarter of a pixel to a sixth of the width.
@@ -62,15 +58,15 @@ class WarpedPair:
         self._rays = camera.rays()
         self._unmoved = np.abs(self._current - self._previous)
 
-    def error_map(self, depth_m: Map) -> Map:
+    def error_map(self, depth_m: Maps) -> Maps:
         """|grey difference|, 0..255, float32 [H, W], after warping by depth [H, W] or [h, w]; NaN outside."""
         return self._error(inverse_at(depth_m, self._camera))
 
-    def unmoved_map(self) -> Map:
+    def unmoved_map(self) -> Maps:
         """The same without any warp: the plane at infinity."""
         return np.where(self._comparable, self._unmoved, np.float32(np.nan)).astype(np.float32)
 
-    def match(self, depth_m: Map) -> Match:
+    def match(self, depth_m: Maps) -> Match:
         """How well depth in metres, [H, W] or [h, w], NaN = unknown, explains the pair."""
         return self._match(inverse_at(depth_m, self._camera))
 
@@ -84,14 +80,14 @@ class WarpedPair:
         kept = [match for match in matches if match.inside >= LEAST_INSIDE and np.isfinite(match.error)]
         return min(kept, key=lambda match: match.error, default=Match(float("nan"), 0.0))
 
-    def _match(self, inverse: Map) -> Match:
+    def _match(self, inverse: Maps) -> Match:
         error = self._error(inverse)
         inside = np.isfinite(error)
         without = float(self._unmoved[inside].sum(dtype=np.float64))
         share = float(error[inside].sum(dtype=np.float64)) / without if without > 0 else float("nan")
         return Match(share, float(inside.sum() / max(1, int(self._comparable.sum()))))
 
-    def _error(self, inverse: Map) -> Map:
+    def _error(self, inverse: Maps) -> Maps:
         x, y = self._seen_at(inverse)
         linear, outside = cv2.INTER_LINEAR, cv2.BORDER_CONSTANT
         there = cv2.remap(self._previous, x, y, linear, borderMode=outside)
@@ -99,7 +95,7 @@ class WarpedPair:
         error = np.abs(self._current - there)
         return np.where(known & self._comparable, error, np.float32(np.nan)).astype(np.float32)
 
-    def _seen_at(self, inverse: Map) -> tuple[Map, Map]:
+    def _seen_at(self, inverse: Maps) -> tuple[Maps, Maps]:
         """Pixels (x, y) of the earlier picture, [H, W] each; far outside it where depth is unknown."""
         dx, dy, dz = self._displacement
         ahead = 1 + inverse * dz
@@ -112,12 +108,12 @@ class WarpedPair:
         return x, y
 
 
-def grey(image: Image) -> Map:
+def grey(image: Image) -> Maps:
     """Grey 0..255 float32 [H, W] of an RGB picture."""
     return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
 
 
-def inverse_at(depth_m: Map, camera: Camera) -> Map:
+def inverse_at(depth_m: Maps, camera: Camera) -> Maps:
     """Inverse depth float32 at the camera's size; between the pixels of a smaller map it runs straight.
 
     The inverse depth of a plane does so too, and that of the sky is 0.

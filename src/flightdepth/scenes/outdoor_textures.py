@@ -9,7 +9,8 @@ from functools import lru_cache
 import numpy as np
 
 from flightdepth.scenes import chance
-from flightdepth.scenes.procedural import Floats, Image, fractal_noise
+from flightdepth.scenes.pictures import Image
+from flightdepth.scenes.procedural import Floats, fractal_noise
 from flightdepth.scenes.textures import EDGE, Textures
 
 Rgb = tuple[float, float, float]

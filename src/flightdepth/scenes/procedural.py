@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.scenes import chance
+from flightdepth.scenes.pictures import Image
 
-Image = NDArray[np.uint8]
 Floats = NDArray[np.float32]
 
 
