@@ -95,8 +95,8 @@ def test_a_recorded_flight_is_played_with_its_own_log(session, tmp_path):
     shutil.copy(VIDEO, tmp_path / "v.mp4")
     shutil.copy(LOG, tmp_path / "v.csv")
     given = replace(session.settings, mavlink=None, video=str(tmp_path / "v.mp4"), telemetry_offset=0.5)
-    own = played_log(given, video_address(given.video))
-    told = played_log(replace(given, telemetry=LOG), video_address(given.video))
+    own, _ = recorded(given, video_address(given.video))
+    told, _ = recorded(replace(given, telemetry=LOG), video_address(given.video))
     assert [each.stamp_ns for each in own.samples] == [each.stamp_ns for each in told.samples]
     assert own.samples[0].stamp_ns == 500_000_000
 

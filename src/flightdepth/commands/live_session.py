@@ -194,14 +194,16 @@ def recorded(settings: LiveSettings, address: VideoAddress) -> tuple[Telemetry |
     log = played_log(settings, address)
     if not address.paced:
         return None, None
+    offset_ns = round(settings.telemetry_offset * NS_PER_S)
     with Video(Path(address.target)) as video:
         if log is not None:
+            log = at_recording(log, video.duration_ns, offset_given=offset_ns != 0).later_by(offset_ns)
             check_overlap(video, log)
         return log, choose_camera(video, settings.camera, settings.hfov, log)
 
 
 def played_log(settings: LiveSettings, address: VideoAddress) -> Telemetry | None:
-    """The log of --telemetry, or a video file's own, on its clock; None where an autopilot tells the velocity."""
+    """The log of --telemetry, or a video file's own; None where an autopilot tells the velocity."""
     if settings.mavlink is not None:
         return None
     if settings.telemetry is not None:
@@ -212,17 +214,13 @@ def played_log(settings: LiveSettings, address: VideoAddress) -> Telemetry | Non
                 got=address.name,
                 mend="A stream's velocity comes by --mavlink.",
             )
-        log = read_telemetry(settings.telemetry)
-    elif address.paced:
+        return read_telemetry(settings.telemetry)
+    if address.paced:
         log, _ = own_telemetry(Path(address.target), mend="Give --telemetry LOG or --mavlink LINK.")
-    else:
-        raise BadInput(
-            "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="neither"
-        )
-    offset_ns = round(settings.telemetry_offset * NS_PER_S)
-    with Video(Path(address.target)) as video:
-        log = at_recording(log, video.duration_ns, offset_given=offset_ns != 0)
-    return log.later_by(offset_ns)
+        return log
+    raise BadInput(
+        "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="neither"
+    )
 
 
 def refuse_idle(settings: LiveSettings, address: VideoAddress, card: NetworkCard) -> None:

@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain, repeat
 
 import cv2
 import numpy as np
@@ -116,15 +117,10 @@ def frames_left_out(folder: FlightFolder) -> int:
 def with_neighbours(every: Iterable[View], reach: int) -> Iterator[tuple[View, list[View]]]:
     """Each view with up to `reach` before it and after it."""
     window: deque[View | None] = deque([None] * reach, maxlen=2 * reach + 1)
-    for view in _padded(every, reach):
+    for view in chain(every, repeat(None, reach)):
         window.append(view)
         if len(window) == 2 * reach + 1 and (middle := window[reach]) is not None:
             yield middle, [other for other in window if other is not None and other is not middle]
-
-
-def _padded(every: Iterable[View], reach: int) -> Iterator[View | None]:
-    yield from every
-    yield from [None] * reach
 
 
 def seen_points(
