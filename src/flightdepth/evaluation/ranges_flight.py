@@ -25,6 +25,7 @@ from flightdepth.motion import Vector
 from flightdepth.outputs.encoding import centimetres_from_depth, jpeg, png
 from flightdepth.ranges import DepthNetwork, FrameGrid, MultiRangeEstimator, RangedDepth
 from flightdepth.ranges.estimator import MAX_RANGES
+from flightdepth.ranges.fusion import Fusion
 from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.network import AtSource
 from flightdepth.runtimes.prediction import Prediction
@@ -110,7 +111,7 @@ class ManyRanges(MultiRangeEstimator):
     """The estimator with more ranges than the paper's system has: the study asks whether they help."""
 
     def __init__(
-        self, network: DepthNetwork, camera: Camera, *, ranges: int, fusion: str, derotate: bool
+        self, network: DepthNetwork, camera: Camera, *, ranges: int, fusion: Fusion, derotate: bool
     ) -> None:
         allowed = min(ranges, MAX_RANGES)
         super().__init__(network, camera, ranges=allowed, fusion=fusion, derotate=derotate)

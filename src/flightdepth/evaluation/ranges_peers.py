@@ -15,7 +15,7 @@ from flightdepth.flight.records import VelocityFrame
 from flightdepth.motion import Vector
 from flightdepth.ranges import DepthNetwork, RangedDepth
 from flightdepth.ranges.displacement import Trajectory
-from flightdepth.ranges.fusion import Fusion, fuse
+from flightdepth.ranges.fusion import fuse
 from flightdepth.ranges.pairs import Frame, baselines
 from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.prediction import Prediction
@@ -92,7 +92,7 @@ class FixedShift:
         moved = baselines(self._trajectory, frames[:1], stamp_ns, np.pi).displacement_m[:1]
         camera, length_m = self._grid.camera, np.linalg.norm(moved, axis=1)
         found = self._network.predict([frames[0].image], self._frames[-1].image, moved, camera)
-        fused = fuse(found.beta, length_m, self._card, fusion=Fusion.PAPER)
+        fused = fuse(found.beta, length_m, self._card, fusion="paper")
         return RangedDepth(
             depth_m=self._grid.to_source(fused.depth_m),
             confidence=self._grid.to_source(fused.confidence),

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from flightdepth.ranges.fusion import Fusion
+
 NOISE_RAD = 0.001  # N0 of the paper's noisy scenes
 NOISES_RAD = (0.0, 0.0005, 0.001, 0.002, 0.003, 0.005, 0.01)
 SPEED_NOISES_M_S = (0.0, 0.1, 0.2, 0.4)
@@ -50,7 +52,7 @@ class Trial:
 
     method: str
     ranges: int
-    fusion: str = "paper"
+    fusion: Fusion = "paper"
     noise_rad: float = NOISE_RAD
     derotate: bool = False
     telemetry: Telemetry = field(default_factory=Telemetry)

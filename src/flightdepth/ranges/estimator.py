@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,7 +89,7 @@ class MultiRangeEstimator:
         camera: Camera,
         *,
         ranges: int = 2,
-        fusion: str = "saturation",
+        fusion: Fusion = "saturation",
         buffer_s: float = 4.0,
         derotate: bool = True,
         turns: int = 1,
@@ -97,11 +98,11 @@ class MultiRangeEstimator:
         check_ranges(ranges)
         if turns < 1:
             raise BadInput("turns", expected="at least 1", got=str(turns))
-        if fusion not in {kind.value for kind in Fusion}:
+        if fusion not in get_args(Fusion):
             raise BadInput("fusion", expected="saturation or paper", got=repr(fusion))
         if not (np.isfinite(buffer_s) and buffer_s > 0):
             raise BadInput("buffer", expected="more than 0 seconds", got=str(buffer_s))
-        self._network, self._fusion, self._derotate = network, Fusion(fusion), derotate
+        self._network, self._fusion, self._derotate = network, fusion, derotate
         self._look_through(camera)
         self._trajectory, self._repeats = Trajectory(), Repeats()
         self._ranges, self._memory = ranges, MemoryLimit(MAX_RANGES + 1)  # one for a scout
@@ -110,7 +111,7 @@ class MultiRangeEstimator:
             Planner,
             ranges=ranges,
             memory_s=buffer_s,
-            saturation=self._fusion is Fusion.SATURATION,
+            saturation=self._fusion == "saturation",
             turns=turns,
         )
         card = network.card.at_focal(self._grid.camera.fx)
@@ -237,7 +238,7 @@ class MultiRangeEstimator:
         seer.planner.learn(stamp_ns, fused, self._grid.valid)
         if seer is self._first:  # depths of two networks are not averaged
             fused = self._held_still(current.stamp_ns, pairs, fused)
-        if self._fusion is Fusion.SATURATION:
+        if self._fusion == "saturation":
             fused = within_reach(fused)
         at_source = self._grid.along_edges(fused.depth_m, current.image)
         return self._result(pairs, prediction, fused, at_source, seer=seer, started=started)
@@ -309,7 +310,7 @@ class MultiRangeEstimator:
 
     def _held_still(self, stamp_ns: int, pairs: tuple[Pair, ...], fused: Fused) -> Fused:
         """Averaged with the frames before, as far as the motion since the last depth is known."""
-        if self._fusion is Fusion.PAPER:
+        if self._fusion == "paper":
             return fused
         step = None
         if self._averaged_ns is not None:

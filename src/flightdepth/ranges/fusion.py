@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,15 +40,9 @@ LAPLACE_68 = 1.148
 FARTHEST_TOLD_M = 655.34
 
 Flags = NDArray[np.bool_]
-
-
-class Fusion(Enum):
-    """`PAPER`: each output is a measurement. `SATURATION`: one at an end of the range is a bound, and ranges
-    that contradict each other know nothing.
-    """
-
-    PAPER = "paper"
-    SATURATION = "saturation"
+# paper: each output is a measurement; saturation: one at an end of the range is a bound, and ranges that contradict
+# each other know nothing.
+Fusion = Literal["saturation", "paper"]
 
 
 @dataclass(frozen=True)
@@ -105,14 +98,14 @@ def fuse(
     displacements_m: NDArray[np.float64],
     card: NetworkCard,
     *,
-    fusion: Fusion = Fusion.SATURATION,
+    fusion: Fusion = "saturation",
     sigma_m: Map | None = None,
     seen: Flags | None = None,
 ) -> Fused:
     """Fuse beta [n, h, w], 0..1, of pairs `displacements_m` [n] apart (D*, really flown, metres).
 
     zeta_i = alpha D*_i beta_i; w_i = epsilon + f(beta_i); depth = sum_i w_i zeta_i / sum_i w_i (paper,
-    equations 5 and 6). With `Fusion.SATURATION` an output at an end of the network's range has weight 0 and
+    equations 5 and 6). With saturation an output at an end of the network's range has weight 0 and
     becomes a bound, and where the ranges contradict each other nothing is known; where the network tells
     `sigma_m`, w_i = 1 / sigma_i^2, and a range with too large a sigma knows nothing. `seen` [n, h, w] marks
     what both frames of the pair show; elsewhere the weight is 0.
@@ -120,16 +113,16 @@ def fuse(
     usable = np.isfinite(beta) if seen is None else np.isfinite(beta) & seen
     reach_m = (card.alpha * displacements_m).astype(np.float32)[:, None, None]
     depths_m = reach_m * beta
-    lower, upper = ends(card) if fusion is Fusion.SATURATION else (-np.inf, np.inf)
+    lower, upper = ends(card) if fusion == "saturation" else (-np.inf, np.inf)
     said = Said.of(beta, usable, lower, upper)
-    told = sigma_m if fusion is Fusion.SATURATION else None
+    told = sigma_m if fusion == "saturation" else None
     if told is None:
         trust = np.float32(EPSILON) + weight(beta)
     else:
         told = np.maximum(told, np.float32(LEAST_SIGMA) * depths_m)
         said = said.where(~said.measured | (told < np.float32(WORST_SIGMA) * depths_m))
         trust = 1 / np.square(np.maximum(told, np.float32(1e-6)))
-    if fusion is Fusion.SATURATION:
+    if fusion == "saturation":
         if card.beta_min > 0:
             said = said.where(_in_reach(said, depths_m, np.float32(card.beta_min + TOO_NEAR) * reach_m))
         said = said.where(_agree(said, depths_m, np.float32(lower) * reach_m, np.float32(upper) * reach_m))
