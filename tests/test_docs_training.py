@@ -12,7 +12,7 @@ import pytest
 
 from flightdepth import cli
 from flightdepth.stillbox import PairStream
-from flightdepth.training import loop, recipe
+from flightdepth.training import loop, recipe_files
 from flightdepth.training.run_folder import stages_behind
 from flightdepth.weights.store import find_network, read_card
 from tests_recipes import recipe_text, stage_text
@@ -29,9 +29,11 @@ COMMANDS = [
 def test_every_command_runs(monkeypatch, tmp_path, capsys):
     stages = [stage_text(name, 4) for name in ("64", "128", "256")]
     text = recipe_text(*stages, name="tiny-clamped-256", clamped=True)
-    known = recipe._recipe_bytes
+    known = recipe_files._recipe_bytes
     monkeypatch.setattr(
-        recipe, "_recipe_bytes", lambda name: text.encode() if name == "tiny-clamped-256" else known(name)
+        recipe_files,
+        "_recipe_bytes",
+        lambda name: text.encode() if name == "tiny-clamped-256" else known(name),
     )
     monkeypatch.setattr(loop, "PairStream", partial(PairStream, pool_scenes=8))
     monkeypatch.chdir(tmp_path)
@@ -39,7 +41,7 @@ def test_every_command_runs(monkeypatch, tmp_path, capsys):
     cv2.imwrite(str(tmp_path / "photos" / "a.jpg"), np.full((60, 80, 3), 90, np.uint8))
     (tmp_path / "networks").mkdir()
     (tmp_path / "mine.toml").write_text(text.replace("tiny-clamped-256", "mine"))
-    shipped = recipe.load_recipe("tiny-clamped-512")
+    shipped = recipe_files.load_recipe("tiny-clamped-512")
     trained = shipped.stages[: stages_behind(read_card(find_network(shipped.name)), shipped)]
     size = {"full_width": 64, "width": 64, "height": 64, "samples": 4, "batch": 4}
     more = trained[0].model_copy(update={"name": "more", **size})
@@ -70,6 +72,6 @@ def small(command):
     return [name, *rest, *scenes, *made]
 
 
-@pytest.mark.parametrize("name", recipe.recipe_names())
+@pytest.mark.parametrize("name", recipe_files.recipe_names())
 def test_every_recipe_is_described(name):
     assert f"| `{name}` |" in TEXT

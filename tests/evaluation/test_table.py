@@ -19,7 +19,7 @@ from flightdepth.evaluation import table as paper
 from flightdepth.runtimes.network import load_network
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import PairStream
-from flightdepth.training import loop, recipe, recipe_names
+from flightdepth.training import loop, recipe_files, recipe_names
 from flightdepth.training.checkpoint import read_progress
 from flightdepth.training.run_folder import SETS, keep_textures, parent_checkpoint, read_trained
 from flightdepth.weights.store import find_network, read_card, shipped_networks
@@ -39,12 +39,12 @@ def test_every_row_of_the_paper_has_a_stage_of_a_recipe():
     for row in paper.ROWS:
         name, stage = row.source.split("/")
         assert name in paper.RECIPES
-        assert stage in [each.name for each in recipe.load_recipe(name).stages]
+        assert stage in [each.name for each in recipe_files.load_recipe(name).stages]
 
 
 def widths(name):
     """The chain of a recipe, with what it starts from; stage by stage."""
-    loaded = recipe.load_recipe(name)
+    loaded = recipe_files.load_recipe(name)
     before = []
     if loaded.starts_from:
         parent, stage = loaded.starts_from.split("/")
@@ -64,7 +64,7 @@ def test_a_row_is_what_its_recipe_trains(row):
 
 
 def test_recipes_come_after_those_that_they_start_from():
-    parents = [recipe.load_recipe(name).starts_from for name in paper.RECIPES]
+    parents = [recipe_files.load_recipe(name).starts_from for name in paper.RECIPES]
     for number, parent in enumerate(parents):
         assert parent is None or parent.split("/")[0] in paper.RECIPES[:number]
     assert set(paper.RECIPES) == {name for name in recipe_names() if name.startswith("table-")}
@@ -130,11 +130,11 @@ def small_bytes(name, known):
 @pytest.fixture(scope="module")
 def world(tmp_path_factory):
     """Small recipes, eight scenes in the pool, a folder of its own."""
-    known, folder = recipe._recipe_bytes, tmp_path_factory.mktemp("table")
+    known, folder = recipe_files._recipe_bytes, tmp_path_factory.mktemp("table")
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recipe, "_recipe_bytes", lambda name: small_bytes(name, known))
+        patch.setattr(recipe_files, "_recipe_bytes", lambda name: small_bytes(name, known))
         patch.setattr(loop, "PairStream", partial(PairStream, pool_scenes=8))
         patch.setattr(table, "TIMED_CALLS", 1)
         patch.chdir(folder)

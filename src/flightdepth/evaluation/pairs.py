@@ -13,6 +13,7 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.metrics import pooled
+from flightdepth.runtimes.contract import STRIDE
 from flightdepth.runtimes.network import Network
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
@@ -75,10 +76,10 @@ class Task:
         """The task of a pair that was drawn at a focal length that the network knows; anything else is refused."""
         height, width = pair.depth_m.shape
         card = card.at_focal(pair.focal_px)
-        if abs(pair.focal_px / card.focal_px - 1) > 0.01 or height % 64 or width % 64:
+        if abs(pair.focal_px / card.focal_px - 1) > 0.01 or height % STRIDE or width % STRIDE:
             raise BadInput(
                 "test set",
-                expected=f"focal length {card.focal_px:g} px and sides of 64 px multiples for {card.name}",
+                expected=f"focal length {card.focal_px:g} px and sides of {STRIDE} px multiples for {card.name}",
                 got=f"{pair.focal_px:g} px, {width}x{height}",
             )
         length_m = float(np.linalg.norm(pair.displacement))

@@ -10,6 +10,7 @@ import numpy as np
 from flightdepth.scenes import chance
 from flightdepth.scenes.orientation import noisy_orientations
 from flightdepth.scenes.outdoor_config import HIGHEST_MOUND_M, Flight, OutdoorConfig, draw_flight
+from flightdepth.scenes.outdoor_site import Site
 from flightdepth.scenes.outdoor_textures import Surface
 from flightdepth.scenes.outdoor_things import (
     TILE_M,
@@ -28,7 +29,6 @@ from flightdepth.scenes.outdoor_things import (
 from flightdepth.scenes.scene import Floats, Scene, Shape
 
 _NOISE = 8  # what a random stream is for; 0 is the flight, 1 to 6 are what is built, 7 is the sun
-MOST_TRIES = 40  # a thing that finds no place is left out
 REACH = 0.33  # of a tree's crown, over its height
 LEAST_CHECKED_M = 0.1
 PLAIN_HALF_M = 620.0
@@ -42,7 +42,7 @@ def draw_outdoor(config: OutdoorConfig, seed: int, number: int = 0) -> Scene:
     Depends on its arguments only. Each kind of thing has a random stream of its own.
     """
     flight = outdoor_flight(config, seed, number)
-    site = _Site(flight.position(_times_s(config)), _checked_path(flight, config), config.clearance_m)
+    site = Site(flight.position(_times_s(config)), _checked_path(flight, config), config.clearance_m)
     for kind, build in enumerate((_ground, _hills, _houses, _trees, _woods, _bushes), start=1):
         build(chance.stream(seed, number, kind), config, site)
     sun, power = _sun(chance.stream(seed, number, 7))
@@ -92,56 +92,12 @@ def _checked_path(flight: Flight, config: OutdoorConfig) -> Floats:
     return flight.position(_times_s(config, max(per_frame, 1)))
 
 
-class _Site:
-    """What was built so far, where the ground is, and where there is room."""
-
-    def __init__(self, path: Floats, checked_path: Floats, clearance_m: float) -> None:
-        self.path = path
-        self._checked_path = checked_path
-        self.parts: list[Part] = []
-        self.mounds: list[tuple[float, float, float, float]] = []  # x, z, radius of the sphere, height
-        self._clearance_m = clearance_m
-        self._taken: list[tuple[float, float, float]] = []  # x, z, radius
-
-    def foot(self, x: float, z: float) -> Floats:
-        """The point of the ground at (x, z)."""
-        height = 0.0
-        for mound_x, mound_z, radius, top in self.mounds:
-            square = radius * radius - (x - mound_x) ** 2 - (z - mound_z) ** 2
-            if square > 0:
-                height = max(height, float(np.sqrt(square)) - radius + top)
-        return np.array([x, -height, z])
-
-    def find(
-        self, rng: np.random.Generator, distance_m: tuple[float, float], radius: float, height: float
-    ) -> Floats | None:
-        """A free place ahead of some point of the path, and take it; None when there is none."""
-        for _ in range(MOST_TRIES):
-            start = self.path[int(rng.integers(len(self.path)))]
-            ahead = chance.log_uniform(rng, *distance_m)
-            foot = self.foot(start[0] + rng.uniform(-0.9, 0.9) * ahead, start[2] + ahead)
-            if self.is_clear(foot, radius, height) and self._is_free(foot, radius):
-                self._taken.append((foot[0], foot[2], radius))
-                return foot
-        return None
-
-    def is_clear(self, foot: Floats, radius: float, height: float) -> bool:
-        """Whether an upright cylinder that stands on `foot` keeps clear of the path."""
-        path = self._checked_path
-        away = np.hypot(path[:, 0] - foot[0], path[:, 2] - foot[2]) - radius
-        above = (foot[1] - height) - path[:, 1]
-        return bool(np.maximum(away, above).min() >= self._clearance_m)
-
-    def _is_free(self, foot: Floats, radius: float) -> bool:
-        return all((foot[0] - x) ** 2 + (foot[2] - z) ** 2 > (radius + r) ** 2 for x, z, r in self._taken)
-
-
 def _between(rng: np.random.Generator, limits: tuple[int, int]) -> range:
     """As many steps as drawn from `limits`, both included."""
     return range(int(rng.integers(limits[0], limits[1] + 1)))
 
 
-def _ground(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None:
+def _ground(rng: np.random.Generator, config: OutdoorConfig, site: Site) -> None:
     """A plain, fields a little above it, and mounds."""
     site.parts.append(
         _slab((-PLAIN_HALF_M, -PLAIN_HALF_M, PLAIN_HALF_M, PLAIN_HALF_M), 0.0, rng, Surface.GRASS)
@@ -187,7 +143,7 @@ def _slab(
     return Part(Shape.CUBE, pose, version(rng, surface), tint(rng, 0.75), repeats, int(rng.integers(4)))
 
 
-def _hills(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None:
+def _hills(rng: np.random.Generator, config: OutdoorConfig, site: Site) -> None:
     """Wooded hills side by side along the horizon."""
     steps = _between(rng, config.hills)
     for step in steps:
@@ -202,7 +158,7 @@ def _hills(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None
             site.parts.append(part)
 
 
-def _houses(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None:
+def _houses(rng: np.random.Generator, config: OutdoorConfig, site: Site) -> None:
     for _ in _between(rng, config.houses):
         size = rng.uniform(2.8, 4.6)
         foot = site.find(rng, (30.0, 140.0), 2.0 * size, 3.0 * size)
@@ -210,7 +166,7 @@ def _houses(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> Non
             site.parts.extend(house(rng, foot, size))
 
 
-def _trees(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None:
+def _trees(rng: np.random.Generator, config: OutdoorConfig, site: Site) -> None:
     for _ in _between(rng, config.near_trees):
         _tree(rng, site, (6.0, 18.0), rng.uniform(5.0, 11.0), detail=4)
     for _ in _between(rng, config.trees):
@@ -218,7 +174,7 @@ def _trees(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None
 
 
 def _tree(
-    rng: np.random.Generator, site: _Site, distance_m: tuple[float, float], height: float, detail: int
+    rng: np.random.Generator, site: Site, distance_m: tuple[float, float], height: float, detail: int
 ) -> None:
     build = _kind(rng)
     foot = site.find(rng, distance_m, REACH * height, height)
@@ -231,7 +187,7 @@ def _kind(rng: np.random.Generator) -> Callable[..., list[Part]]:
     return fir if rng.random() < 0.45 else broadleaf
 
 
-def _woods(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None:
+def _woods(rng: np.random.Generator, config: OutdoorConfig, site: Site) -> None:
     for _ in _between(rng, config.woods):
         middle = site.find(rng, (60.0, 220.0), 12.0, 16.0)
         if middle is None:
@@ -245,7 +201,7 @@ def _woods(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None
                 site.parts.extend(tree)
 
 
-def _bushes(rng: np.random.Generator, config: OutdoorConfig, site: _Site) -> None:
+def _bushes(rng: np.random.Generator, config: OutdoorConfig, site: Site) -> None:
     for _ in _between(rng, config.bushes):
         build, size = (
             (bush, rng.uniform(0.5, 1.6)) if rng.random() < 0.7 else (boulder, rng.uniform(0.4, 1.5))

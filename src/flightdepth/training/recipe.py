@@ -1,31 +1,26 @@
-"""Recipes: small TOML files that say which network is trained on what, stage by stage."""
+"""Recipes: which network is trained on what, stage by stage."""
 
 from __future__ import annotations
 
 import hashlib
-import tomllib
-from importlib import resources
-from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from flightdepth.errors import BadInput
 from flightdepth.scenes import StillBoxConfig
 from flightdepth.stillbox import PairRule, Picture
 from flightdepth.stillbox.motion_noise import MotionNoise
 from flightdepth.stillbox.photometric import LARGEST_PX
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
 
 STRIDE = 64  # the deepest feature map is at 1/64 of a picture's size
 FILE_NAME = r"^[^\s./\\][^/\\]*$"  # of what names a file or a folder of a run
 FILE_NAME_RULE = "a name without / that does not begin with a dot"
 BATCH_NORM_MOMENTUM = 0.1  # where a recipe names none
 OptimizerName = Literal["adamw", "sgd", "muon"]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class Stage(_Strict):
@@ -210,53 +205,3 @@ class Recipe(_Strict):
         )
         warmup = round(self.warmup_samples * min(share, 1.0))
         return self.model_copy(update={"stages": stages, "warmup_samples": warmup})
-
-
-def recipe_names() -> list[str]:
-    """Recipes that ship with the package."""
-    folder = resources.files("flightdepth.training") / "recipes"
-    return sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
-
-
-def load_recipe(name_or_path: str) -> Recipe:
-    """Read a shipped recipe by its name, or a file.
-
-    Raises:
-        BadInput: unknown name, no such file, or a key or value that does not fit.
-    """
-    data = _recipe_bytes(name_or_path)
-    try:
-        return Recipe.model_validate(tomllib.loads(data.decode()))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"recipe {name_or_path}", expected="TOML", got=str(error)) from error
-    except ValidationError as error:
-        raise _refusal(name_or_path, error) from error
-
-
-def _refusal(name_or_path: str, error: ValidationError) -> BadInput:
-    """The first thing that is wrong with a recipe, in one line."""
-    first = error.errors()[0]
-    where, said = first["loc"], first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    what = ", ".join([f"recipe {name_or_path}", *([".".join(map(str, where))] if where else [])])
-    if first["type"] == "value_error":  # of a table as a whole, which would fill the line
-        return BadInput(f"{what}, {said}") if "expected" in said else BadInput(what, expected=said)
-    if first["type"] == "missing":
-        return BadInput(what, expected="a value", got="none")
-    if first["type"] == "extra_forbidden":
-        tables = {"stages": Stage.model_fields, "scenes": StillBoxConfig.model_fields}
-        keys = tables.get(str(where[0]), Recipe.model_fields)
-        return BadInput(what, expected=f"keys from {', '.join(keys)}", got=str(where[-1]))
-    if first["type"] == "string_pattern_mismatch":
-        said = FILE_NAME_RULE
-    return BadInput(what, expected=said, got=str(first["input"]))
-
-
-def _recipe_bytes(name_or_path: str) -> bytes:
-    path = Path(name_or_path)
-    if path.suffix == ".toml":
-        if not path.is_file():
-            raise BadInput(f"recipe {path}", expected="a TOML file", got="no such file")
-        return path.read_bytes()
-    if name_or_path in recipe_names():
-        return (resources.files("flightdepth.training") / "recipes" / f"{name_or_path}.toml").read_bytes()
-    raise BadInput("recipe", expected=f"a .toml file or one of {', '.join(recipe_names())}", got=name_or_path)
