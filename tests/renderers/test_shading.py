@@ -113,6 +113,12 @@ def test_more_lamps_than_there_are_bits_are_refused():
         picture(built(lamps=((0.0, 0.0, 0.0),) * 32))
 
 
+def test_more_objects_than_shadows_can_name_are_refused():
+    """The last ones cast none."""
+    with pytest.raises(BadInput, match="objects of the scene: expected at most 32767, got 32768"):
+        picture(built([(Shape.SPHERE, pose([0.01] * 3, [0.0, 0.0, -15.0]), 0.0)] * 32768))
+
+
 def test_the_last_of_the_most_lamps_casts_its_shadow():
     lamp, blocker = (0.0, -16.0, 4.0), pose([1.6, 1.6, 1.6], [0.0, -8.0, 12.0])
     dim = ((0.0, -19.0, -19.0),) * 30

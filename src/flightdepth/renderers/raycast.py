@@ -31,6 +31,7 @@ from flightdepth.scenes.textures import Textures
 
 VERSION = "raycast-2"
 MOST_LAMPS = 31  # a bit each says where they are dark
+MOST_OBJECTS = np.iinfo(np.int16).max  # shadows name them by numbers of 16 bits
 
 
 @dataclass(frozen=True)
@@ -66,13 +67,13 @@ def render(
     threads the frames are rendered side by side; the result is the same.
 
     Raises:
-        BadInput: the scene wears a texture that `textures` does not hold, or has too many lamps.
+        BadInput: the scene wears a texture that `textures` does not hold, or has too many lamps or objects.
     """
     check_textures(scene, textures)
-    if len(scene.lamp_position) > MOST_LAMPS:
-        raise BadInput(
-            "lamps of the scene", expected=f"at most {MOST_LAMPS}", got=str(len(scene.lamp_position))
-        )
+    counts = {"lamps": (len(scene.lamp_position), MOST_LAMPS), "objects": (len(scene.shape), MOST_OBJECTS)}
+    for what, (count, most) in counts.items():
+        if count > most:
+            raise BadInput(f"{what} of the scene", expected=f"at most {most}", got=str(count))
     numbers = range(scene.frames) if frames is None else frames
     world, cameras = prepare_world(scene), prepare_cameras(scene, camera, numbers)
     images = np.empty((len(numbers), camera.height, camera.width, 3), np.uint8)
