@@ -36,7 +36,7 @@ def he_normal_leaky(network: nn.Module) -> None:
 
 
 class FlowNetS(Decoder):
-    """Images to depth, as DepthNet. `base_width` 64 is the published network (38.7 M parameters)."""
+    """Images to depth, as DepthNet. `base_width` 64 is the published network (38.6 M parameters)."""
 
     def __init__(self, base_width: int = 64, activation: Activation = "elu+1") -> None:
         super().__init__()

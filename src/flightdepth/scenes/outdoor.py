@@ -212,7 +212,7 @@ def _bushes(rng: np.random.Generator, config: OutdoorConfig, site: Site) -> None
 
 
 def _sun(rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Position and power of the sun: behind the camera to one side, 30 to 55 degrees high."""
+    """Position and power of the sun: behind the camera to one side, 30 to 65 degrees high."""
     side = 1.0 if rng.random() < 0.5 else -1.0
     towards = np.array([side * rng.uniform(0.6, 1.3), -rng.uniform(0.9, 1.4), -rng.uniform(0.2, 0.9)])
     towards /= np.sqrt((towards * towards).sum())
