@@ -10,7 +10,9 @@ import typer
 TelemetryOption = Annotated[
     Path | None,
     typer.Option(
-        metavar="LOG", help="Flight log. Without it, the video's own track, or a log of its name beside it."
+        metavar="LOG",
+        help="Flight log of PX4, ArduPilot, MAVLink, DJI, Parrot, ROS, or CSV: told by what is in it. Without it, "
+        "the video's own track (GoPro), or a log of its name beside it.",
     ),
 ]
 CameraOption = Annotated[
