@@ -32,33 +32,23 @@ class StoredPairs(PairStream):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.stored.entries:
-            raise BadInput(f"set {self.stored.folder}", expected="a scene to learn from", got="none")
-        wanted = {
-            "width": (f"{self.picture.full_width} px", f"{self.stored.width} px"),
-            "field of view": (self.config.horizontal_fov_deg, self.stored.horizontal_fov_deg),
-        }
-        for name, (expected, got) in wanted.items():
-            if expected != got:
-                raise BadInput(f"set {self.stored.folder}, {name}", expected=str(expected), got=str(got))
-        drawn = {"one field of view": self.picture.fov_deg, "closed rooms": self.config.open_share}
-        for expected, asked in drawn.items():
-            if asked:
-                raise BadInput(f"set {self.stored.folder}", expected=f"a stage of {expected}", got=str(asked))
-        if self.stored.height < self.picture.height:
-            got_px = f"{self.stored.height} px"
-            expected_px = f"at least {self.picture.height} px"
-            raise BadInput(f"set {self.stored.folder}, height", expected=expected_px, got=got_px)
-        if self.stored.turns and not self.config.orientation_noise_rad:
-            raise BadInput(
-                f"set {self.stored.folder}",
-                expected="a camera that does not turn",
-                got="orientations that differ",
-            )
-        for step_m in self.stored.steps_m:  # targets go by the number of steps
-            if abs(step_m - self.config.step_m) > STEP_TOLERANCE * self.config.step_m:
-                expected_m = f"{self.config.step_m:.3f} m everywhere"
-                raise BadInput(f"set {self.stored.folder}, step", expected=expected_m, got=f"{step_m:.3f} m")
+        stored, config, picture = self.stored, self.config, self.picture
+        fov_deg, least_px, may_turn = config.horizontal_fov_deg, picture.height, config.orientation_noise_rad
+        for what, fits, expected, got in (
+            ("", stored.entries, "a scene to learn from", "none"),
+            (", width", stored.width == picture.full_width, f"{picture.full_width} px", f"{stored.width} px"),
+            (", field of view", fov_deg == stored.horizontal_fov_deg, fov_deg, stored.horizontal_fov_deg),
+            ("", not picture.fov_deg, "a stage of one field of view", picture.fov_deg),
+            ("", not config.open_share, "a stage of closed rooms", config.open_share),
+            (", height", stored.height >= least_px, f"at least {least_px} px", f"{stored.height} px"),
+            ("", may_turn or not stored.turns, "a camera that does not turn", "orientations that differ"),
+        ):
+            if not fits:
+                raise BadInput(f"set {stored.folder}{what}", expected=str(expected), got=str(got))
+        for step_m in stored.steps_m:  # targets go by the number of steps
+            if abs(step_m - config.step_m) > STEP_TOLERANCE * config.step_m:
+                expected_m = f"{config.step_m:.3f} m everywhere"
+                raise BadInput(f"set {stored.folder}, step", expected=expected_m, got=f"{step_m:.3f} m")
 
     def _render(self, number: int) -> tuple[Flown, Rendered, Camera]:
         rng = chance.stream(self.seed, _CROP, number)
