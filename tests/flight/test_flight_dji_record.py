@@ -9,7 +9,17 @@ from flightdepth.errors import BadInput
 from flightdepth.flight.records import AttitudeSample, Recording, VelocitySample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
-from tests_dji_records import DJI_RECORDS, MPH, airdata, flight_reader, record, steady, txt_log, weaving
+from tests_dji_records import (
+    DJI_RECORDS,
+    MPH,
+    START_S,
+    airdata,
+    flight_reader,
+    record,
+    steady,
+    txt_log,
+    weaving,
+)
 
 LAYOUTS = pytest.mark.parametrize("layout", DJI_RECORDS)
 
@@ -116,6 +126,24 @@ def test_a_gimbal_that_was_turned_aside_keeps_its_own_heading(tmp_path, off, mod
     )
 
 
+def test_a_gimbal_in_fpv_mode_follows_too(tmp_path):
+    """DJI's FPV mode turns the camera with the drone, and rolls it too."""
+    telemetry = read(tmp_path, flight_reader(record(gimbal_off=36), mode="FPV"))
+    assert "its yaw turned by +36 deg" in telemetry.name
+
+
+@pytest.mark.parametrize("aside_deg", [45, 180])
+def test_moments_in_which_a_gimbal_looks_aside_are_kept(tmp_path, aside_deg):
+    """They were turned to the nose; a yaw that flips beyond straight down, with a roll of 180, upside down."""
+    log = record(seconds=200, yaw_at=lambda time_s: 20 + 0 * time_s, gimbal_off=12)
+    for row in log[900:1200]:
+        row.gimbal_yaw += aside_deg
+    found = forward(of_kind(read(tmp_path, airdata(log)), AttitudeSample))
+    yaw_deg = np.rad2deg(np.arctan2(found[:, 1], found[:, 0])) % 360
+    expected = np.where((np.arange(2000) >= 900) & (np.arange(2000) < 1200), 20 + aside_deg, 20)
+    assert yaw_deg == pytest.approx(expected, abs=0.2)
+
+
 def test_a_log_whose_gimbal_tells_nothing_has_no_camera_attitude(tmp_path):
     log = record(gimbal_pitch=0)
     for row in log:
@@ -207,11 +235,52 @@ def test_a_time_in_flight_that_stands_on_the_ground_gives_way_to_the_clock(tmp_p
     assert telemetry.recordings == (Recording(10_050_000_000, 49_950_000_000),)
 
 
-def test_midnight_passes(tmp_path):
-    log = record(start_s=24 * 3600 - (9 * 3600 + 19 * 60 + 31.7) - 30, recordings=())
+def clocked(start_s, change):
+    """A log of a minute that begins at a time of the day and tells no time in flight; `change` alters each clock."""
+    log = record(start_s=start_s - START_S, recordings=())
     text = txt_log(log).replace("OSD.flyTime [s]", "other")
-    text = re.sub(r" 24:", " 00:", text)
-    assert velocity_table(read(tmp_path, text))[0] == pytest.approx(np.arange(600) / 10, abs=2e-3)
+    return re.sub(
+        r"2018/07/04 (\d+):(\d+):([\d.]+)", lambda clock: change(int(clock[1]), clock[2], clock[3]), text
+    )
+
+
+@pytest.mark.parametrize(
+    ("start_h", "change"),
+    [
+        (24, lambda hours, minutes, seconds: f"2018/07/04 {hours % 24:02}:{minutes}:{seconds}"),
+        (
+            24,
+            lambda hours, minutes, seconds: (
+                "" if hours == 23 and seconds > "58" else f"{hours % 24}:{minutes}:{seconds}"
+            ),
+        ),
+        (
+            12,
+            lambda hours, minutes, seconds: (
+                f"{hours}:{minutes}:{seconds} {'a' if hours < 12 else 'p'}.\u00a0m."
+            ),
+        ),
+        (13, lambda hours, minutes, seconds: f"{hours - 12 or 12}:{minutes}:{seconds} PM"),
+        (13, lambda hours, minutes, seconds: f"{(hours - 1) % 12 + 1}:{minutes}:{seconds}"),
+    ],
+    ids=["midnight", "rows without a clock at midnight", "noon", "one o'clock", "one o'clock of half a day"],
+)
+def test_a_clock_runs_on(tmp_path, start_h, change):
+    telemetry = read(tmp_path, clocked(start_h * 3600 - 30, change))
+    left_out = telemetry.counts.get("rows without a time", 0)
+    expected = np.delete(np.arange(600) / 10, range(300 - left_out, 300))
+    assert velocity_table(telemetry)[0] == pytest.approx(expected, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("cell", "hours"),
+    [("2:22:59 PM", 14), ("2:22:59,5 p. m.", 14), ("12:22:59 am", 0), ("12:22:59 p.m.", 12)],
+)
+def test_the_log_s_clock_is_told_in_hours_of_the_day(tmp_path, cell, hours):
+    header, row, *_ = clocked(0, lambda *_: cell.replace(",", ".")).splitlines()
+    later = row.replace(":59", ":58")
+    name = read(tmp_path, f"{header}\n{later}\n{row}\n").name
+    assert f"{hours * 3600 + 22 * 60 + 58}." in name
 
 
 def test_a_record_that_tells_no_flight_says_what_it_lost(tmp_path):
@@ -222,6 +291,23 @@ def test_a_record_that_tells_no_flight_says_what_it_lost(tmp_path):
         read(tmp_path, airdata(log))
     with pytest.raises(BadInput, match=r"got none$"):
         read(tmp_path, airdata([]))
+
+
+def test_a_row_with_a_cell_beyond_reason_is_left_out(tmp_path):
+    """The csv module raises where a cell is longer than 128 KiB."""
+    header, *rows = airdata(
+        record(),
+    ).splitlines()
+    rows[5] += "x" * 200_000
+    telemetry = read(tmp_path, "\n".join([header, *rows, ""]))
+    assert telemetry.counts == {"rows of another number of cells than the header": 1}
+
+
+def test_a_record_that_is_still_encrypted_is_named(tmp_path):
+    path = tmp_path / "DJIFlightRecord_2024-05-01_[10-00-00].txt"
+    path.write_bytes(bytes([100, 0x80, 0x42, 0, 0, 0, 0, 0, 0xB0, 1, 13, 0]) + bytes(range(256)) * 20)
+    with pytest.raises(BadInput, match=r"DJI's encrypted flight record: AirData .* decode it to CSV"):
+        read_telemetry(path)
 
 
 def test_other_tables_are_no_flight_records(tmp_path):

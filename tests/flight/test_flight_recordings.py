@@ -91,6 +91,16 @@ def test_a_recording_that_never_begins_or_ends_is_doubted():
     assert "recorded when the log began" in doubted_length(at_recording(log, 700 * S), 700 * S)[0]
 
 
+@pytest.mark.parametrize(("start_told", "end_told"), [(False, True), (True, False)])
+def test_a_recording_of_which_the_log_saw_little_is_doubted(start_told, end_told):
+    """A part of 100 s, cut from the one of 184 s, was taken for the last seconds of the flight without a word."""
+    partly = Recording(300 * S, 310 * S, start_told, end_told)
+    moved = at_recording(told(Recording(100 * S, 284 * S), partly), 100 * S)
+    [doubt] = doubted_length(moved, 100 * S)
+    assert "recording of at least 10 s, the video has 100 s" in doubt
+    assert doubted_length(at_recording(told(partly), 19 * S), 19 * S) == ()
+
+
 def test_a_log_without_recordings_stays_as_it_is():
     log = told()
     assert at_recording(log, 5 * S) is log

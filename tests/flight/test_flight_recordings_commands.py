@@ -39,6 +39,34 @@ def test_live_refuses_what_may_be_any(video, tmp_path):
     assert live(video, log, -30.05).samples[0].stamp_ns / 1e9 == pytest.approx(-30.05)
 
 
+def test_live_doubts_a_recording_of_another_length(video, tmp_path, capsys):
+    log = tmp_path / "log.csv"
+    log.write_text(airdata(record(recordings=((5, 55),))), encoding="utf-8")
+    live(video, log, -3.0)
+    assert "recording of 50 s" not in capsys.readouterr().err
+    live(video, log)
+    said = " ".join(capsys.readouterr().err.split())
+    assert "recording of 50 s, the video has 20 s" in said
+
+
+def test_a_refusal_offers_what_the_command_takes(video, tmp_path, capsys):
+    """`live` has no auto, `cameras` no offset, and who asked the pictures in vain need not ask again."""
+    log = tmp_path / "log.csv"
+    log.write_text(airdata(record(recordings=((5, 15), (30, 40)))), encoding="utf-8")
+    given = [str(video), "--telemetry", str(log)]
+    auto = [*given, "--hfov", "73", "--out", str(tmp_path / "out"), "--telemetry-offset", "auto"]
+    assert main(["run", *auto]) == 2
+    tried = " ".join(capsys.readouterr().err.split())
+    assert "--telemetry-offset auto: unknown: turn rate: " in tried
+    assert tried.endswith("Give the offset of the right one.")
+    with pytest.raises(
+        BadInput, match=r"Give the offset of the right one, or let run --telemetry-offset auto"
+    ):
+        live(video, log)
+    assert main(["cameras", *given]) == 2
+    assert capsys.readouterr().err.split()[-1].endswith(")")  # the list, and no word of an option
+
+
 def test_a_run_is_refused_in_one_line(video, tmp_path, capsys):
     log = tmp_path / "log.csv"
     log.write_text(airdata(record(recordings=((5, 15), (30, 40)))), encoding="utf-8")

@@ -64,7 +64,11 @@ def tell(path: Path, log: Path | None) -> None:
 
     with Video(path) as video:
         try:
-            told = read_gpmf(path) if log is None else at_recording(read_telemetry(log), video.duration_ns)
+            told = (
+                read_gpmf(path)
+                if log is None
+                else at_recording(read_telemetry(log), video.duration_ns, mend="")
+            )
         except BadInput:
             if log is not None:
                 raise

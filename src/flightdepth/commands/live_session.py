@@ -19,7 +19,7 @@ from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.cameras import ChosenCamera, choose_camera
 from flightdepth.flight.gimbal import looking
 from flightdepth.flight.open import check_overlap, own_telemetry
-from flightdepth.flight.recordings import at_recording
+from flightdepth.flight.recordings import at_recording, doubted_length
 from flightdepth.flight.records import NS_PER_S, Telemetry
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.video import Video
@@ -199,6 +199,8 @@ def recorded(settings: LiveSettings, address: VideoAddress) -> tuple[Telemetry |
         if log is not None:
             log = at_recording(log, video.duration_ns, offset_given=offset_ns != 0).later_by(offset_ns)
             check_overlap(video, log)
+            for doubt in () if offset_ns else doubted_length(log, video.duration_ns):
+                warn(doubt)
         return log, choose_camera(video, settings.camera, settings.hfov, log)
 
 

@@ -31,7 +31,7 @@ from flightdepth.flight.records import NS_PER_S
 from flightdepth.motion import Vector
 
 UNIT = re.compile(r"^(.*?)\s*[(\[]\s*([^)\]]*?)\s*[)\]]$")
-CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d{1,9})?)\s*([ap]m)?", re.IGNORECASE)
+CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d{1,9})?)(?:\s*([ap])\.?\s?m\b)?", re.IGNORECASE)
 SECONDS = {"s": 1.0, "ms": 1e-3, "millisecond": 1e-3}
 METRES = {"m": 1.0, "meters": 1.0, "metres": 1.0, "ft": 0.3048, "feet": 0.3048}
 METRES_A_SECOND = {"m/s": 1.0, "mps": 1.0, "mph": 0.44704, "km/h": 1 / 3.6, "kph": 1 / 3.6, "kmh": 1 / 3.6}
@@ -106,7 +106,7 @@ class Header:
     def of(cls, line: str) -> Header:
         """Read a header line, whatever parts its columns."""
         separator = max(",;\t", key=line.count)
-        cells = next(csv.reader([line], delimiter=separator), [])
+        cells = _cells(line, separator)
         parted = [UNIT.match(cell.strip()) for cell in cells]
         names = [match[1] if match else cell.strip() for match, cell in zip(parted, cells, strict=True)]
         units = [match[2].lower() if match else "" for match in parted]
@@ -152,7 +152,7 @@ def flight_table(text: str, counts: Counter[str]) -> FlightTable:
         del lines[-1]
     rows = []
     for line in lines:
-        cells = next(csv.reader([line.replace("\0", "")], delimiter=header.separator), [])
+        cells = _cells(line, header.separator)
         if len(cells) >= len(header.names) and not any(cells[len(header.names) :]):
             rows.append(cells)
     counts["rows of another number of cells than the header"] += len(lines) - len(rows)
@@ -180,15 +180,23 @@ def flight_table(text: str, counts: Counter[str]) -> FlightTable:
     )
 
 
+def _cells(line: str, separator: str) -> list[str]:
+    """The cells of one line; none where one is longer than the csv module reads."""
+    try:
+        return next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:
+        return []
+
+
 def _times(header: Header, rows: Sequence[Sequence[str]]) -> Vector:
     """Seconds [n] of the flight's own time, or of the wall clock where the former stands still on the ground."""
     flown = _numbers(header, rows, header.column(TIME, SECONDS))
-    clock = np.array([math.nan] * len(rows))
+    clock = np.full(len(rows), math.nan)
     if (column := header.column(WALL_CLOCK)) is not None:
         clock = np.array([_of_clock(row[column.at]) for row in rows])
-        # Across midnight a clock falls by a day.
-        falls = np.diff(clock, prepend=clock[:1])
-        clock += 2 * HALF_DAY_S * np.cumsum(np.nan_to_num(falls) < -HALF_DAY_S)
+        known = np.isfinite(clock)
+        # A clock falls by a day at midnight, by half a day after 12:59 where AM and PM are left out.
+        clock[known] = np.unwrap(clock[known], period=HALF_DAY_S)
     lost = len(rows) * STANDING_SHARE
     return clock if len(_distinct(clock)) > len(_distinct(flown)) + lost else flown
 
@@ -198,13 +206,13 @@ def _distinct(times_s: Vector) -> Vector:
 
 
 def _of_clock(cell: str) -> float:
-    """Seconds since midnight of `2018/07/04 09:19:31.701` or `2:22:59,45 PM`; NaN for anything else."""
+    """Seconds since midnight of `2018/07/04 09:19:31.701`, `2:22:59,45 PM` or `2:22:59 p. m.`; NaN for others."""
     match = CLOCK.search(cell)
     if match is None:
         return math.nan
     hours = int(match[1])
     if match[4]:
-        hours = hours % 12 + (12 if match[4].lower() == "pm" else 0)
+        hours = hours % 12 + (12 if match[4].lower() == "p" else 0)
     return hours * 3600.0 + int(match[2]) * 60 + float(match[3].replace(",", "."))
 
 
@@ -236,8 +244,8 @@ def _recording(header: Header, rows: Sequence[Sequence[str]]) -> NDArray[np.bool
 
 
 def _follows(header: Header, rows: Sequence[Sequence[str]]) -> bool | None:
-    """Whether most rows that tell the gimbal's mode say `Follow Yaw` or `YawFollow`."""
+    """Whether most rows that tell the gimbal's mode say `Follow Yaw`, `YawFollow`, or `FPV`, which follows too."""
     column = header.column(GIMBAL_MODE)
     modes = [] if column is None else [row[column.at].strip().lower() for row in rows]
     told = [mode for mode in modes if mode]
-    return 2 * sum("follow" in mode for mode in told) > len(told) if told else None
+    return 2 * sum("follow" in mode or mode == "fpv" for mode in told) > len(told) if told else None

@@ -22,6 +22,7 @@ HALF_WINDOW_S = 10
 def followed_offset_deg(times_s: Vector, gimbal_yaw_deg: Vector, body_yaw_deg: Vector) -> Vector | None:
     """Degrees [n] to add to a gimbal's yaw [n], so that it looks where the drone's nose points, slowly seen.
 
+    Moments in which it looks aside say nothing of its error, and are turned by as much as what is around them.
     Times in rising seconds [n]; NaN where an angle is unknown. None where the gimbal does not follow the nose.
     """
     apart = np.deg2rad(body_yaw_deg - gimbal_yaw_deg)
@@ -34,8 +35,8 @@ def followed_offset_deg(times_s: Vector, gimbal_yaw_deg: Vector, body_yaw_deg: V
     following = np.abs(around_deg - np.median(around_deg)) <= APART_DEG
     if abs(middle_deg) > ASIDE_DEG or following.mean() < FOLLOWING_SHARE:
         return None
-    seconds, by_second = np.unique(times_s[known].astype(np.int64), return_inverse=True)
-    parts = np.split(around_deg, np.flatnonzero(np.diff(by_second)) + 1)
+    seconds, by_second = np.unique(times_s[known][following].astype(np.int64), return_inverse=True)
+    parts = np.split(around_deg[following], np.flatnonzero(np.diff(by_second)) + 1)
     medians = np.array([np.median(part) for part in parts])
     first = np.searchsorted(seconds, seconds - HALF_WINDOW_S)
     last = np.searchsorted(seconds, seconds + HALF_WINDOW_S, "right")

@@ -273,11 +273,11 @@ def synchronised(video: Video, camera: Camera, log: Telemetry) -> tuple[Telemetr
     with Video(video.path, start_s=start_s, end_s=last_s) as watched:
         within_s = searched_s(log, video.duration_ns)
         clock = estimate_offset(apparent_motion(watched.frames(), camera), log, within_s)
-    if clock.offset_s is not None:
-        log = log.later_by(round(clock.offset_s * NS_PER_S))
-    elif len(log.recordings) > 1:  # of which none is this video: refused
-        log = at_recording(log, video.duration_ns)
     try:
+        if clock.offset_s is not None:
+            log = log.later_by(round(clock.offset_s * NS_PER_S))
+        elif len(log.recordings) > 1:  # of which none is this video: refused
+            log = at_recording(log, video.duration_ns, mend="Give the offset of the right one.")
         check_overlap(video, log)
     except BadInput as error:
         raise BadInput(f"--telemetry-offset auto: {clock}; {error}") from None

@@ -19,6 +19,7 @@ FIT_NS = 2 * NS_PER_S  # between the length of a recording by the log's flag and
 FLICKER_NS = NS_PER_S  # no camera begins again so soon, and no video is so short
 NEAR_S = 3.0  # of the flag's start: where the pictures are asked about the rest
 LISTED = 9  # recordings that an error names
+MEND = "Give the offset of the right one, or let run --telemetry-offset auto find it in the pictures."
 
 
 def recordings_in(stamps_ns: NDArray[np.int64], recording: NDArray[np.bool_]) -> tuple[Recording, ...]:
@@ -43,20 +44,22 @@ def _middle(stamps_ns: NDArray[np.int64], at: int) -> int:
     return int(stamps_ns[at - 1] + stamps_ns[at]) // 2
 
 
-def at_recording(log: Telemetry, duration_ns: int, *, offset_given: bool = False) -> Telemetry:
+def at_recording(
+    log: Telemetry, duration_ns: int, *, offset_given: bool = False, mend: str = MEND
+) -> Telemetry:
     """The log with its time 0 at the first picture of the recording whose length fits a video's, and its name told.
 
     A log that tells no recording stays as it is; so does one where none or several fit, if an offset is given.
     `duration_ns` is 0 where the video does not say.
 
     Raises:
-        BadInput: none or several of the recordings fit, and no offset is given.
+        BadInput: none or several of the recordings fit, and no offset is given; `mend` says what to do then.
     """
     number = _fitting(log.recordings, duration_ns)
     if number is None:
         if offset_given or not log.recordings:
             return log
-        raise _ambiguous(log, duration_ns)
+        raise _ambiguous(log, duration_ns, mend)
     chosen = log.recordings[number]
     start_ns = _first_picture_ns(chosen, duration_ns)
     which = f"recording {number + 1} of {len(log.recordings)}, {_length(chosen)} long"
@@ -70,14 +73,14 @@ def doubted_length(log: Telemetry, duration_ns: int) -> tuple[str, ...]:
     if len(log.recordings) != 1 or not duration_ns:
         return ()
     [chosen] = log.recordings
-    seek = (
-        "time 0 may be elsewhere: --telemetry-offset auto looks for it in the pictures, or give the seconds"
-    )
+    seek = "time 0 may be elsewhere: run --telemetry-offset auto looks for it in the pictures, or give the seconds"
     if not chosen.start_told and not chosen.end_told:
         return (f"the camera recorded when the log began, and when it ended: {seek}",)
-    apart_ns = duration_ns - (chosen.end_ns - chosen.start_ns)
+    seen_ns = chosen.end_ns - chosen.start_ns
+    apart_ns = duration_ns - seen_ns
     whole = chosen.start_told and chosen.end_told
-    if apart_ns < -FIT_NS or (whole and apart_ns > FIT_NS):
+    # Of a recording of which the log saw the smaller part, chance may have chosen this one.
+    if not -FIT_NS <= apart_ns <= (FIT_NS if whole else max(seen_ns, FIT_NS)):
         return (
             f"the log tells a recording of {_length(chosen)}, the video has {duration_ns / NS_PER_S:.0f} s: {seek}",
         )
@@ -108,7 +111,7 @@ def _first_picture_ns(recording: Recording, duration_ns: int) -> int:
     return recording.end_ns - duration_ns if by_end else recording.start_ns
 
 
-def _ambiguous(log: Telemetry, duration_ns: int) -> BadInput:
+def _ambiguous(log: Telemetry, duration_ns: int, mend: str) -> BadInput:
     listed = [
         f"{number}: {_length(each)}, --telemetry-offset {-_first_picture_ns(each, duration_ns) / NS_PER_S:.2f}"
         for number, each in enumerate(log.recordings[:LISTED], 1)
@@ -121,7 +124,7 @@ def _ambiguous(log: Telemetry, duration_ns: int) -> BadInput:
         f"telemetry {log.name}",
         expected=f"one recording {length}",
         got=f"{len(log.recordings)} ({'; '.join(listed)}{more})",
-        mend="Give the offset of the right one, or --telemetry-offset auto.",
+        mend=mend,
     )
 
 

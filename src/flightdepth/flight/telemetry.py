@@ -54,12 +54,14 @@ def read_telemetry(path: Path) -> Telemetry:
     if head[4:8] == b"ftyp" and (inside := read_gpmf(path)) is not None:
         return inside  # of another copy of the video, which has lost it
     known = ", ".join(log_format.name for log_format in FORMATS)
-    got = _described(head) if head or path.is_dir() else "an empty file"
+    got = _described(head, path.name) if head or path.is_dir() else "an empty file"
     raise BadInput(f"telemetry {path}", expected=f"one of {known}", got=got)
 
 
-def _described(head: bytes) -> str:
+def _described(head: bytes, file_name: str) -> str:
     """What a file seems to be that is no log."""
+    if file_name.startswith("DJIFlightRecord"):
+        return "DJI's encrypted flight record: AirData and PhantomHelp's viewers decode it to CSV"
     if head[4:8] == b"ftyp":
         return "a video without telemetry inside that is known"
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
