@@ -25,25 +25,25 @@ def test_a_degree_of_latitude_at_the_equator_and_at_45_degrees_has_the_known_len
     # 110,574 m and 111,132 m: the tables of WGS 84.
     for latitude, metres in ((0.0, 110574.3), (45.0, 111131.8)):
         near = np.array([latitude, latitude + 0.001])
-        north = local_ned(near, np.zeros(2), np.zeros(2))[1, 0]
+        north = local_ned(np.c_[near, np.zeros(2)], np.zeros(2))[1, 0]
         assert north == pytest.approx(metres / 1000, rel=1e-4)
 
 
 def test_north_east_and_up_have_their_signs():
-    ned = local_ned(np.array([48.0, 48.001]), np.array([2.0, 2.001]), np.array([10.0, 30.0]))
+    ned = local_ned(np.array([(48.0, 2.0), (48.001, 2.001)]), np.array([10.0, 30.0]))
     assert ned[1, 0] > 0
     assert ned[1, 1] > 0
     assert ned[1, 2] - ned[0, 2] == -20
 
 
 def test_the_date_line_is_crossed():
-    ned = local_ned(np.zeros(2), np.array([179.999, -179.999]), np.zeros(2))
+    ned = local_ned(np.array([(0, 179.999), (0, -179.999)]), np.zeros(2))
     assert ned[1, 1] == pytest.approx(0.002 * 111319.49, rel=1e-6)
 
 
 def test_positions_and_back():
     latitude, longitude = place(np.array([0.0, 300.0]), np.array([0.0, -200.0]))
-    assert np.allclose(local_ned(latitude, longitude, np.zeros(2))[1], (300, -200, 0), atol=0.05)
+    assert np.allclose(local_ned(np.c_[latitude, longitude], np.zeros(2))[1], (300, -200, 0), atol=0.05)
 
 
 @pytest.mark.parametrize("rate", [1.0, 5.0, 10.0, 30.0])

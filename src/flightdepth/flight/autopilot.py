@@ -41,6 +41,7 @@ LAST_STAMP_US = 4 * 10**15
 # Reasons that readers share.
 DAMAGED_BYTES = "bytes skipped: damaged or cut off"
 OTHER_POWER_UPS = "records of other power-ups of the autopilot"
+OTHER_GIMBALS = "attitudes of other gimbals"
 # A filter's output that does not change for so long while moving has died.
 STUCK_NS = 2 * NS_PER_S
 # How old the body's heading may be where a gimbal's yaw counts from it.

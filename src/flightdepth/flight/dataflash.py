@@ -14,10 +14,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from flightdepth.errors import BadInput, MissingExtra
+from flightdepth.errors import MissingExtra
 from flightdepth.flight.autopilot import (
     DAMAGED_BYTES,
     LAST_STAMP_US,
+    OTHER_GIMBALS,
     BodyAttitude,
     Record,
     Velocity,
@@ -25,8 +26,8 @@ from flightdepth.flight.autopilot import (
     longest_boot,
 )
 from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags
+from flightdepth.flight.log_file import log_bytes
 from flightdepth.flight.records import Telemetry
-from flightdepth.flight.tlog import OTHER_GIMBALS
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
 
 MAGIC = b"\xa3\x95"
@@ -66,12 +67,7 @@ def read_dataflash(path: Path) -> Telemetry:
     """Read a DataFlash log; what came before a cut is used, damaged bytes are skipped and counted."""
     counts: Counter[str] = Counter()
     letters = field_letters(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        got = error.strerror or str(error)
-        raise BadInput(f"telemetry {path}", expected="a DataFlash log that can be read", got=got) from error
-    rows = list(wanted_rows(data, letters, counts))
+    rows = list(wanted_rows(log_bytes(path), letters, counts))
     names = {name for name, _ in rows}
     velocity = next((name for name in VELOCITIES if name in names), "")
     attitude = next((name for name in ATTITUDES if name in names), "")

@@ -15,7 +15,9 @@ import numpy as np
 from flightdepth.errors import BadInput
 from flightdepth.flight.dji_columns import FlightTable, flight_table, header_and_rows
 from flightdepth.flight.dji_speeds import flown
+from flightdepth.flight.gimbal import looking_along, turned
 from flightdepth.flight.gimbal_heading import followed_offset_deg
+from flightdepth.flight.log_file import as_text, log_bytes
 from flightdepth.flight.recordings import recordings_in
 from flightdepth.flight.records import (
     NS_PER_S,
@@ -23,16 +25,15 @@ from flightdepth.flight.records import (
     BodyAttitudeSample,
     Sample,
     Telemetry,
-    VelocitySample,
 )
-from flightdepth.motion import NED_FROM_CAMERA, Vector, quaternion_from_rotation, rotation_from_euler
+from flightdepth.motion import quaternion_from_rotation
 
 LEAST_TOLD_DEG = 2.0  # a gimbal's yaw that is put right by less is not worth a word
 
 
 def looks_like_dji_record(head: bytes, path: Path) -> bool:
     """A header line with the columns of one of the layouts."""
-    return not path.is_dir() and header_and_rows(_text(head))[0].is_record
+    return not path.is_dir() and header_and_rows(as_text(head))[0].is_record
 
 
 def read_dji_record(path: Path) -> Telemetry:
@@ -40,31 +41,19 @@ def read_dji_record(path: Path) -> Telemetry:
 
     Time 0 is the first velocity; `recordings.at_recording` moves it to a video's first picture.
     """
-    what = f"telemetry {path}"
-    try:
-        text = _text(path.read_bytes())
-    except OSError as error:
-        got = error.strerror or str(error)
-        raise BadInput(what, expected="a flight record that can be read", got=got) from error
     counts: Counter[str] = Counter()
-    table = flight_table(text, counts)
-    found = flown(table, counts)
-    if found is None or not len(found.velocities.stamps_ns):
+    table = flight_table(as_text(log_bytes(path)), counts)
+    found, source = flown(table, counts)
+    if not len(found):
         expected = "a flight record with speeds or two GPS positions"
         why = ", ".join(f"{count} {reason}" for reason, count in (+counts).items())
-        raise BadInput(what, expected=expected, got=f"none ({why})" if why else "none")
+        raise BadInput(f"telemetry {path}", expected=expected, got=f"none ({why})" if why else "none")
     cameras, heading = _cameras(table)
-    table_of = zip(
-        found.velocities.stamps_ns.tolist(),
-        found.velocities.velocity_ned,
-        found.velocities.sigma.tolist(),
-        strict=True,
-    )
-    samples: list[Sample] = [VelocitySample(stamp, ned, "world", sigma) for stamp, ned, sigma in table_of]
-    zero_ns, count = samples[0].stamp_ns, len(samples)
-    samples = sorted([*samples, *cameras], key=lambda sample: sample.stamp_ns)
+    samples: list[Sample] = [*found.samples(), *cameras]
+    samples.sort(key=lambda sample: sample.stamp_ns)
+    zero_ns = int(found.stamps_ns[0])
     recordings = () if table.recording is None else recordings_in(table.stamps_ns, table.recording)
-    name = f"{table.maker} {path.name}: {count} velocities {found.source}{heading}"
+    name = f"{table.maker} {path.name}: {len(found)} velocities {source}{heading}"
     if not recordings:
         name += f"; time 0 is its first velocity, {zero_ns / NS_PER_S:.3f} s of its clock"
     return Telemetry(
@@ -74,12 +63,6 @@ def read_dji_record(path: Path) -> Telemetry:
         body_attitudes=tuple(_bodies(table)),
         recordings=recordings,
     ).later_by(-zero_ns)
-
-
-def _text(data: bytes) -> str:
-    """UTF-8 or UTF-16 by its first bytes; in other encodings only degree signs and messages are lost."""
-    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
-    return data.decode(encoding, errors="replace")
 
 
 def _cameras(table: FlightTable) -> tuple[list[AttitudeSample], str]:
@@ -98,21 +81,14 @@ def _cameras(table: FlightTable) -> tuple[list[AttitudeSample], str]:
         if abs(middle_deg) > LEAST_TOLD_DEG:
             heading = f", its yaw turned by {middle_deg:+.0f} deg to the drone's, which it follows"
     angles_deg = np.stack([yaw, pitch, np.nan_to_num(roll)], axis=1)[known]
-    rotations = [_rotation(each) @ NED_FROM_CAMERA for each in angles_deg]
-    stamps_ns = table.stamps_ns[known].tolist()
-    cameras = [
-        AttitudeSample(stamp_ns, quaternion_from_rotation(rotation))
-        for stamp_ns, rotation in zip(stamps_ns, rotations, strict=True)
-    ]
+    pairs = zip(table.stamps_ns[known].tolist(), angles_deg, strict=True)
+    cameras = [AttitudeSample(stamp_ns, looking_along(*angles)) for stamp_ns, angles in pairs]
     return cameras, f", gimbal attitude{heading}"
 
 
 def _bodies(table: FlightTable) -> list[BodyAttitudeSample]:
     known = np.isfinite(table.body_deg).all(axis=1)
     pairs = zip(table.stamps_ns[known].tolist(), table.body_deg[known], strict=True)
-    return [BodyAttitudeSample(stamp, quaternion_from_rotation(_rotation(each))) for stamp, each in pairs]
-
-
-def _rotation(yaw_pitch_roll_deg: Vector) -> Vector:
-    yaw, pitch, roll = np.deg2rad(yaw_pitch_roll_deg)
-    return rotation_from_euler(roll, pitch, yaw)
+    return [
+        BodyAttitudeSample(stamp_ns, quaternion_from_rotation(turned(*angles))) for stamp_ns, angles in pairs
+    ]

@@ -19,14 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.flight.dji_columns import FlightTable
-from flightdepth.flight.positions import (
-    DEGREE_M,
-    Velocities,
-    decimal_step,
-    local_ned,
-    velocities,
-    without_jumps,
-)
+from flightdepth.flight.positions import Velocities, velocities_by_places
 from flightdepth.flight.records import FASTEST_M_S, NS_PER_S
 from flightdepth.motion import Vector
 
@@ -49,8 +42,8 @@ class Flown(NamedTuple):
     source: str
 
 
-def flown(table: FlightTable, counts: Counter[str]) -> Flown | None:
-    """Velocities of the rows that tell one; None where none does. The others are counted."""
+def flown(table: FlightTable, counts: Counter[str]) -> Flown:
+    """Velocities of the rows that tell one; the others are counted."""
     fixed = _fixed(table.places_deg)
     slopes = _slopes(table, fixed, counts)
     known = np.isfinite(table.speeds).all(axis=1)
@@ -59,18 +52,14 @@ def flown(table: FlightTable, counts: Counter[str]) -> Flown | None:
         stamps_ns, speeds = table.stamps_ns[known], table.speeds[known]
         told = _by_speeds(stamps_ns, speeds, slopes)
     if told is None:
-        return None if slopes is None else Flown(slopes, "from positions")
+        return Flown(slopes, "from positions")
     counts["rows without a speed"] += int((~known).sum())
     fast: Mask = np.asarray(np.linalg.norm(told.velocities.velocity_ned, axis=1) > FASTEST_M_S)
     counts[f"velocities above {FASTEST_M_S:.0f} m/s"] += int(fast.sum())
     places_deg = np.where(fixed[:, None], table.places_deg, np.nan)[known]
     stuck = ~fast & _stuck(stamps_ns, np.c_[places_deg, speeds])
     counts["rows that repeat while moving"] += int(stuck.sum())
-    return Flown(_only(told.velocities, ~(fast | stuck)), told.source)
-
-
-def _only(found: Velocities, kept: Mask) -> Velocities:
-    return Velocities(found.stamps_ns[kept], found.velocity_ned[kept], found.sigma[kept])
+    return Flown(told.velocities.where(~(fast | stuck)), told.source)
 
 
 def _fixed(places_deg: Vector) -> Mask:
@@ -78,21 +67,11 @@ def _fixed(places_deg: Vector) -> Mask:
     return np.asarray((np.abs(places_deg) <= (90, 180)).all(axis=1) & places_deg.any(axis=1))
 
 
-def _slopes(table: FlightTable, fixed: Mask, counts: Counter[str]) -> Velocities | None:
-    """Velocities from the positions that are fixed [n], None where fewer than two are sound."""
+def _slopes(table: FlightTable, fixed: Mask, counts: Counter[str]) -> Velocities:
+    """Velocities from the positions that are fixed [n]."""
     counts["rows without a position"] += int((~fixed).sum())
-    if np.count_nonzero(fixed) < 2:
-        return None
-    stamps_ns, places_deg = table.stamps_ns[fixed], table.places_deg[fixed]
     heights_m = _filled(table.heights_m[fixed])
-    ned = local_ned(places_deg[:, 0], places_deg[:, 1], heights_m)
-    kept = without_jumps(ned - np.median(ned, axis=0))
-    counts["positions that jump"] += int((~kept).sum())
-    if np.count_nonzero(kept) < 2:
-        return None
-    steps_m = decimal_step(places_deg[kept]) * DEGREE_M, decimal_step(heights_m[kept])
-    found = velocities(stamps_ns[kept], ned[kept], steps_m=steps_m)
-    return found if len(found.stamps_ns) else None
+    return velocities_by_places(table.stamps_ns[fixed], table.places_deg[fixed], heights_m, counts)
 
 
 def _filled(heights_m: Vector) -> Vector:
@@ -103,10 +82,10 @@ def _filled(heights_m: Vector) -> Vector:
     return np.asarray(np.interp(np.arange(len(heights_m)), np.flatnonzero(known), heights_m[known]))
 
 
-def _by_speeds(stamps_ns: NDArray[np.int64], speeds: Vector, slopes: Velocities | None) -> Flown | None:
+def _by_speeds(stamps_ns: NDArray[np.int64], speeds: Vector, slopes: Velocities) -> Flown | None:
     """The speeds [n, 3] as velocity north, east, down; None where the positions deny them."""
     rounding = _rounding(speeds)
-    if slopes is None:
+    if not len(slopes):
         return Flown(Velocities(stamps_ns, speeds, np.full(len(stamps_ns), rounding)), "from its speeds")
     at = np.stack([np.interp(slopes.stamps_ns, stamps_ns, column) for column in speeds.T], axis=1)
     moving = np.linalg.norm(slopes.velocity_ned, axis=1) > MOVING_M_S

@@ -33,25 +33,13 @@ from pathlib import Path
 import numpy as np
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.gimbal import looking_along
 from flightdepth.flight.lenses import fov_of_equivalent_deg
-from flightdepth.flight.order import in_time_order, rising
-from flightdepth.flight.positions import (
-    DEGREE_M,
-    Velocities,
-    decimal_step,
-    local_ned,
-    velocities,
-    without_jumps,
-)
-from flightdepth.flight.records import (
-    NS_PER_S,
-    AttitudeSample,
-    Sample,
-    Telemetry,
-    VelocitySample,
-    ViewTrack,
-)
-from flightdepth.motion import NED_FROM_CAMERA, Vector, quaternion_from_rotation, rotation_from_euler
+from flightdepth.flight.log_file import as_text, log_bytes
+from flightdepth.flight.order import rising
+from flightdepth.flight.positions import Velocities, velocities_by_places
+from flightdepth.flight.records import NS_PER_S, AttitudeSample, Sample, Telemetry, ViewTrack
+from flightdepth.motion import Vector
 
 NUMBER = r"([-+]?\d{1,9}(?:[.,]\d{1,12})?)"
 CUE = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d)[,.](\d{1,3})\s*-->")
@@ -95,41 +83,24 @@ class Cue:
 
 def looks_like_dji_srt(head: bytes, path: Path) -> bool:
     """Subtitles of any kind: what is missing in them is said by `read_dji_srt`."""
-    return not path.is_dir() and CUE.search(_text(head)) is not None
+    return not path.is_dir() and CUE.search(as_text(head)) is not None
 
 
 def read_dji_srt(path: Path) -> Telemetry:
     """Read a DJI subtitle file: velocities in the world frame, the camera's attitude where the gimbal is told."""
-    what = f"telemetry {path}"
-    try:
-        text = _text(path.read_bytes())
-    except OSError as error:
-        got = error.strerror or str(error)
-        raise BadInput(what, expected="a subtitle file that can be read", got=got) from error
     counts: Counter[str] = Counter()
-    cues = _ordered(_cues(text, counts), counts)
+    cues = _ordered(_cues(as_text(log_bytes(path)), counts), counts)
     found = _velocities(cues, counts)
-    if found is None or not len(found.stamps_ns):
+    if not len(found):
         expected = "DJI subtitles with two GPS positions or more"
-        raise BadInput(what, expected=expected, got=f"{len(cues)} subtitles, too few with a position")
-    turned = _attitudes(cues)
-    samples: list[Sample] = [
-        VelocitySample(stamp, velocity, "world", float(sigma))
-        for stamp, velocity, sigma in zip(
-            found.stamps_ns.tolist(), found.velocity_ned, found.sigma, strict=True
-        )
-    ]
-    samples.extend(in_time_order(turned, counts))
+        got = f"{len(cues)} subtitles, too few with a position"
+        raise BadInput(f"telemetry {path}", expected=expected, got=got)
+    cameras = _attitudes(cues)
+    samples: list[Sample] = [*found.samples(), *cameras]
     samples.sort(key=lambda sample: sample.stamp_ns)
-    name = f"DJI subtitles {path.name}: {len(found.stamps_ns)} velocities from positions"
-    name += ", gimbal attitude" if turned else ""
+    name = f"DJI subtitles {path.name}: {len(found)} velocities from positions"
+    name += ", gimbal attitude" if cameras else ""
     return Telemetry(name, tuple(samples), dict(+counts), view=_views(cues))
-
-
-def _text(data: bytes) -> str:
-    """Subtitles are UTF-8, some UTF-16; what is neither becomes a replacement character."""
-    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
-    return data.decode(encoding, errors="replace")
 
 
 def _cues(text: str, counts: Counter[str]) -> list[Cue]:
@@ -207,23 +178,14 @@ def _ordered(cues: Sequence[Cue], counts: Counter[str]) -> list[Cue]:
     return kept
 
 
-def _velocities(cues: Sequence[Cue], counts: Counter[str]) -> Velocities | None:
+def _velocities(cues: Sequence[Cue], counts: Counter[str]) -> Velocities:
     latitude_first = _latitude_first(cues)
     placed = [(cue, cue.place(latitude_first=latitude_first)) for cue in cues]
     sound = [cue for cue, place in placed if place is not None]
     counts["subtitles without a position"] += len(cues) - len(sound)
-    if len(sound) < 2:
-        return None
-    table = np.array([place for _, place in placed if place is not None])
-    heights_m = _heights(sound)
-    ned = local_ned(table[:, 0], table[:, 1], heights_m)
-    kept = without_jumps(ned - np.median(ned, axis=0))
-    counts["positions that jump"] += int((~kept).sum())
-    if kept.sum() < 2:
-        return None
-    stamps = np.array([cue.stamp_ns for cue in sound], dtype=np.int64)
-    steps_m = decimal_step(table[kept]) * DEGREE_M, decimal_step(heights_m[kept])
-    found = velocities(stamps[kept], ned[kept], steps_m=steps_m)
+    places_deg = np.array([place for _, place in placed if place is not None]).reshape(-1, 2)
+    stamps_ns = np.array([cue.stamp_ns for cue in sound], dtype=np.int64)
+    found = velocities_by_places(stamps_ns, places_deg, _heights(sound), counts)
     return _with_speeds(found, {cue.stamp_ns: cue for cue in sound})
 
 
@@ -264,11 +226,5 @@ def _with_speeds(found: Velocities, cues: dict[int, Cue]) -> Velocities:
 
 
 def _attitudes(cues: Sequence[Cue]) -> list[AttitudeSample]:
-    samples = []
-    for cue in cues:
-        if cue.yaw_pitch_roll_deg is not None:
-            yaw, pitch, roll = np.deg2rad(cue.yaw_pitch_roll_deg)
-            world_from_view = rotation_from_euler(roll, pitch, yaw)
-            quaternion = quaternion_from_rotation(world_from_view @ NED_FROM_CAMERA)
-            samples.append(AttitudeSample(cue.stamp_ns, quaternion))
-    return samples
+    told = [(cue.stamp_ns, cue.yaw_pitch_roll_deg) for cue in cues]
+    return [AttitudeSample(stamp_ns, looking_along(*angles)) for stamp_ns, angles in told if angles]

@@ -68,6 +68,17 @@ def camera_attitude(gimbal: GimbalAttitude, heading_rad: float | None) -> Vector
     return quaternion_from_rotation(rotation @ NED_FROM_CAMERA)
 
 
+def turned(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Vector:
+    """Rotation [3, 3] Rz(yaw) Ry(pitch) Rx(roll) of what heads so from north clockwise, nose up, right side down."""
+    roll_rad, pitch_rad, yaw_rad = np.deg2rad([roll_deg, pitch_deg, yaw_deg])
+    return rotation_from_euler(roll_rad, pitch_rad, yaw_rad)
+
+
+def looking_along(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Vector:
+    """Quaternion (w, x, y, z) world_from_camera of a camera whose gimbal is `turned` so."""
+    return quaternion_from_rotation(turned(yaw_deg, pitch_deg, roll_deg) @ NED_FROM_CAMERA)
+
+
 def looking(pitch_rad: float) -> Vector:
     """`body_from_camera`, shape (3, 3), of a camera that looks ahead along the body's x, turned up by a pitch."""
     return np.asarray(rotation_from_euler(0.0, pitch_rad, 0.0) @ NED_FROM_CAMERA)

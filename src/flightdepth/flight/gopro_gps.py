@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from flightdepth.flight.gpmf import Stream
 from flightdepth.flight.order import rising
-from flightdepth.flight.positions import Velocities, local_ned, velocities, without_jumps
+from flightdepth.flight.positions import Velocities, velocities_by_places
 from flightdepth.motion import Vector
 
 LEAST_FIX = 2
 FIX_COLUMN, SPEED_COLUMN = 8, 4
-STEPS_M = (0.011, 0.001)  # 1e-7 degrees, and millimetres
 SLOWEST_M_S = 0.5  # below it the receiver's speed is not spread over a direction that positions hardly tell
 NO_FIX = "GPS samples without a fix"
 NOT_LATER = "GPS samples not later than the one before"
@@ -34,15 +33,13 @@ def gps_velocities(streams: list[Stream], stamps_ns: NDArray[np.int64], counts: 
     if not good.all():
         counts[NO_FIX] += int((~good).sum())
     if not good.any():
-        return Velocities(stamps_ns[:0], np.zeros((0, 3)), np.zeros(0))
+        return Velocities.none()
     stamps_ns, values = stamps_ns[good], values[good]
     later = rising(stamps_ns.tolist())
     if len(later) < len(stamps_ns):
         counts[NOT_LATER] += len(stamps_ns) - len(later)
     stamps_ns, values = stamps_ns[later], values[later]
-    ned = local_ned(values[:, 0], values[:, 1], values[:, 2])
-    kept = without_jumps(ned)
-    found = velocities(stamps_ns[kept], ned[kept], steps_m=STEPS_M)
+    found = velocities_by_places(stamps_ns, values[:, :2], values[:, 2], counts)
     speed = np.interp(found.stamps_ns, stamps_ns, values[:, SPEED_COLUMN])
     return replace(found, velocity_ned=_at_speed(found.velocity_ned, speed))
 

@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.log_file import as_text, log_bytes
 from flightdepth.flight.order import in_time_order
 from flightdepth.flight.records import (
     FASTEST_M_S,
@@ -76,12 +77,7 @@ def looks_like_parrot(head: bytes, path: Path) -> bool:
 
 def read_parrot(path: Path) -> Telemetry:
     """Read what vmeta-extract wrote: velocities in the world frame and the attitude of the camera."""
-    what = f"telemetry {path}"
-    try:
-        text = path.read_bytes().decode("utf-8-sig", errors="replace")
-    except OSError as error:
-        got = error.strerror or str(error)
-        raise BadInput(what, expected="a Parrot metadata file that can be read", got=got) from error
+    text = as_text(log_bytes(path))
     counts: Counter[str] = Counter()
     rows = _json_rows(text, counts) if text.lstrip().startswith("{") else _csv_rows(text, counts)
     velocities: list[VelocitySample] = []
@@ -92,7 +88,9 @@ def read_parrot(path: Path) -> Telemetry:
         if _take(row, velocities, attitudes, bodies, counts) and 1 < (hfov_deg := _hfov_deg(row)) < 170:
             views[velocities[-1].stamp_ns] = hfov_deg
     if not velocities:
-        raise BadInput(what, expected="Parrot metadata with a speed", got="none that is a number")
+        raise BadInput(
+            f"telemetry {path}", expected="Parrot metadata with a speed", got="none that is a number"
+        )
     samples: list[Sample] = [*in_time_order(velocities, counts), *in_time_order(attitudes, counts)]
     samples.sort(key=lambda sample: sample.stamp_ns)
     name = f"Parrot metadata {path.name}: {len(velocities)} velocities"

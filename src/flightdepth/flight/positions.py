@@ -8,13 +8,14 @@ slope of a straight line fitted to the positions of a short window around each.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.flight.records import FASTEST_M_S, NS_PER_S
+from flightdepth.flight.records import FASTEST_M_S, NS_PER_S, VelocitySample
 from flightdepth.motion import Vector
 
 EARTH_RADIUS_M = 6378137.0  # WGS 84, equator
@@ -38,6 +39,23 @@ class Velocities:
     velocity_ned: Vector
     sigma: Vector
 
+    @classmethod
+    def none(cls) -> Velocities:
+        """Of no instant."""
+        return cls(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def where(self, kept: NDArray[np.bool_]) -> Velocities:
+        """Those of a mask [n]."""
+        return Velocities(self.stamps_ns[kept], self.velocity_ned[kept], self.sigma[kept])
+
+    def samples(self) -> list[VelocitySample]:
+        """One for each instant, in the world frame."""
+        table = zip(self.stamps_ns.tolist(), self.velocity_ned, self.sigma.tolist(), strict=True)
+        return [VelocitySample(stamp_ns, ned, "world", sigma) for stamp_ns, ned, sigma in table]
+
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
@@ -47,20 +65,38 @@ class Slopes:
     sigma: Vector
 
 
-def local_ned(latitude_deg: Vector, longitude_deg: Vector, height_m: Vector) -> Vector:
-    """Metres north, east, down [n, 3] of the first position, for flights of some 10 km.
+def velocities_by_places(
+    stamps_ns: NDArray[np.int64], places_deg: Vector, heights_m: Vector, counts: Counter[str]
+) -> Velocities:
+    """From latitudes and longitudes [n, 2] and heights [n] at rising stamps; positions that jump are counted.
+
+    None where fewer than two are sound.
+    """
+    if len(stamps_ns) < 2:
+        return Velocities.none()
+    ned = local_ned(places_deg, heights_m)
+    kept = without_jumps(ned)
+    counts["positions that jump"] += int((~kept).sum())
+    if np.count_nonzero(kept) < 2:
+        return Velocities.none()
+    steps_m = decimal_step(places_deg[kept]) * DEGREE_M, decimal_step(heights_m[kept])
+    return velocities(stamps_ns[kept], ned[kept], steps_m=steps_m)
+
+
+def local_ned(places_deg: Vector, heights_m: Vector) -> Vector:
+    """Metres north, east, down [n, 3] of the first of latitudes and longitudes [n, 2], for flights of some 10 km.
 
     North = M d(latitude), east = N cos(latitude) d(longitude), with the radii of curvature of WGS 84 at the
     median latitude, since the first may be wrong: M = a (1 - e^2) / (1 - e^2 sin^2)^1.5 and
     N = a / (1 - e^2 sin^2)^0.5.
     """
-    latitude, longitude = np.deg2rad(latitude_deg), np.deg2rad(longitude_deg)
+    latitude, longitude = np.deg2rad(places_deg).T
     middle = np.median(latitude)
     flattened = 1 - EARTH_ECCENTRICITY_SQUARED * np.sin(middle) ** 2
     meridian_m = EARTH_RADIUS_M * (1 - EARTH_ECCENTRICITY_SQUARED) / flattened**1.5
     parallel_m = EARTH_RADIUS_M / np.sqrt(flattened) * np.cos(middle)
     east_rad = (longitude - longitude[0] + np.pi) % (2 * np.pi) - np.pi  # across the date line too
-    return np.stack([meridian_m * (latitude - latitude[0]), parallel_m * east_rad, -height_m], axis=1)
+    return np.stack([meridian_m * (latitude - latitude[0]), parallel_m * east_rad, -heights_m], axis=1)
 
 
 def without_jumps(ned: Vector) -> NDArray[np.bool_]:

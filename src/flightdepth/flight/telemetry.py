@@ -11,6 +11,7 @@ from flightdepth.flight.dataflash import looks_like_dataflash, read_dataflash
 from flightdepth.flight.dji_record import looks_like_dji_record, read_dji_record
 from flightdepth.flight.dji_srt import looks_like_dji_srt, read_dji_srt
 from flightdepth.flight.gpmf_telemetry import read_gpmf
+from flightdepth.flight.log_file import log_bytes
 from flightdepth.flight.parrot import looks_like_parrot, read_parrot
 from flightdepth.flight.records import Telemetry
 from flightdepth.flight.ros import looks_like_ros, read_ros
@@ -84,11 +85,4 @@ def _format_of(head: bytes, path: Path) -> Format | None:
 
 def first_bytes(path: Path) -> bytes:
     """The first HEAD_BYTES bytes of a file, none of a folder."""
-    try:
-        if path.is_dir():
-            return b""
-        with path.open("rb") as file:
-            return file.read(HEAD_BYTES)
-    except OSError as error:
-        got = error.strerror or str(error)
-        raise BadInput(f"telemetry {path}", expected="a log that can be read", got=got) from error
+    return b"" if path.is_dir() else log_bytes(path, HEAD_BYTES)

@@ -27,6 +27,7 @@ import numpy as np
 
 from flightdepth.errors import BadInput
 from flightdepth.files import write_atomic
+from flightdepth.flight.log_file import log_bytes
 from flightdepth.flight.order import rising
 from flightdepth.flight.records import (
     FASTEST_M_S,
@@ -81,15 +82,12 @@ def read_csv(path: Path) -> Telemetry:
     """Read a telemetry CSV; anything wrong is named with its line."""
     what = f"telemetry {path}"
     try:
-        lines = path.read_bytes().decode("utf-8-sig").splitlines(keepends=True)
+        lines = log_bytes(path).decode("utf-8-sig").splitlines(keepends=True)
         counts: Counter[str] = Counter()
         if len(lines) > 2 and not lines[-1].endswith(("\n", "\r")):
             lines.pop()
             counts["last lines without an end: cut off"] += 1
         return _read(what, path.name, csv.reader(lines, skipinitialspace=True), counts)
-    except OSError as error:
-        got = error.strerror or str(error)
-        raise BadInput(what, expected="a CSV file that can be read", got=got) from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise BadInput(what, expected="a CSV file", got=f"something else ({error})", mend=MEND) from error
 

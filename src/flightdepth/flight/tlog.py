@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from flightdepth.errors import BadInput, MissingExtra
 from flightdepth.flight.autopilot import (
     DAMAGED_BYTES,
+    OTHER_GIMBALS,
     BodyAttitude,
     Record,
     Velocity,
@@ -23,6 +24,7 @@ from flightdepth.flight.autopilot import (
     placed_boots,
 )
 from flightdepth.flight.gimbal import GimbalAttitude
+from flightdepth.flight.log_file import log_bytes
 from flightdepth.flight.records import Telemetry
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
 
@@ -33,7 +35,6 @@ MAVLINK_1 = 0xFE
 SIGNED = 1  # bit of MAVLink 2's incompatibility flags; a signature makes the message longer
 HEARTBEAT = "HEARTBEAT"
 NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: the sender of this heartbeat flies nothing
-OTHER_GIMBALS = "attitudes of other gimbals"
 # MAV_FRAME of ODOMETRY's pose and velocity.
 LOCAL_NED, BODY_NED, BODY_FRD = 1, 8, 12
 # Time in `time_usec` beyond a year is since 1970, so on a clock that other messages do not share.
@@ -119,11 +120,7 @@ def messages(path: Path, counts: Counter[str]) -> Iterator[tuple[int, Message]]:
         from pymavlink.dialects.v20 import common as mavlink
     except ModuleNotFoundError as error:
         raise MissingExtra(f"reading the MAVLink log {path.name}", "ardupilot") from error
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        got = error.strerror or str(error)
-        raise BadInput(f"telemetry {path}", expected="a tlog that can be read", got=got) from error
+    data = log_bytes(path)
     wanted = {number for number, kind in mavlink.mavlink_map.items() if kind.msgname in (HEARTBEAT, *KINDS)}
     decoder = mavlink.MAVLink(None)
 

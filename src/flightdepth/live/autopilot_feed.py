@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from flightdepth.flight.autopilot import REBOOT_GAP_NS, SHORTEST_RUN, STEP_NS, Gate, Velocity
+from flightdepth.flight.autopilot import OTHER_GIMBALS, REBOOT_GAP_NS, SHORTEST_RUN, STEP_NS, Gate, Velocity
 from flightdepth.flight.records import NS_PER_S, BodyAttitudeSample, Sample, VelocitySample
 from flightdepth.flight.tlog import (
     ATTITUDES,
@@ -20,7 +20,6 @@ from flightdepth.flight.tlog import (
     HEARTBEAT,
     KINDS,
     NO_AUTOPILOT,
-    OTHER_GIMBALS,
     VELOCITIES,
     Source,
 )
