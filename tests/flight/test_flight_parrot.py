@@ -72,6 +72,13 @@ def test_rows_that_lost_a_cell_are_counted(tmp_path):
     }
 
 
+def test_the_name_counts_what_is_used(tmp_path):
+    header, first, *others = parrot_csv(VELOCITY).splitlines()
+    telemetry = read(tmp_path, "\n".join([header, first, first, *others]) + "\n")
+    assert telemetry.counts["velocities not later than the one before"] == 1
+    assert ": 10 velocities" in telemetry.name
+
+
 def test_metadata_without_a_speed_is_refused(tmp_path):
     with pytest.raises(BadInput, match="Parrot metadata with a speed"):
         read(tmp_path, '{"session": {}, "frame": [{"time": 0, "metadata": {}}]}')

@@ -1,6 +1,7 @@
 import sqlite3
 import sys
 from contextlib import closing
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from flightdepth.flight import ros_messages
 from flightdepth.flight.records import AttitudeSample, VelocitySample
 from flightdepth.flight.ros import read_ros
 from flightdepth.flight.ros2_bag import ZSTD_MAGIC
+from flightdepth.flight.ros_records import DamagedError
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
 from tests_recordings import ROS_CONTAINERS, Messages, odometry_flight, write_mcap, write_ros1, write_ros2
@@ -202,6 +204,14 @@ def test_backward_and_double_stamps_are_dropped_and_counted(tmp_path):
     path = recorded(tmp_path, *[("/odom", MADE.odometry(time_s, (1, 0, 0))) for time_s in times])
     assert [sample.stamp_ns for sample in samples(path)] == [0, 50_000_000, 100_000_000]
     assert read_ros(path).counts == {"velocities not later than the one before": 2}
+
+
+def test_a_time_that_no_clock_tells_is_damage():
+    """MCAP counts in 64 bits without a sign, numpy with one: such a time ended in an OverflowError."""
+    unset = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0))
+    assert ros_messages.stamp_of(unset, 5) == 5
+    with pytest.raises(DamagedError, match="a time"):
+        ros_messages.stamp_of(unset, 1 << 63)
 
 
 def test_velocities_that_are_not_numbers_and_empty_rotations_are_counted(tmp_path):

@@ -91,7 +91,8 @@ def read_parrot(path: Path) -> Telemetry:
         raise BadInput(
             f"telemetry {path}", expected="Parrot metadata with a speed", got="none that is a number"
         )
-    samples: list[Sample] = [*in_time_order(velocities, counts), *in_time_order(attitudes, counts)]
+    velocities, attitudes = in_time_order(velocities, counts), in_time_order(attitudes, counts)
+    samples: list[Sample] = [*velocities, *attitudes]
     samples.sort(key=lambda sample: sample.stamp_ns)
     name = f"Parrot metadata {path.name}: {len(velocities)} velocities"
     name += ", attitude of the camera" if attitudes else ""

@@ -18,6 +18,7 @@ from flightdepth.motion import Vector, unit_quaternion
 
 VelocityFrame = Literal["world", "camera"]
 NS_PER_S = 1_000_000_000
+LATEST_NS = 1 << 62  # 146 years: beyond it, times less others leave 64 bits
 FASTEST_M_S = 150.0  # no drone flies faster: a velocity beyond it is damage
 
 

@@ -94,9 +94,9 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     oriented = max(topics, key=lambda known: _knows_turns(known, chosen))
     first_ns = _first_picture_ns(topics)
     zero_ns = chosen.twists[0].stamp_ns if first_ns is None else first_ns
-    velocities = _velocities(chosen.twists, oriented.orientations, zero_ns, counts)
-    attitudes = _camera_attitudes(topics, zero_ns)
-    samples: list[Sample] = [*in_time_order(velocities, counts), *in_time_order(attitudes, counts)]
+    velocities = in_time_order(_velocities(chosen.twists, oriented.orientations, zero_ns, counts), counts)
+    attitudes = in_time_order(_camera_attitudes(topics, zero_ns), counts)
+    samples: list[Sample] = [*velocities, *attitudes]
     samples.sort(key=lambda sample: sample.stamp_ns)
     name = f"ROS recording {path.name}: {len(velocities)} velocities of {chosen.name}"
     name += ", attitude of the camera" if attitudes else ""

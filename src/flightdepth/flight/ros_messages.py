@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from flightdepth.flight.records import FASTEST_M_S, NS_PER_S
+from flightdepth.flight.records import FASTEST_M_S, LATEST_NS, NS_PER_S
 from flightdepth.flight.ros_records import DamagedError, RosMessage, required
 from flightdepth.motion import NED_FROM_ENU, Vector, rotation_from_quaternion
 
@@ -85,7 +85,10 @@ def _definitions(serial: str) -> Any:
 
 def stamp_of(header: Any, log_ns: int) -> int:
     """The header's stamp; the time of recording where nobody set it."""
-    return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec) or log_ns
+    stamp_ns = int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec) or log_ns
+    if abs(stamp_ns) > LATEST_NS:
+        raise DamagedError("a time that no clock tells")
+    return stamp_ns
 
 
 def axes_of(frame_id: str) -> str:

@@ -31,12 +31,14 @@ from flightdepth.flight.log_file import log_bytes
 from flightdepth.flight.order import rising
 from flightdepth.flight.records import (
     FASTEST_M_S,
+    LATEST_NS,
     NS_PER_S,
     AttitudeSample,
     Sample,
     Telemetry,
     VelocityFrame,
     VelocitySample,
+    seconds,
 )
 from flightdepth.motion import Vector
 
@@ -174,12 +176,13 @@ def _samples(where: str, columns: Columns, cells: dict[str, str]) -> list[Sample
 
 
 def _stamp(where: str, column: str, cells: dict[str, str]) -> int:
-    if column == TIME:
-        return round(_number(where, cells, TIME) * NS_PER_S)
     try:
-        return int(cells[STAMP])
+        stamp_ns = int(cells[STAMP]) if column == STAMP else _number(where, cells, TIME) * NS_PER_S
     except ValueError as error:
         raise BadInput(where, expected=f"{STAMP} as a whole number", got=repr(cells[STAMP])) from error
+    if abs(stamp_ns) > LATEST_NS:
+        raise BadInput(where, expected=f"a time within {seconds(LATEST_NS)}", got=cells[column].strip())
+    return round(stamp_ns)
 
 
 def _numbers(where: str, cells: dict[str, str], names: Sequence[str]) -> Vector:
