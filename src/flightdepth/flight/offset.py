@@ -14,14 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.flight.apparent_motion import ApparentMotion
-from flightdepth.flight.records import NS_PER_S, AttitudeSample, Telemetry, VelocitySample
-from flightdepth.motion import Vector, rotations_from_quaternions
+from flightdepth.flight.records import NS_PER_S, Telemetry
+from flightdepth.flight.signals import STEP_S, Signal, speed_signal, turn_signal
+from flightdepth.motion import Vector
 
-Stamps = NDArray[np.int64]
 Witness = Literal["turn rate", "speed"]
 
-STEP_S = 0.04
-GAP_S = 1.5  # longer ones in a signal are not bridged
 LEAST_OVERLAP_S = 6.0
 OVERLAP_SHARE = 0.5  # of the shorter signal
 LEAST_TURN_RAD_S = 0.02  # deviation over time; less is what tracking makes of a steady camera
@@ -67,34 +65,13 @@ class ClockOffset:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Signal:
-    """Values [n, c] at rising times, seconds [n]; `axes` whether the columns are the camera's own axes."""
-
-    at_s: Vector
-    values: Vector
-    axes: bool = True
-
-    def on_grid(self, start: int, end: int) -> Vector:
-        """Values at STEP_S * (start .. end - 1), [end - start, c]; NaN outside and in gaps."""
-        at_s = np.arange(start, end) * STEP_S
-        known = np.isfinite(self.values).all(axis=1)
-        times, values = self.at_s[known], self.values[known]
-        if len(times) < 2:
-            return np.full((len(at_s), self.values.shape[1]), np.nan)
-        after = np.searchsorted(times, at_s).clip(1, len(times) - 1)
-        inside = (at_s >= times[0]) & (at_s <= times[-1]) & (times[after] - times[after - 1] <= GAP_S)
-        columns = [np.where(inside, np.interp(at_s, times, column), np.nan) for column in values.T]
-        return np.stack(columns, axis=1)
-
-
 def estimate_offset(motion: ApparentMotion, log: Telemetry, within_s: float | None = None) -> ClockOffset:
     """What to add to the log's times; the witness with the narrower peak decides, if it is believed at all.
 
     `within_s`: larger offsets are not looked at, where the log tells about when the video began.
     """
-    turns = Signal(_seconds(motion.stamps_ns), motion.turn_rad_s)
-    flow = Signal(_seconds(motion.stamps_ns), motion.flow_1_s[:, None])
+    turns = Signal(motion.stamps_ns / NS_PER_S, motion.turn_rad_s)
+    flow = Signal(motion.stamps_ns / NS_PER_S, motion.flow_1_s[:, None])
     tries = [
         _compared("turn rate", turns, turn_signal(log), within_s),
         _compared("speed", flow, speed_signal(log), within_s),
@@ -110,59 +87,13 @@ def estimate_offset(motion: ApparentMotion, log: Telemetry, within_s: float | No
     return best
 
 
-def turn_signal(log: Telemetry) -> Signal | None:
-    """Turn rates, rad/s: of the camera's attitude, else of its gyroscope, else of the drone; None without any."""
-    cameras = [sample for sample in log.samples if isinstance(sample, AttitudeSample)]
-    if len(cameras) > 2:
-        stamps_ns = np.array([each.stamp_ns for each in cameras])
-        return attitude_rates(stamps_ns, np.array([each.world_from_camera for each in cameras]))
-    if log.gyroscope is not None and len(log.gyroscope.stamps_ns) > 2:
-        track = log.gyroscope
-        return Signal(_seconds(track.stamps_ns), _smooth(track.rates_rad_s, track.stamps_ns), axes=False)
-    bodies = log.body_attitudes
-    if len(bodies) > 2:
-        stamps_ns = np.array([each.stamp_ns for each in bodies])
-        return attitude_rates(stamps_ns, np.array([each.world_from_body for each in bodies]), axes=False)
-    return None
-
-
-def speed_signal(log: Telemetry) -> Signal:
-    """Speeds, m/s."""
-    velocities = [sample for sample in log.samples if isinstance(sample, VelocitySample)]
-    speeds = np.array([np.linalg.norm(each.velocity) for each in velocities])
-    return Signal(_seconds(np.array([each.stamp_ns for each in velocities])), speeds[:, None])
-
-
-def attitude_rates(stamps_ns: Stamps, quaternions_n4: Vector, *, axes: bool = True) -> Signal:
-    """Turn rates midway between successive attitudes [n, 4] (w, x, y, z), in the axes of what turns, rad/s [m, 3].
-
-    `axes`: whether these are the camera's.
-    """
-    at_s = _seconds(stamps_ns)
-    turns = rotations_from_quaternions(quaternions_n4)
-    steps = np.einsum("kji,kjl->kil", turns[:-1], turns[1:])
-    odd = steps - steps.transpose(0, 2, 1)
-    vectors = np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=1) / 2  # sines: the steps are small
-    span_s = np.diff(at_s)
-    sound = (span_s > 0) & (span_s <= GAP_S)
-    middle_s = (at_s[1:] + at_s[:-1]) / 2
-    return Signal(middle_s[sound], vectors[sound] / span_s[sound, None], axes)
-
-
-def _smooth(values: Vector, stamps_ns: Stamps) -> Vector:
-    """Means over STEP_S of values [n, c] that come much faster."""
-    count = max(1, round(STEP_S * NS_PER_S / max(float(np.median(np.diff(stamps_ns))), 1.0)))
-    window = np.ones(count) / count
-    return np.stack([np.convolve(column, window, mode="same") for column in values.T], axis=1)
-
-
 def _compared(witness: Witness, seen: Signal, told: Signal | None, within_s: float | None) -> ClockOffset:
     """The offset by one witness."""
     if told is None:
         return _unknown(witness, "the log has none")
     if not len(seen.at_s):
         return _unknown(witness, "fewer than two pictures")
-    video = _trimmed(seen)
+    video = seen.on_grid()
     reason = _too_even(witness, video[1]) or _too_even(witness, told.values)
     if reason is not None:
         return _unknown(witness, reason)
@@ -193,17 +124,11 @@ class _Curve:
     samples: NDArray[np.int64]
 
 
-def _trimmed(seen: Signal) -> tuple[int, Vector]:
-    """The video's signal on the grid: number of its first sample, and values."""
-    first, last = int(np.ceil(seen.at_s[0] / STEP_S)), int(seen.at_s[-1] / STEP_S)
-    return first, seen.on_grid(first, last + 1)
-
-
 def _correlations(video: tuple[int, Vector], told: Signal, within_s: float | None) -> _Curve:
     """The log moved over the video, by whole steps."""
     first, seen = video
-    start, end = int(np.ceil(told.at_s[0] / STEP_S)), int(told.at_s[-1] / STEP_S) + 1
-    log = told.on_grid(start, end)
+    start, log = told.on_grid()
+    end = start + len(log)
     least = round(max(LEAST_OVERLAP_S / STEP_S, OVERLAP_SHARE * min(len(seen), len(log))))
     lags = np.arange(first - end + least, first + len(seen) - start - least + 1)
     lags = lags if within_s is None else lags[np.abs(lags) * STEP_S <= within_s]
@@ -296,7 +221,3 @@ def _memory_s(values: Vector) -> float:
 
 def _unknown(witness: Witness, reason: str) -> ClockOffset:
     return ClockOffset(None, None, 0.0, None, witness, reason)
-
-
-def _seconds(stamps_ns: Stamps) -> Vector:
-    return np.asarray(stamps_ns / NS_PER_S, dtype=np.float64)

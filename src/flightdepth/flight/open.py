@@ -20,7 +20,7 @@ from flightdepth.flight.cameras import ChosenCamera, assumed_camera, choose_came
 from flightdepth.flight.constant_speed import forward_velocity
 from flightdepth.flight.gimbal import looking, with_fixed_camera
 from flightdepth.flight.gpmf_telemetry import read_gpmf
-from flightdepth.flight.offset import GAP_S, ClockOffset, estimate_offset
+from flightdepth.flight.offset import ClockOffset, estimate_offset
 from flightdepth.flight.own_track import disagreements
 from flightdepth.flight.recordings import at_recording, doubted_length, searched_s
 from flightdepth.flight.records import (
@@ -33,6 +33,7 @@ from flightdepth.flight.records import (
     VelocitySample,
     seconds,
 )
+from flightdepth.flight.signals import GAP_S
 from flightdepth.flight.steadiness import small_camera
 from flightdepth.flight.telemetry import is_log, read_telemetry
 from flightdepth.flight.turn_verdict import doubted_by_turns

@@ -8,8 +8,8 @@ import numpy as np
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.gpmf_telemetry import read_gpmf
-from flightdepth.flight.offset import speed_signal
 from flightdepth.flight.records import NS_PER_S, Telemetry
+from flightdepth.flight.signals import speed_signal
 from flightdepth.flight.video import Video
 
 LEAST_M_S = 1.0  # speeds that differ by less are not held against a log

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.flight.offset import Signal
+from flightdepth.flight.signals import Signal
 from flightdepth.motion import Vector
 
 LEAST_RATE_RAD_S = math.radians(3.0)  # slower turns drown in what flying does

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from flightdepth.camera import Camera
 from flightdepth.flight.apparent_motion import followed
 from flightdepth.flight.lenses import CERTAIN_ERROR, CONTRADICTION
-from flightdepth.flight.offset import Signal
 from flightdepth.flight.records import NS_PER_S, Telemetry
+from flightdepth.flight.signals import Signal
 from flightdepth.flight.steadiness import small_camera
 from flightdepth.flight.turned_focal import TurnedFocal, TurnPoints, TurnWatch, ideal_lenses
 from flightdepth.flight.video import Video

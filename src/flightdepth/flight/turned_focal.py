@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.flight.offset import Signal, turn_signal
 from flightdepth.flight.records import NS_PER_S, Telemetry
 from flightdepth.flight.rotation import rotation_flow
+from flightdepth.flight.signals import Signal, turn_signal
 from flightdepth.flight.turn_comparison import FEWEST_PAIRS, LEAST_RATE_RAD_S, Comparison, ToldTurns
 from flightdepth.motion import Vector
 from flightdepth.runtimes.lens import undistort

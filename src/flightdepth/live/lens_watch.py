@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.flight.offset import attitude_rates
 from flightdepth.flight.records import NS_PER_S
+from flightdepth.flight.signals import attitude_rates
 from flightdepth.flight.steadiness import Grey, follow, small_camera, small_grey
 from flightdepth.flight.turn_comparison import LEAST_RATE_RAD_S
 from flightdepth.flight.turn_verdict import TurnVerdict, judged_by_turns

@@ -1,0 +1,84 @@
+"""What a video or a log says over time, as columns of numbers on one clock: turn rates, speeds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.flight.records import NS_PER_S, AttitudeSample, Telemetry, VelocitySample
+from flightdepth.motion import Vector, rotations_from_quaternions
+
+Stamps = NDArray[np.int64]
+
+STEP_S = 0.04
+GAP_S = 1.5  # longer ones in a signal are not bridged
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """Values [n, c] at rising times, seconds [n]; `axes` whether the columns are the camera's own axes."""
+
+    at_s: Vector
+    values: Vector
+    axes: bool = True
+
+    def on_grid(self) -> tuple[int, Vector]:
+        """The number n of the first whole step, and values at STEP_S * (n, n + 1, ...), [k, c]; NaN in gaps."""
+        first = int(np.ceil(self.at_s[0] / STEP_S))
+        at_s = np.arange(first, int(self.at_s[-1] / STEP_S) + 1) * STEP_S
+        known = np.isfinite(self.values).all(axis=1)
+        times, values = self.at_s[known], self.values[known]
+        if len(times) < 2:
+            return first, np.full((len(at_s), self.values.shape[1]), np.nan)
+        after = np.searchsorted(times, at_s).clip(1, len(times) - 1)
+        inside = (at_s >= times[0]) & (at_s <= times[-1]) & (times[after] - times[after - 1] <= GAP_S)
+        columns = [np.where(inside, np.interp(at_s, times, column), np.nan) for column in values.T]
+        return first, np.stack(columns, axis=1)
+
+
+def turn_signal(log: Telemetry) -> Signal | None:
+    """Turn rates, rad/s: of the camera's attitude, else of its gyroscope, else of the drone; None without any."""
+    cameras = [sample for sample in log.samples if isinstance(sample, AttitudeSample)]
+    if len(cameras) > 2:
+        stamps_ns = np.array([each.stamp_ns for each in cameras])
+        return attitude_rates(stamps_ns, np.array([each.world_from_camera for each in cameras]))
+    if log.gyroscope is not None and len(log.gyroscope.stamps_ns) > 2:
+        track = log.gyroscope
+        return Signal(track.stamps_ns / NS_PER_S, _smooth(track.rates_rad_s, track.stamps_ns), axes=False)
+    bodies = log.body_attitudes
+    if len(bodies) > 2:
+        stamps_ns = np.array([each.stamp_ns for each in bodies])
+        return attitude_rates(stamps_ns, np.array([each.world_from_body for each in bodies]), axes=False)
+    return None
+
+
+def speed_signal(log: Telemetry) -> Signal:
+    """Speeds, m/s."""
+    velocities = [sample for sample in log.samples if isinstance(sample, VelocitySample)]
+    speeds = np.array([np.linalg.norm(each.velocity) for each in velocities])
+    return Signal(np.array([each.stamp_ns for each in velocities]) / NS_PER_S, speeds[:, None])
+
+
+def attitude_rates(stamps_ns: Stamps, quaternions_n4: Vector, *, axes: bool = True) -> Signal:
+    """Turn rates midway between successive attitudes [n, 4] (w, x, y, z), in the axes of what turns, rad/s [m, 3].
+
+    `axes`: whether these are the camera's.
+    """
+    at_s = stamps_ns / NS_PER_S
+    turns = rotations_from_quaternions(quaternions_n4)
+    steps = np.einsum("kji,kjl->kil", turns[:-1], turns[1:])
+    odd = steps - steps.transpose(0, 2, 1)
+    vectors = np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=1) / 2  # sines: the steps are small
+    span_s = np.diff(at_s)
+    sound = (span_s > 0) & (span_s <= GAP_S)
+    middle_s = (at_s[1:] + at_s[:-1]) / 2
+    return Signal(middle_s[sound], vectors[sound] / span_s[sound, None], axes)
+
+
+def _smooth(values: Vector, stamps_ns: Stamps) -> Vector:
+    """Means over STEP_S of values [n, c] that come much faster."""
+    count = max(1, round(STEP_S * NS_PER_S / max(float(np.median(np.diff(stamps_ns))), 1.0)))
+    window = np.ones(count) / count
+    return np.stack([np.convolve(column, window, mode="same") for column in values.T], axis=1)
