@@ -9,8 +9,8 @@ from av.error import FFmpegError
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.flight.container import open_container
 from flightdepth.flight.lenses import fov_of_equivalent_deg
-from flightdepth.flight.video import open_container
 
 EXPECTED = "a photograph whose EXIF tags tell the 35 mm equivalent focal length"
 EQUIVALENT = "FocalLengthIn35mmFilm"

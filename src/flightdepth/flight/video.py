@@ -18,54 +18,12 @@ from av.format import Flags
 from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.container import main_stream, open_container
 from flightdepth.flight.decoding import SoundPictures
 from flightdepth.flight.deinterlacing import deinterlaced
 from flightdepth.flight.records import NS_PER_S, Frame, seconds
 
-VIDEO_EXPECTED = "a video such as MP4, MOV or MKV"
-SNIFFED_BYTES = 4096
 LEAST_MISSING_NS = NS_PER_S  # at the end of a file that is read from its middle on
-
-
-def open_container(path: Path, options: dict[str, str] | None = None) -> Any:
-    """Open a video file with FFmpeg, and options of its reader; what cannot be one is refused with the reason."""
-    refuse_non_video(path)
-    try:
-        return av.open(str(path), options=options or {})
-    except (FFmpegError, OSError, ValueError) as error:
-        raise BadInput(f"video {path}", expected=VIDEO_EXPECTED, **_explain(path, error)) from error
-
-
-def main_stream(container: Any) -> Any:
-    """The video stream that players show, None without any; not a thumbnail, which may stand before it."""
-    best = container.streams.best("video")
-    if best is None or best.frames != 1:
-        return best
-    return max(container.streams.video, key=lambda stream: stream.frames)
-
-
-def refuse_non_video(path: Path) -> None:
-    """Refuse missing, empty and text files; FFmpeg draws some texts as pictures or follows links in them."""
-    if not path.is_file():
-        got = "a folder" if path.is_dir() else "no such file"
-        raise BadInput(f"video {path}", expected=VIDEO_EXPECTED, got=got)
-    if not (head := _read_head(path)):
-        raise BadInput(f"video {path}", expected=VIDEO_EXPECTED, got="an empty file")
-    if is_text(head):
-        raise BadInput(
-            f"video {path}", expected=VIDEO_EXPECTED, got="a text file", mend="A log goes to --telemetry."
-        )
-
-
-def is_text(head: bytes) -> bool:
-    """Whether the first bytes of a file are UTF-8 text; a character cut at the end is allowed."""
-    try:
-        text = head.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        if error.start < len(head) - 3:
-            return False
-        text = head[: error.start].decode("utf-8-sig")
-    return all(character.isprintable() or character in "\t\r\n\f" for character in text)
 
 
 class _Picture(NamedTuple):
@@ -277,23 +235,3 @@ def _interval(start_s: float | None, end_s: float | None) -> tuple[int, int | No
     if end_ns is not None and end_ns <= start_ns:
         raise BadInput("--end", expected=f"more than {seconds(start_ns)}", got=seconds(end_ns))
     return start_ns, end_ns
-
-
-def _read_head(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return file.read(SNIFFED_BYTES)
-    except OSError as error:
-        raise BadInput(
-            f"video {path}", expected="a readable file", got=error.strerror or str(error)
-        ) from error
-
-
-def _explain(path: Path, error: Exception) -> dict[str, str]:
-    if _read_head(path)[4:8] == b"ftyp":
-        return {
-            "got": "an MP4 without a usable index, so it was cut off",
-            "mend": "Copy it again or repair it.",
-        }
-    reason = getattr(error, "strerror", None) or str(error)
-    return {"got": f"a file that cannot be read as one ({reason})"}

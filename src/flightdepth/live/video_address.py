@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import parse_qs, parse_qsl, urlsplit
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.video import refuse_non_video
+from flightdepth.flight.container import refuse_non_video
 
 EXPECTED = (
     "rtsp://HOST/PATH, rtsp+udp://HOST/PATH, rtp://0.0.0.0:PORT (H.264), a .sdp file, udp://0.0.0.0:PORT"

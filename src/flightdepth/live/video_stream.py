@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.errors import FlightDepthError
+from flightdepth.flight.container import main_stream
 from flightdepth.flight.records import NS_PER_S
-from flightdepth.flight.video import main_stream, upright
+from flightdepth.flight.video import upright
 from flightdepth.live.picture_clock import PictureClock
 from flightdepth.live.sound_decoder import SoundDecoder
 from flightdepth.live.status import AgeFrom
