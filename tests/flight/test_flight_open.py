@@ -7,8 +7,7 @@ from flight_files import add_gpmf, lned_payload, make_video
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.flight import AttitudeSample, Frame, VelocitySample, open_flight, write_csv
-from flightdepth.flight import open as flight_open
+from flightdepth.flight import AttitudeSample, Frame, VelocitySample, flight_log, open_flight, write_csv
 from flightdepth.flight.offset import ClockOffset
 from flightdepth.flight.open import merged
 from flightdepth.flight.records import Telemetry, ViewTrack
@@ -177,8 +176,8 @@ def test_the_fields_of_view_move_with_the_log(video, monkeypatch):
     view = ViewTrack(np.array([0, 500, 1000, 1500]) * MS, np.array([60.0, 60, 30, 30]))
     samples = tuple(velocity(stamp * MS) for stamp in range(0, 2000, 100))
     told = Telemetry("log", samples, {}, view=view)
-    monkeypatch.setattr(flight_open, "read_telemetry", lambda path: told)
-    monkeypatch.setattr(flight_open, "estimate_offset", lambda *_: ClockOffset(0.5, 0.01, 0.9, 0.0, "speed"))
+    monkeypatch.setattr(flight_log, "read_telemetry", lambda path: told)
+    monkeypatch.setattr(flight_log, "estimate_offset", lambda *_: ClockOffset(0.5, 0.01, 0.9, 0.0, "speed"))
     with open_flight(video, "log", telemetry_offset_s="auto") as flight:
         fields = {f.stamp_ns // MS: f.camera.horizontal_fov_deg for f in flight if isinstance(f, Frame)}
     assert fields[1200] == pytest.approx(60, rel=0.02)

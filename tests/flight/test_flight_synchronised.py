@@ -13,7 +13,7 @@ from flightdepth.camera import Camera
 from flightdepth.cli import main
 from flightdepth.errors import BadInput
 from flightdepth.flight import AttitudeSample, VelocitySample, open_flight, write_csv
-from flightdepth.flight.open import clock_warnings
+from flightdepth.flight.flight_log import clock_warnings
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
 from tests_dji_records import airdata, record, steady
 

@@ -15,8 +15,7 @@ from flightdepth.commands.demo import LOG, VIDEO
 from flightdepth.commands.live_session import Session, missing, played_log, recorded
 from flightdepth.commands.live_settings import LiveSettings
 from flightdepth.errors import BadInput
-from flightdepth.flight import Frame, open_flight
-from flightdepth.flight import open as flight_open
+from flightdepth.flight import Frame, flight_log, open_flight
 from flightdepth.flight.cameras import Recording
 from flightdepth.flight.records import ViewTrack
 from flightdepth.flight.telemetry import read_telemetry
@@ -117,7 +116,7 @@ def test_a_file_whose_log_tells_a_zoom_is_seen_as_run_does(session, monkeypatch)
     """It was refused without --hfov, and with one the zoom was passed over."""
     view = ViewTrack(np.array([0, 1000, 1100, 10_000]) * 1_000_000, np.array([75.0, 75, 40, 40]))
     zooming = replace(read_telemetry(LOG), view=view)
-    for module in (live_session, flight_open):
+    for module in (live_session, flight_log):
         monkeypatch.setattr(module, "read_telemetry", lambda path: zooming)
     played = Session(replace(session.settings, mavlink=None, telemetry=LOG, hfov=None, video=str(VIDEO)))
     assert played.engine._parts.lens is None  # its turns tell nothing

@@ -17,8 +17,8 @@ from flightdepth.commands.signals import stop_request
 from flightdepth.commands.terminal import mention, say, warn
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.cameras import ChosenCamera, choose_camera
+from flightdepth.flight.flight_log import check_overlap, own_telemetry
 from flightdepth.flight.gimbal import looking
-from flightdepth.flight.open import check_overlap, own_telemetry
 from flightdepth.flight.recordings import at_recording, doubted_length
 from flightdepth.flight.records import NS_PER_S, Telemetry
 from flightdepth.flight.telemetry import read_telemetry

@@ -1,0 +1,167 @@
+"""The log that a flight is flown by: the one given, inside the video or beside it, and moved to its clock."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
+from flightdepth.flight.apparent_motion import apparent_motion
+from flightdepth.flight.constant_speed import forward_velocity
+from flightdepth.flight.gimbal import looking, with_fixed_camera
+from flightdepth.flight.gpmf_telemetry import read_gpmf
+from flightdepth.flight.offset import ClockOffset, estimate_offset
+from flightdepth.flight.recordings import at_recording, searched_s
+from flightdepth.flight.records import NS_PER_S, Telemetry, VelocitySample, seconds
+from flightdepth.flight.signals import GAP_S
+from flightdepth.flight.telemetry import is_log, read_telemetry
+from flightdepth.flight.video import Video
+
+AUTO: Literal["auto"] = "auto"
+WATCHED_S = 120.0  # of the video, to estimate an offset
+SELDOM_NS = 5 * NS_PER_S  # between velocities: what lies in the middle of such a gap is known to nobody
+NO_TELEMETRY = "Give --telemetry LOG or --speed M_S."
+# What a log's name may end in, where its content is not known; those that are known need no ending.
+LOG_SUFFIXES = frozenset(
+    {".csv", ".txt", ".srt", ".json", ".ulg", ".bin", ".log", ".tlog", ".bag", ".mcap", ".db3"}
+)
+
+
+def choose_telemetry(
+    video: Video, telemetry: str | Path | None, speed_m_s: float | None, offset_s: float | Literal["auto"]
+) -> tuple[Telemetry | None, bool]:
+    """The log given, inside the video or beside it, moved by `offset_s`, and whether it is the one inside.
+
+    None where a constant speed is flown.
+    """
+    if offset_s != AUTO and not math.isfinite(offset_s):
+        raise BadInput(
+            "--telemetry-offset", expected="a finite number of seconds, or auto", got=str(offset_s)
+        )
+    if speed_m_s is not None:
+        forward_velocity(0, speed_m_s)  # refuses a speed that is not one, before the first frame
+        return None, False
+    if telemetry is None:
+        log, inside = own_telemetry(video.path, mend=NO_TELEMETRY)
+    else:
+        log, inside = read_telemetry(Path(telemetry)), False
+    log = at_recording(log, video.duration_ns, offset_given=bool(offset_s))
+    if offset_s == AUTO:
+        return log, inside  # moved once the camera is known
+    log = log.later_by(round(offset_s * NS_PER_S)) if offset_s else log
+    check_overlap(video, log)
+    return log, inside
+
+
+def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:
+    """The log inside a video, or else the one beside it, and whether it is the one inside.
+
+    Raises:
+        BadInput: there is none; `mend` says what to do then.
+    """
+    inside = read_gpmf(video)
+    return (read_telemetry(log_beside(video, mend)), False) if inside is None else (inside, True)
+
+
+def log_beside(video: Path, mend: str) -> Path:
+    """The one log that has the video's name but for its ending, as DJI's cameras write it."""
+    named = (path for path in video.parent.iterdir() if path.stem == video.stem and path.name != video.name)
+    others = sorted(path for path in named if path.is_file())
+    logs = [path for path in others if is_log(path)]
+    if len(logs) == 1:
+        return logs[0]
+    got = "none inside the video"
+    if logs:
+        got += f", and beside it {', '.join(path.name for path in logs)}"
+    elif alike := [path for path in others if path.suffix.lower() in LOG_SUFFIXES]:
+        got += (
+            f", and {alike[0].name} beside it is no log that is known: --telemetry {alike[0].name} tells why"
+        )
+    raise BadInput(f"telemetry of {video}", expected="a velocity", got=got, mend=mend)
+
+
+def synchronised(video: Video, camera: Camera, log: Telemetry) -> tuple[Telemetry, ClockOffset]:
+    """The log moved by what the pictures tell, and what that was."""
+    start_s = video.start_ns / NS_PER_S
+    last_s = (
+        start_s + WATCHED_S if video.end_ns is None else min(start_s + WATCHED_S, video.end_ns / NS_PER_S)
+    )
+    with Video(video.path, start_s=start_s, end_s=last_s) as watched:
+        within_s = searched_s(log, video.duration_ns)
+        clock = estimate_offset(apparent_motion(watched.frames(), camera), log, within_s)
+    try:
+        if clock.offset_s is not None:
+            log = log.later_by(round(clock.offset_s * NS_PER_S))
+        elif len(log.recordings) > 1:  # of which none is this video: refused
+            log = at_recording(log, video.duration_ns, mend="Give the offset of the right one.")
+        check_overlap(video, log)
+    except BadInput as error:
+        raise BadInput(f"--telemetry-offset auto: {clock}; {error}") from None
+    return log, clock
+
+
+def clock_warnings(clock: ClockOffset | None, *, inside: bool) -> tuple[str, ...]:
+    """What the user should know of an estimated offset; `inside`: the video's own container times the log."""
+    if clock is None:
+        return ()
+    if clock.offset_s is None:
+        return (f"--telemetry-offset auto: {clock}; the log's times are taken as they are",)
+    if inside and clock.contradicts(0.0):
+        return (f"--telemetry-offset auto: {clock}: contradicts the times in the video's own file",)
+    return ()
+
+
+def check_overlap(video: Video, log: Telemetry) -> None:
+    """Refuse a log that says nothing about the chosen part of the video."""
+    first_ns, last_ns = log.span_ns
+    ends = [end_ns for end_ns in (video.end_ns, video.duration_ns or None) if end_ns is not None]
+    end_ns = min(ends, default=None)
+    if last_ns < video.start_ns or (end_ns is not None and first_ns > end_ns):
+        end = "its end" if end_ns is None else seconds(end_ns)
+        raise BadInput(
+            f"telemetry {log.name}",
+            expected=f"times within {seconds(video.start_ns)} to {end} of the video",
+            got=f"{seconds(first_ns)} to {seconds(last_ns)}",
+            mend="Times count from the video's first picture; --telemetry-offset S adds S seconds to the log's.",
+        )
+    apart_ns = velocities_apart_ns(log)
+    if apart_ns > SELDOM_NS:
+        raise BadInput(
+            f"telemetry {log.name}",
+            expected=f"a velocity every {seconds(SELDOM_NS)} at least",
+            got=f"one in {seconds(apart_ns)}",
+            mend="Are its times in the unit that their column says?",
+        )
+
+
+def velocities_apart_ns(log: Telemetry) -> int:
+    """Median time between two velocities of a log, 0 where there is only one."""
+    stamps_ns = [sample.stamp_ns for sample in log.samples if isinstance(sample, VelocitySample)]
+    return int(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0
+
+
+def seldom_told(log: Telemetry) -> tuple[str, ...]:
+    """A line where so much time lies between two velocities that nobody knows how the drone flew meanwhile."""
+    apart_ns = velocities_apart_ns(log)
+    if apart_ns <= GAP_S * NS_PER_S:
+        return ()
+    return (
+        f"the log tells a velocity every {apart_ns / NS_PER_S:.1f} s only, and more than "
+        f"{GAP_S:g} s between two are not bridged: most frames will have no depth; log it more often",
+    )
+
+
+def mounted(log: Telemetry | None, pitch_deg: float | None) -> Telemetry | None:
+    """The log with the attitude of a camera that is screwed to the drone, where the user says that it is."""
+    if pitch_deg is None:
+        return log
+    if not -90 <= pitch_deg <= 90:
+        raise BadInput("--mount-pitch", expected="-90 (down) to 90 (up) degrees", got=str(pitch_deg))
+    if log is None or not log.body_attitudes:
+        got = "none" if log is None else log.name
+        raise BadInput("--mount-pitch", expected="a log with the attitude of the drone", got=got)
+    return with_fixed_camera(log, looking(math.radians(pitch_deg)))
