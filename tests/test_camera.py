@@ -103,3 +103,10 @@ def test_what_opencv_tells_makes_a_camera(shape):
 def test_a_size_is_whole_pixels(width):
     with pytest.raises(BadInput, match="camera size: expected whole pixels"):
         Camera.from_fov(width, 240, 70)
+
+
+def test_zooming_narrows_the_view_and_moves_nothing_else():
+    camera = Camera.from_fov(640, 360, 90)
+    zoomed = camera.zoomed(2.0)
+    assert zoomed.horizontal_fov_deg == pytest.approx(np.degrees(2 * np.arctan(0.5)))
+    assert zoomed.zoomed(0.5) == camera

@@ -108,6 +108,10 @@ class Camera:
         """The part of the view whose top-left pixel is (x, y); it may reach beyond the picture (padding)."""
         return replace(self, width=width, height=height, cx=self.cx - x, cy=self.cy - y)
 
+    def zoomed(self, times: float) -> Camera:
+        """The same pictures through a focal length so many times as long."""
+        return replace(self, fx=self.fx * times, fy=self.fy * times)
+
     def turned(self, quarter_turns: int) -> Camera:
         """The camera of the picture turned by multiples of 90 degrees anticlockwise, as numpy.rot90 turns it."""
         camera = self

@@ -10,7 +10,6 @@ import pytest
 from page_flights import Flying
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.cameras import zoomed
 from flightdepth.live.recorder import Recorder
 from flightdepth.outputs import FlightFolder
 from flightdepth.outputs.writer import FlightWriter
@@ -61,7 +60,7 @@ def test_results_of_another_size_are_left_out_and_stand_in_the_folder(recorder, 
 def test_a_picture_s_own_focal_length_stands_beside_it_where_the_lens_zooms(recorder, tmp_path):
     first, second = results(2)
     recorder(first)
-    recorder(replace(second, camera=zoomed(second.camera, 2.0)))
+    recorder(replace(second, camera=second.camera.zoomed(2.0)))
     recorder.close({})
     folder = FlightFolder(tmp_path / "recording")
     assert [row.focal_px for row in folder.rows] == [None, pytest.approx(2 * first.camera.fx, abs=1e-3)]

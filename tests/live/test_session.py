@@ -16,7 +16,7 @@ from flightdepth.commands.live_session import Session, missing, played_log, reco
 from flightdepth.commands.live_settings import LiveSettings
 from flightdepth.errors import BadInput
 from flightdepth.flight import Frame, flight_log, open_flight
-from flightdepth.flight.cameras import Recording
+from flightdepth.flight.camera_evidence import CameraEvidence
 from flightdepth.flight.records import ViewTrack
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.live.obstacle_messages import ObstaclePacker, in_tlog
@@ -105,7 +105,7 @@ def test_turns_are_asked_of_the_lens_unless_the_pictures_turn_otherwise(
     session, tmp_path, monkeypatch, hidden_by
 ):
     assert session.engine._parts.lens is not None  # of a stream nobody can tell
-    monkeypatch.setattr(Recording, "turns_hidden_by", hidden_by)
+    monkeypatch.setattr(CameraEvidence, "turns_hidden_by", hidden_by)
     shutil.copy(VIDEO, tmp_path / "v.mp4")
     shutil.copy(LOG, tmp_path / "v.csv")
     played = Session(replace(session.settings, mavlink=None, video=str(tmp_path / "v.mp4")))

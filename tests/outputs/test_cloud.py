@@ -6,7 +6,6 @@ from output_samples import HEIGHT, SOURCE, WIDTH, known
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.flight.cameras import zoomed
 from flightdepth.outputs.cloud import CloudSettings, View, agreed, cloud_of, looked_up, off_edges, seen_points
 from flightdepth.outputs.cloud_files import write_las, write_ply
 from flightdepth.outputs.voxels import Cloud, VoxelGrid
@@ -47,7 +46,7 @@ def test_the_wall_is_as_wide_as_four_frames_see_it(folder):
 
 def test_a_lens_that_zoomed_sees_a_narrower_wall(tmp_path):
     """Found in review: clouds took the flight's one focal length, and points lay 17 % off, where it was 7."""
-    cameras = dict.fromkeys(range(12), zoomed(CAMERA, 2.0))
+    cameras = dict.fromkeys(range(12), CAMERA.zoomed(2.0))
     points = cloud_of(write_flown(tmp_path / "out", cameras=cameras), EVERY).points_m
     assert np.ptp(points[:, 0]) == pytest.approx(WALL_M - 4 * STEP_M, rel=0.02)
 

@@ -12,7 +12,6 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from flightdepth.camera import Camera
-from flightdepth.flight.cameras import zoomed
 from flightdepth.flight.ros_frames import ros_frames
 from flightdepth.outputs.mcap_file import (
     CONFIDENCE,
@@ -63,7 +62,7 @@ def test_depth_and_its_lens_are_in_one_frame(recording):
 
 def test_each_picture_has_the_lens_as_it_zoomed(tmp_path):
     camera = SOURCE.camera
-    folder = write_flown(tmp_path / "out", frames=3, cameras={0: camera, 2: zoomed(camera, 1.5)})
+    folder = write_flown(tmp_path / "out", frames=3, cameras={0: camera, 2: camera.zoomed(1.5)})
     write_mcap(tmp_path / "flight.mcap", folder)
     focals = [(lens.k[0], lens.k[4], lens.p[0]) for _, lens in messages(tmp_path / "flight.mcap", LENS)]
     assert np.array(focals) == pytest.approx(camera.fx * np.outer((1, 1, 1.5), (1, 1, 1)))

@@ -16,7 +16,8 @@ from flightdepth.commands.network_options import check_align
 from flightdepth.commands.signals import stop_request
 from flightdepth.commands.terminal import mention, say, warn
 from flightdepth.errors import BadInput, FlightDepthError
-from flightdepth.flight.cameras import ChosenCamera, choose_camera
+from flightdepth.flight.camera_evidence import ChosenCamera
+from flightdepth.flight.cameras import choose_camera
 from flightdepth.flight.flight_log import check_overlap, own_telemetry
 from flightdepth.flight.gimbal import looking
 from flightdepth.flight.recordings import at_recording, doubted_length

@@ -6,180 +6,25 @@ probable is named in the refusal, for the user to choose from.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.flight.camera_evidence import CameraEvidence, ChosenCamera, described, fov_camera, same_shape
 from flightdepth.flight.camera_file import read_camera
-from flightdepth.flight.gopro_settings import GoproSettings, read_gopro_settings
 from flightdepth.flight.lenses import (
-    CERTAIN_ERROR,
     CONTRADICTION,
-    Lens,
     find_lens,
-    fov_of_equivalent_deg,
-    known_lenses,
 )
 from flightdepth.flight.photograph import is_photograph, read_photograph
-from flightdepth.flight.records import Telemetry, ViewTrack
-from flightdepth.flight.stabilisation import Stabilisation, find_stabilisation
-from flightdepth.flight.turn_verdict import described_turns, turns_of
-from flightdepth.flight.turned_focal import TurnedFocal, ideal_lenses
+from flightdepth.flight.records import Telemetry
+from flightdepth.flight.turn_verdict import described_turns
 from flightdepth.flight.video import Video
 
-ZOOMED = 0.02
-FIRST_TRIED_DEG = 80.0
 WIDEST_IDEAL_DEG = 110.0  # lenses beyond it are fisheyes, nearly always
 NO_CAMERA = "Give --hfov DEGREES (the horizontal field of view) or --camera FILE."
-APPLE_EQUIVALENT = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
-
-
-@dataclass(frozen=True)
-class ChosenCamera:
-    """The camera of a video's upright pictures.
-
-    source    a line for people: what was taken, from where, and how sure it is
-    warnings  a line each
-    by_turns  whether the camera's turns told it
-    turns_tell  whether turns may yet deny it: not where the lens zooms or software turns or stretches the pictures
-    views     the field of view of each picture, where the log tells that it changes; `camera` has `view_deg`
-    """
-
-    camera: Camera
-    source: str
-    warnings: tuple[str, ...] = ()
-    by_turns: bool = False
-    turns_tell: bool = True
-    views: ViewTrack | None = None
-    view_deg: float = math.nan
-
-    def at(self, stamp_ns: int) -> Camera:
-        """The camera of the picture at a time: the same for pictures whose views differ by less than ZOOMED."""
-        if self.views is None:
-            return self.camera
-        half, base = (math.tan(math.radians(deg) / 2) for deg in (self.views.at(stamp_ns), self.view_deg))
-        return zoomed(self.camera, math.exp(round(math.log(base / half) / ZOOMED) * ZOOMED))
-
-
-def zoomed(camera: Camera, share: float) -> Camera:
-    """The camera with its focal length longer by a factor."""
-    return replace(camera, fx=camera.fx * share, fy=camera.fy * share)
-
-
-class Recording:
-    """What is known of a video without the user: its size, tags, GoPro settings and log."""
-
-    def __init__(self, video: Video, log: Telemetry | None = None) -> None:
-        self.video, self.log = video, log
-        self.view = None if log is None else log.view
-        self.tags = video.tags
-        self.gopro = read_gopro_settings(video.path, self.tags.get("firmware", ""))
-        self.stabilisation: Stabilisation | None = find_stabilisation(self.tags, self.gopro)
-
-    @property
-    def shown(self) -> tuple[int, int]:
-        """Size of the upright pictures in square pixels."""
-        width, height = self.video.size
-        return round(width * self.video.pixel_aspect), height
-
-    @property
-    def landscape(self) -> tuple[int, int]:
-        """Size of the pictures as the sensor took them, before they are turned upright, in square pixels."""
-        width, height = self.shown
-        return (height, width) if self.video.quarter_turns % 2 else (width, height)
-
-    def upright(self, camera: Camera) -> Camera:
-        """A camera of the sensor's pictures as that of the upright ones, in their own pixels."""
-        turned = camera.turned(self.video.quarter_turns)
-        return turned if self.video.pixel_aspect == 1 else turned.resized(*self.video.size)
-
-    def told(self) -> ChosenCamera | None:
-        """The camera, where the log or the file tells it for certain."""
-        return self._from_log() or self._from_gopro()
-
-    def _from_log(self) -> ChosenCamera | None:
-        if self.view is None or self.view.nominal:
-            return None
-        seen = self.view.between(self.video.start_ns, self.video.end_ns)
-        hfov_deg = float(np.median(seen))
-        camera = self.upright(Camera.from_fov(*self.landscape, hfov_deg))
-        source = f"field of view of {hfov_deg:.1f} degrees, from the log, which tells it for each picture"
-        focals = np.tan(np.radians(hfov_deg) / 2) / np.tan(np.radians(seen) / 2)
-        if np.abs(focals - 1).max() < ZOOMED:
-            return ChosenCamera(camera, source)
-        span = f"{seen.min():.1f} to {seen.max():.1f}"
-        return ChosenCamera(camera, f"{source}: {span} degrees here", views=self.view, view_deg=hfov_deg)
-
-    def _from_gopro(self) -> ChosenCamera | None:
-        gopro = self.gopro
-        if gopro is None or not gopro.mode or gopro.warped or gopro.zoomed:
-            return None
-        width, height = self.landscape
-        own = gopro.lens if gopro.stabilised is False else None
-        if own is not None and same_shape(own, width, height):
-            source = f"calibration of the {gopro.model} in its own file, mode {gopro.mode}"
-            camera = self.upright(own.resized(width, height))
-            return ChosenCamera(camera, f"{source}: {own.horizontal_fov_deg:.1f} degrees")
-        for lens in matching(gopro, width, height):
-            if lens.error <= CERTAIN_ERROR:
-                source = f"{gopro.model} says {lens.mode}: {described(lens)}"
-                return ChosenCamera(self.upright(lens.seen(width, height)), source)
-        return None
-
-    def told_by_turns(self) -> ChosenCamera | None:
-        """The camera through which the pictures turn as far as the log says, where that is known well enough."""
-        found = self.turned
-        if found.camera is None or found.share > CERTAIN_ERROR:
-            return None
-        return ChosenCamera(found.camera.resized(*self.video.size), described_turns(found), by_turns=True)
-
-    @cached_property
-    def turned(self) -> TurnedFocal:
-        """What the camera's turns tell of its lens; takes a pass over a part of the video."""
-        if self.log is None or self.turns_hidden_by:
-            return TurnedFocal(None, reason=self.turns_hidden_by or "no log tells how the camera turns")
-        watch = turns_of(self.video, self.log, assumed_camera(self.video))
-        return watch.focal(ideal_lenses(watch.camera))
-
-    @property
-    def turns_hidden_by(self) -> str:
-        """Why the pictures need not turn as the camera does; empty where nothing says so."""
-        if self.view is not None:
-            return "the lens may zoom"
-        if self.stabilisation is not None and self.stabilisation.certain:
-            return f"the pictures are stabilised ({self.stabilisation.name}), so they turn otherwise than the camera"
-        if self.gopro is not None and self.gopro.warped:
-            return "the pictures are stretched"
-        return ""
-
-    def likely(self) -> Iterator[str]:
-        """Values that are probable, as options of the command line with the reason."""
-        if self.view is not None and self.view.nominal:
-            hfov_deg = float(np.median(self.view.between(self.video.start_ns, self.video.end_ns)))
-            yield f"--hfov {hfov_deg:.1f} if the video is as wide as the sensor (focal length in the log)"
-        if equivalent := millimetres(self.tags.get(APPLE_EQUIVALENT, "")):
-            hfov_deg = fov_of_equivalent_deg(equivalent)
-            yield f"--hfov {hfov_deg:.1f} if the video is as wide as the sensor ({equivalent:g} mm in its tags)"
-        for lens in self._lenses_of_model():
-            yield f"--camera {lens.name} ({lens.mode}: {lens.horizontal_fov_deg:.1f} degrees)"
-
-    def _lenses_of_model(self) -> Iterator[Lens]:
-        said = " ".join(self.tags.values()).lower()
-        for lens in known_lenses():
-            if not lens.fits(*self.landscape):
-                continue
-            if self.gopro is not None:
-                mode_may_be = not self.gopro.mode or lens.code == self.gopro.mode
-                if self.gopro.model in lens.models and mode_may_be:
-                    yield lens
-            elif any(model.lower() in said for model in lens.models):
-                yield lens
 
 
 def choose_camera(
@@ -188,60 +33,51 @@ def choose_camera(
     hfov_deg: float | None,
     log: Telemetry | None = None,
 ) -> ChosenCamera:
-    """The camera given, else the one that the recording tells; at the size of the upright pictures."""
+    """The camera given, else the one that the video tells; at the size of the upright pictures."""
     if given is not None and hfov_deg is not None:
         raise BadInput("--camera and --hfov", expected="one of them", got="both")
-    recording = Recording(video, log)
-    told = recording.told()
+    evidence = CameraEvidence(video, log)
+    told = evidence.told()
     if hfov_deg is not None:
         chosen = ChosenCamera(fov_camera(video, hfov_deg), f"--hfov {hfov_deg:g}, an ideal lens")
     elif given is not None:
-        chosen = from_user(recording, given)
-    elif (own := told or recording.told_by_turns()) is not None:
+        chosen = from_user(evidence, given)
+    elif (own := told or evidence.told_by_turns()) is not None:
         chosen = own
     else:
-        raise unknown_camera(recording)
-    said = tuple(warnings(recording, chosen, told))
-    return replace(chosen, warnings=said, turns_tell=not (chosen.by_turns or recording.turns_hidden_by))
+        raise unknown_camera(evidence)
+    said = tuple(warnings(evidence, chosen, told))
+    return replace(chosen, warnings=said, turns_tell=not (chosen.by_turns or evidence.turns_hidden_by))
 
 
-def assumed_camera(video: Video) -> Camera:
-    """For what depends little on the lens, where that is not known yet."""
-    return fov_camera(video, FIRST_TRIED_DEG)
-
-
-def fov_camera(video: Video, hfov_deg: float) -> Camera:
-    """An ideal lens for the upright pictures, whose pixels need not be square."""
-    camera = Camera.from_fov(*video.size, hfov_deg)
-    return replace(camera, fy=camera.fx * video.pixel_aspect)
-
-
-def from_user(recording: Recording, given: Camera | str | Path) -> ChosenCamera:
+def from_user(evidence: CameraEvidence, given: Camera | str | Path) -> ChosenCamera:
     """The camera of --camera: a calibration, a photograph by the same camera, or a name in the table."""
     if isinstance(given, Camera):
-        return ChosenCamera(upright_calibration(given, recording), "given")
+        return ChosenCamera(upright_calibration(given, evidence), "given")
     path = Path(given)
     if not path.exists() and path.suffix == "":
         lens = find_lens(path.name)
-        camera = recording.upright(lens.seen(*recording.landscape))
+        camera = evidence.upright(lens.seen(*evidence.landscape))
         return ChosenCamera(camera, f"{lens.name} in the table of lenses: {lens.camera}, {described(lens)}")
     if is_photograph(path):
         photograph = read_photograph(path)
-        camera = upright_calibration(photograph.camera, recording, recording.shown)
+        camera = upright_calibration(photograph.camera, evidence, evidence.shown)
         return ChosenCamera(camera, f"{photograph.source}, if the video is not cropped")
-    return ChosenCamera(upright_calibration(read_camera(path), recording), f"calibration {path.name}")
+    return ChosenCamera(upright_calibration(read_camera(path), evidence), f"calibration {path.name}")
 
 
-def upright_calibration(camera: Camera, recording: Recording, size: tuple[int, int] | None = None) -> Camera:
+def upright_calibration(
+    camera: Camera, evidence: CameraEvidence, size: tuple[int, int] | None = None
+) -> Camera:
     """A calibration at the size of the upright pictures; one of the sensor's pictures is turned as they are.
 
     `size` is that of the upright pictures in the calibration's pixels; without it these are the video's.
     """
-    width, height = size or recording.video.size
-    sideways = recording.video.quarter_turns % 2 and not same_shape(camera, width, height)
+    width, height = size or evidence.video.size
+    sideways = evidence.video.quarter_turns % 2 and not same_shape(camera, width, height)
     if sideways and same_shape(camera, height, width):
-        return recording.upright(camera.resized(height, width))
-    return camera_of_size(camera, width, height).resized(*recording.video.size)
+        return evidence.upright(camera.resized(height, width))
+    return camera_of_size(camera, width, height).resized(*evidence.video.size)
 
 
 def camera_of_size(known: Camera, width: int, height: int) -> Camera:
@@ -254,21 +90,7 @@ def camera_of_size(known: Camera, width: int, height: int) -> Camera:
     return known.resized(width, height)
 
 
-def same_shape(camera: Camera, width: int, height: int) -> bool:
-    """Whether a camera's pictures have the shape of a size, to a pixel."""
-    return abs(camera.width * height - camera.height * width) <= max(camera.width, width)
-
-
-def matching(gopro: GoproSettings, width: int, height: int) -> Iterator[Lens]:
-    """The table's lenses for what a GoPro says of its model, mode and stabilisation."""
-    for lens in known_lenses():
-        named = gopro.model in lens.models and lens.code == gopro.mode and lens.fits(width, height)
-        off = not lens.stabilised and gopro.stabilised is False
-        if named and (off or gopro.stabilisation in lens.stabilised):
-            yield lens
-
-
-def warnings(recording: Recording, chosen: ChosenCamera, told: ChosenCamera | None) -> Iterator[str]:
+def warnings(evidence: CameraEvidence, chosen: ChosenCamera, told: ChosenCamera | None) -> Iterator[str]:
     """What the user should know of the camera before an hour is spent on wrong depths."""
     yield from chosen.warnings
     if chosen.camera.model == "pinhole" and chosen.camera.horizontal_fov_deg > WIDEST_IDEAL_DEG:
@@ -276,12 +98,12 @@ def warnings(recording: Recording, chosen: ChosenCamera, told: ChosenCamera | No
             f"{chosen.camera.horizontal_fov_deg:.0f} degrees through an ideal lens: the wide modes of action cameras "
             "are fisheyes, whose depths would come out far too near; take a name of `flightdepth cameras` or calibrate"
         )
-    if recording.stabilisation is not None and not chosen.by_turns:
-        yield recording.stabilisation.warning
-    if recording.gopro is not None and recording.gopro.warped:
-        yield f"mode {recording.gopro.mode} of the {recording.gopro.model} stretches the picture: depth bends"
-    if recording.gopro is not None and recording.gopro.zoomed:
-        yield f"the {recording.gopro.model} zoomed digitally: a figure for its mode without zoom is too wide"
+    if evidence.stabilisation is not None and not chosen.by_turns:
+        yield evidence.stabilisation.warning
+    if evidence.gopro is not None and evidence.gopro.warped:
+        yield f"mode {evidence.gopro.mode} of the {evidence.gopro.model} stretches the picture: depth bends"
+    if evidence.gopro is not None and evidence.gopro.zoomed:
+        yield f"the {evidence.gopro.model} zoomed digitally: a figure for its mode without zoom is too wide"
     if told is not None and abs(chosen.camera.fx / told.camera.fx - 1) > CONTRADICTION:
         share = chosen.camera.fx / told.camera.fx
         yield (
@@ -290,29 +112,15 @@ def warnings(recording: Recording, chosen: ChosenCamera, told: ChosenCamera | No
         )
 
 
-def unknown_camera(recording: Recording) -> BadInput:
+def unknown_camera(evidence: CameraEvidence) -> BadInput:
     """The refusal where nothing tells the focal length for certain, with what it probably is."""
-    likely = list(recording.likely())
+    likely = list(evidence.likely())
     mend = f"Likely: {'; '.join(likely)}. Or another --hfov, or --camera FILE." if likely else NO_CAMERA
-    what = f"camera of {recording.video.path}"
+    what = f"camera of {evidence.video.path}"
     got = "none"
-    if recording.gopro is not None:
-        mode = recording.gopro.mode and f" in mode {recording.gopro.mode}"
-        got = f"a {recording.gopro.model}{mode}, which does not settle it"
-    if recording.log is not None:
-        got += f"; of its turns: {described_turns(recording.turned)}"
+    if evidence.gopro is not None:
+        mode = evidence.gopro.mode and f" in mode {evidence.gopro.mode}"
+        got = f"a {evidence.gopro.model}{mode}, which does not settle it"
+    if evidence.log is not None:
+        got += f"; of its turns: {described_turns(evidence.turned)}"
     return BadInput(what, expected="a focal length", got=got, mend=mend)
-
-
-def described(lens: Lens) -> str:
-    """A lens in a few words: how wide, how sure, by whom."""
-    return f"{lens.horizontal_fov_deg:.1f} degrees, within {lens.error:.0%}, after {lens.source}"
-
-
-def millimetres(text: str) -> float | None:
-    """The number of a tag such as "26.00mm"; None for anything else."""
-    try:
-        value = float(text.lower().removesuffix("mm"))
-    except ValueError:
-        return None
-    return value if 5 < value < 2000 else None

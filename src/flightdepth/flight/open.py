@@ -12,7 +12,8 @@ from typing import Literal
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.flight.cameras import ChosenCamera, assumed_camera, choose_camera
+from flightdepth.flight.camera_evidence import ChosenCamera, assumed_camera
+from flightdepth.flight.cameras import choose_camera
 from flightdepth.flight.constant_speed import forward_velocity
 from flightdepth.flight.flight_log import (
     AUTO,

@@ -159,16 +159,14 @@ def _fitted(camera: Camera, points: Vector, turns: ToldTurns) -> TurnedFocal:
     """The focal length of one lens: what turns seen through one tell is tried next."""
     focal = 1.0  # times that of `camera`
     for _ in range(STEPS):
-        lens = replace(camera, fx=camera.fx * focal, fy=camera.fy * focal)
-        seen, misfit_px = _rotations(points, lens)
+        seen, misfit_px = _rotations(points, camera.zoomed(focal))
         best = turns.compared(seen)
         focal *= best.ratio
         if abs(best.ratio - 1) < SETTLED or not 1 / MOST_RATIO < focal < MOST_RATIO:
             break
-    told = replace(camera, fx=camera.fx * focal, fy=camera.fy * focal)
     reason = _why_not(best)
     share = math.hypot(best.share, best.smoother, best.drift / math.sqrt(12))  # of what drifts evenly
-    return TurnedFocal(None if reason else told, share, best.turned_deg, misfit_px, reason)
+    return TurnedFocal(None if reason else camera.zoomed(focal), share, best.turned_deg, misfit_px, reason)
 
 
 def _why_not(best: Comparison) -> str:

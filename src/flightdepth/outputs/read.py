@@ -16,7 +16,6 @@ from pydantic import ValidationError
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.flight.cameras import zoomed
 from flightdepth.outputs.encoding import Map, confidence_from_bytes, depth_from_centimetres
 from flightdepth.outputs.frame_table import rows_from_csv
 from flightdepth.outputs.poses import FramePose, poses_from_csv
@@ -59,7 +58,7 @@ class FlightFolder:
     def camera(self, index: int) -> Camera:
         """The camera of the frame with this index: that of `record`, zoomed as its picture was."""
         camera = self.record.source.camera
-        return zoomed(camera, self._focals_px.get(index, camera.fx) / camera.fx)
+        return camera.zoomed(self._focals_px.get(index, camera.fx) / camera.fx)
 
     def depth_m(self, index: int) -> Map:
         """Depth in metres, float32 [H, W], NaN = unknown, of the frame with this index."""
