@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from flightdepth.flight.gimbal import GimbalAttitude, camera_attitude, with_fixed_camera
+from flightdepth.flight.gimbal import GimbalAttitude, camera_attitude, looking, with_fixed_camera
 from flightdepth.flight.records import AttitudeSample, BodyAttitudeSample, Telemetry, VelocitySample
 from flightdepth.motion import (
     NED_FROM_CAMERA,
@@ -75,7 +75,7 @@ def cameras(telemetry):
 
 def test_a_camera_on_the_body_looks_where_the_body_flies():
     body = quaternion_from_rotation(rotation_from_euler(0.2, -0.3, 2.0))
-    (camera,) = cameras(with_fixed_camera(flight(body)))
+    (camera,) = cameras(with_fixed_camera(flight(body), looking(0.0)))
     assert camera.stamp_ns == 3
     # z forward is the body's x, x right its y, y down its z.
     assert axes(camera.world_from_camera) == pytest.approx(axes(body)[:, [1, 2, 0]])
@@ -92,5 +92,7 @@ def test_a_camera_that_looks_down():
 
 
 def test_what_was_known_of_the_camera_is_replaced():
-    telemetry = with_fixed_camera(with_fixed_camera(flight((1, 0, 0, 0), (0, 0, 0, 1))))
+    telemetry = with_fixed_camera(
+        with_fixed_camera(flight((1, 0, 0, 0), (0, 0, 0, 1)), looking(0.0)), looking(0.0)
+    )
     assert [sample.stamp_ns for sample in telemetry.samples] == [0, 3, 10, 13]

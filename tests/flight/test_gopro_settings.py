@@ -10,7 +10,7 @@ from flightdepth.runtimes.lens import undistort
 
 
 def read(tmp_path, payload):
-    return read_gopro_settings(gopro_video(tmp_path / "v.mp4", payload))
+    return read_gopro_settings(gopro_video(tmp_path / "v.mp4", payload), "")
 
 
 def test_model_mode_and_stabilisation(tmp_path):
@@ -65,7 +65,7 @@ def test_an_older_camera_is_known_by_its_firmware_only(tmp_path):
 
 def test_other_makers_files_say_nothing(tmp_path):
     assert read_gopro_settings(make_video(tmp_path / "v.mp4", [0, 40]), "V01.00.0800") is None
-    assert read_gopro_settings(tmp_path / "none.mp4") is None
+    assert read_gopro_settings(tmp_path / "none.mp4", "") is None
 
 
 @pytest.mark.parametrize(
@@ -93,5 +93,5 @@ def test_cut_and_trashed_files_are_read_or_say_nothing(tmp_path):
         for _ in range(rng.randrange(4)):
             data[rng.randrange(start - 60, min(start + 300, len(data)))] = rng.randrange(256)
         path.write_bytes(bytes(data))
-        found = read_gopro_settings(path)
+        found = read_gopro_settings(path, "")
         assert found is None or isinstance(found.model, str)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections import Counter
@@ -70,7 +69,7 @@ class Session:
         )
         refuse_idle(settings, self.address, self.network.card)
         fixed = settings.mount == "fixed"
-        self.store = MotionStore(looking(math.radians(settings.mount_pitch or 0.0)) if fixed else None)
+        self.store = MotionStore(looking(settings.mount_pitch or 0.0) if fixed else None)
         # Obstacles join two results in a row, so with one range these look near and far in turn.
         turns = 2 if settings.obstacles or settings.dry_run is not None else 1
         stage = DepthStage(

@@ -25,10 +25,10 @@ from flightdepth.flight.autopilot import (
     autopilot_telemetry,
     longest_boot,
 )
-from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags
+from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags, turned
 from flightdepth.flight.log_file import log_bytes
 from flightdepth.flight.records import Telemetry
-from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
+from flightdepth.motion import quaternion_from_rotation
 
 MAGIC = b"\xa3\x95"
 FMT = 0x80
@@ -241,10 +241,11 @@ def ekf_quaternion(fields: Fields) -> Sequence[float]:
 
 def euler_quaternion(fields: Fields) -> Sequence[float]:
     """Quaternion of Roll, Pitch, Yaw in degrees."""
-    roll, pitch, yaw = (math.radians(fields[name]) for name in ("Roll", "Pitch", "Yaw"))
-    if not math.isfinite(roll + pitch + yaw):
+    angles_deg = [fields[name] for name in ("Yaw", "Pitch", "Roll")]
+    if not all(map(math.isfinite, angles_deg)):
         return math.nan, 0.0, 0.0, 0.0
-    return [float(number) for number in quaternion_from_rotation(rotation_from_euler(roll, pitch, yaw))]
+    quaternion: list[float] = quaternion_from_rotation(turned(*angles_deg)).tolist()
+    return quaternion
 
 
 # The first of each that a log holds is used: EKF3, EKF2, then what does without an EKF.

@@ -147,15 +147,7 @@ def header_and_rows(text: str) -> tuple[Header, list[str]]:
 def flight_table(text: str, counts: Counter[str]) -> FlightTable:
     """All rows of a file whose header `is_record`; those that cannot be used are counted."""
     header, lines = header_and_rows(text)
-    if lines and not lines[-1].endswith(("\n", "\r")):
-        counts["last lines without an end: cut off"] += 1
-        del lines[-1]
-    rows = []
-    for line in lines:
-        cells = _cells(line, header.separator)
-        if len(cells) >= len(header.names) and not any(cells[len(header.names) :]):
-            rows.append(cells)
-    counts["rows of another number of cells than the header"] += len(lines) - len(rows)
+    rows = _whole_rows(header, lines, counts)
     times_s = _times(header, rows)
     known = np.flatnonzero(np.isfinite(times_s) & (np.abs(times_s) < 1e9))
     counts["rows without a time"] += len(rows) - len(known)
@@ -178,6 +170,17 @@ def flight_table(text: str, counts: Counter[str]) -> FlightTable:
         _recording(header, kept),
         _follows(header, kept),
     )
+
+
+def _whole_rows(header: Header, lines: list[str], counts: Counter[str]) -> list[list[str]]:
+    """The cells of the lines that have as many as the header; empty ones beyond do not matter."""
+    if lines and not lines[-1].endswith(("\n", "\r")):
+        counts["last lines without an end: cut off"] += 1
+        lines = lines[:-1]
+    width, rows = len(header.names), [_cells(line, header.separator) for line in lines]
+    whole = [row for row in rows if len(row) >= width and not any(row[width:])]
+    counts["rows of another number of cells than the header"] += len(rows) - len(whole)
+    return whole
 
 
 def _cells(line: str, separator: str) -> list[str]:

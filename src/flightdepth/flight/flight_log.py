@@ -164,4 +164,4 @@ def mounted(log: Telemetry | None, pitch_deg: float | None) -> Telemetry | None:
     if log is None or not log.body_attitudes:
         got = "none" if log is None else log.name
         raise BadInput("--mount-pitch", expected="a log with the attitude of the drone", got=got)
-    return with_fixed_camera(log, looking(math.radians(pitch_deg)))
+    return with_fixed_camera(log, looking(pitch_deg))

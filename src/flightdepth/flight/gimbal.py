@@ -79,16 +79,13 @@ def looking_along(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Vector:
     return quaternion_from_rotation(turned(yaw_deg, pitch_deg, roll_deg) @ NED_FROM_CAMERA)
 
 
-def looking(pitch_rad: float) -> Vector:
+def looking(pitch_deg: float) -> Vector:
     """`body_from_camera`, shape (3, 3), of a camera that looks ahead along the body's x, turned up by a pitch."""
-    return np.asarray(rotation_from_euler(0.0, pitch_rad, 0.0) @ NED_FROM_CAMERA)
+    return np.asarray(turned(0.0, pitch_deg, 0.0) @ NED_FROM_CAMERA)
 
 
-def with_fixed_camera(telemetry: Telemetry, body_from_camera: Vector = NED_FROM_CAMERA) -> Telemetry:
-    """The telemetry with the attitude of a camera that is screwed to the body.
-
-    `body_from_camera` is a rotation, shape (3, 3); by default the camera looks ahead, along the body's x.
-    """
+def with_fixed_camera(telemetry: Telemetry, body_from_camera: Vector) -> Telemetry:
+    """The telemetry with the attitude of a camera that is screwed to the body, `body_from_camera`, (3, 3)."""
     velocities = [sample for sample in telemetry.samples if not isinstance(sample, AttitudeSample)]
     cameras = [
         AttitudeSample(

@@ -57,7 +57,7 @@ class GoproSettings:
         return self.mode in WARPED
 
 
-def read_gopro_settings(path: Path, firmware: str = "") -> GoproSettings | None:
+def read_gopro_settings(path: Path, firmware: str) -> GoproSettings | None:
     """The settings inside a video, or what its `firmware` tag tells of the model; None of other makers' files."""
     try:
         with path.open("rb") as file:

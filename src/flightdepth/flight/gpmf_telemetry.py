@@ -15,10 +15,10 @@ from av.stream import Discard
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.autopilot import Gate, Velocity
-from flightdepth.flight.clock import Interval, Stamps, on_video_clock, spread
 from flightdepth.flight.container import main_stream, open_container
 from flightdepth.flight.gopro_gps import gps_velocities
 from flightdepth.flight.gpmf import GpmfError, Stream, streams
+from flightdepth.flight.payload_clock import Interval, Stamps, on_video_clock, spread
 from flightdepth.flight.positions import Velocities
 from flightdepth.flight.records import NS_PER_S, GyroscopeTrack, Telemetry
 

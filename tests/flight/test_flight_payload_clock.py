@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flightdepth.flight.clock import Interval, on_video_clock, sampling_period_ns, spread
+from flightdepth.flight.payload_clock import Interval, on_video_clock, sampling_period_ns, spread
 
 MS = 1_000_000
 
