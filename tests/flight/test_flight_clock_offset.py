@@ -45,13 +45,14 @@ def even_speed(speed=lambda t: 5.0 + 0 * t):
     return tuple(VelocitySample(s, [speed(t), 0, 0]) for s, t in zip(stamps_of(at_s), at_s, strict=True))
 
 
-def attitudes(turn, kind, *, rate_hz=50):
-    """Attitudes of a body that turns at the rates `turn`, in the class `kind`."""
+def yawing(turn):
+    """Attitudes of a body that yaws at the rates `turn`, 50 a second."""
     at_s, rates = turn
-    angles = np.cumsum(rates, axis=0) / rate_hz
+    angles = np.cumsum(rates, axis=0) / 50
     yaw_only = [rotation_from_euler(0, 0, angle) for angle in angles[:, 2]]
     return tuple(
-        kind(s, quaternion_from_rotation(each)) for s, each in zip(stamps_of(at_s), yaw_only, strict=True)
+        BodyAttitudeSample(s, quaternion_from_rotation(each))
+        for s, each in zip(stamps_of(at_s), yaw_only, strict=True)
     )
 
 
@@ -69,10 +70,10 @@ def test_turn_rates_of_a_gyroscope_with_its_own_axes(offset_s, noise):
 
 
 @pytest.mark.parametrize("offset_s", [-3.0, 0.7, 3.0])
-def test_the_camera_s_attitude(offset_s):
-    """Yaw of a level camera is a turn about its y axis, down."""
+def test_the_drone_s_attitude(offset_s):
+    """Yaw is a turn about the y axis, down, of a level camera that is screwed to it."""
     at_s, turn = wandering(2)
-    log = Telemetry("t", even_speed(), body_attitudes=attitudes((at_s, 0.1 * turn), BodyAttitudeSample))
+    log = Telemetry("t", even_speed(), body_attitudes=yawing((at_s, 0.1 * turn)))
     seen = np.stack([0 * at_s, 0.1 * turn[:, 2], 0 * at_s], axis=1)
     found = estimate_offset(
         pictures((at_s, seen), (at_s, 0 * at_s + 0.3), 0.02), log.later_by(stamps_of([-offset_s])[0])

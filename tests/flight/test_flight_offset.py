@@ -22,7 +22,7 @@ def test_an_autopilots_log_flies_with_the_video(video, tmp_path, flight):
     log = written(tmp_path / "log", flight(60))
     with open_flight(video, log, hfov_deg=60, telemetry_offset_s=-3.0) as opened:
         velocities = [item for item in opened if isinstance(item, VelocitySample)]
-        assert "59 velocities" not in opened.telemetry_name and "60 velocities" in opened.telemetry_name
+        assert " 60 velocities" in opened.telemetry_name
     at_the_first_picture = next(sample for sample in velocities if sample.stamp_ns == 0)
     assert tuple(at_the_first_picture.velocity) == velocity(30)
 

@@ -25,8 +25,8 @@ from flightdepth.flight.autopilot import (
     autopilot_telemetry,
     longest_boot,
 )
+from flightdepth.flight.file_bytes import log_bytes
 from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags, turned
-from flightdepth.flight.log_file import log_bytes
 from flightdepth.flight.records import Telemetry
 from flightdepth.motion import quaternion_from_rotation
 

@@ -15,9 +15,9 @@ import numpy as np
 from flightdepth.errors import BadInput
 from flightdepth.flight.dji_columns import FlightTable, flight_table, header_and_rows
 from flightdepth.flight.dji_speeds import flown
+from flightdepth.flight.file_bytes import as_text, log_bytes
 from flightdepth.flight.gimbal import looking_along, turned
 from flightdepth.flight.gimbal_heading import followed_offset_deg
-from flightdepth.flight.log_file import as_text, log_bytes
 from flightdepth.flight.recordings import recordings_in
 from flightdepth.flight.records import (
     NS_PER_S,

@@ -33,9 +33,9 @@ from pathlib import Path
 import numpy as np
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.file_bytes import as_text, log_bytes
 from flightdepth.flight.gimbal import looking_along
 from flightdepth.flight.lenses import fov_of_equivalent_deg
-from flightdepth.flight.log_file import as_text, log_bytes
 from flightdepth.flight.order import rising
 from flightdepth.flight.positions import Velocities, velocities_by_places
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, Sample, Telemetry, ViewTrack

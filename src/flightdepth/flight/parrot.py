@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.log_file import as_text, log_bytes
+from flightdepth.flight.file_bytes import as_text, log_bytes
 from flightdepth.flight.order import in_time_order
 from flightdepth.flight.records import (
     FASTEST_M_S,

@@ -10,6 +10,7 @@ from av.error import FFmpegError
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.container import open_container
+from flightdepth.flight.file_bytes import head_of
 from flightdepth.flight.lenses import fov_of_equivalent_deg
 
 EXPECTED = "a photograph whose EXIF tags tell the 35 mm equivalent focal length"
@@ -26,11 +27,7 @@ class Photograph(NamedTuple):
 
 def is_photograph(path: Path) -> bool:
     """Whether a file is a JPEG, by its first bytes."""
-    try:
-        with path.open("rb") as file:
-            return file.read(len(JPEG)) == JPEG
-    except OSError:
-        return False
+    return head_of(path, len(JPEG)) == JPEG
 
 
 def read_photograph(path: Path) -> Photograph:

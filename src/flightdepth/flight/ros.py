@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.file_bytes import head_of
 from flightdepth.flight.order import in_time_order
 from flightdepth.flight.records import (
     NS_PER_S,
@@ -77,12 +78,7 @@ def looks_like_ros(head: bytes, path: Path) -> bool:
 
 def ros_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterator[RosMessage]:
     """The messages of the wanted types in any ROS recording."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(16)
-    except OSError:  # a folder, or nothing at all
-        head = b""
-    reader = ros1_messages if looks_like_ros1(head, path) else ros2_messages
+    reader = ros1_messages if looks_like_ros1(head_of(path, 16), path) else ros2_messages
     return reader(path, wanted, counts)
 
 

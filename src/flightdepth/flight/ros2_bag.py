@@ -24,6 +24,7 @@ from typing import Any, BinaryIO
 from urllib.parse import quote
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.file_bytes import head_of
 from flightdepth.flight.ros_records import (
     CUT,
     DAMAGED_CHUNKS,
@@ -69,7 +70,7 @@ def looks_like_ros2(head: bytes, path: Path) -> bool:
 def ros2_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterator[RosMessage]:
     """The messages of the wanted types, in the order of the file or files."""
     for file in storage_files(path) if path.is_dir() else [path]:
-        reader = mcap_messages if _head(file) == MCAP_MAGIC else sqlite_messages
+        reader = mcap_messages if head_of(file, len(MCAP_MAGIC)) == MCAP_MAGIC else sqlite_messages
         yield from reader(file, wanted, counts)
 
 
@@ -84,15 +85,7 @@ def storage_files(folder: Path) -> list[Path]:
 
 
 def _is_storage(file: Path) -> bool:
-    return _head(file) in (MCAP_MAGIC, SQLITE_MAGIC[: len(MCAP_MAGIC)])
-
-
-def _head(file: Path) -> bytes:
-    try:
-        with file.open("rb") as opened:
-            return opened.read(len(MCAP_MAGIC))
-    except OSError:
-        return b""
+    return head_of(file, len(SQLITE_MAGIC)).startswith((MCAP_MAGIC, SQLITE_MAGIC))
 
 
 def mcap_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterator[RosMessage]:

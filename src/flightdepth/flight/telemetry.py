@@ -10,8 +10,8 @@ from flightdepth.errors import BadInput
 from flightdepth.flight.dataflash import looks_like_dataflash, read_dataflash
 from flightdepth.flight.dji_record import looks_like_dji_record, read_dji_record
 from flightdepth.flight.dji_srt import looks_like_dji_srt, read_dji_srt
+from flightdepth.flight.file_bytes import log_bytes
 from flightdepth.flight.gpmf_telemetry import read_gpmf
-from flightdepth.flight.log_file import log_bytes
 from flightdepth.flight.parrot import looks_like_parrot, read_parrot
 from flightdepth.flight.records import Telemetry
 from flightdepth.flight.ros import looks_like_ros, read_ros

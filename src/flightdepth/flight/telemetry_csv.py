@@ -27,7 +27,7 @@ import numpy as np
 
 from flightdepth.errors import BadInput
 from flightdepth.files import write_atomic
-from flightdepth.flight.log_file import log_bytes
+from flightdepth.flight.file_bytes import log_bytes
 from flightdepth.flight.order import rising
 from flightdepth.flight.records import (
     FASTEST_M_S,

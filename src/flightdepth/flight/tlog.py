@@ -23,8 +23,8 @@ from flightdepth.flight.autopilot import (
     autopilot_telemetry,
     placed_boots,
 )
+from flightdepth.flight.file_bytes import log_bytes
 from flightdepth.flight.gimbal import GimbalAttitude
-from flightdepth.flight.log_file import log_bytes
 from flightdepth.flight.records import Telemetry
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
 

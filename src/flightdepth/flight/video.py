@@ -88,14 +88,13 @@ class Video:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height of the upright pictures."""
-        picture = self._first.picture
-        turned = quarter_turns(picture) % 2
-        return (picture.height, picture.width) if turned else (picture.width, picture.height)
+        width, height = self._first.picture.width, self._first.picture.height
+        return (height, width) if self.quarter_turns % 2 else (width, height)
 
     @property
     def quarter_turns(self) -> int:
         """How often the pictures are turned by 90 degrees, anticlockwise, 0..3, to stand upright."""
-        return quarter_turns(self._first[1])
+        return quarter_turns(self._first.picture)
 
     @property
     def pixel_aspect(self) -> float:

@@ -1,4 +1,4 @@
-"""A log as bytes and as text, with one refusal for what cannot be read."""
+"""Files as bytes and as text; a log that cannot be read is refused with the reason."""
 
 from __future__ import annotations
 
@@ -15,6 +15,15 @@ def log_bytes(path: Path, limit: int = -1) -> bytes:
     except OSError as error:
         got = error.strerror or str(error)
         raise BadInput(f"telemetry {path}", expected="a log that can be read", got=got) from error
+
+
+def head_of(path: Path, size: int) -> bytes:
+    """The first `size` bytes of a file; none of a folder, or of what cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(size)
+    except OSError:
+        return b""
 
 
 def as_text(data: bytes) -> str:
