@@ -19,9 +19,10 @@ from flightdepth.flight.records import (
     NS_PER_S,
     AttitudeSample,
     BodyAttitudeSample,
-    Sample,
     Telemetry,
     VelocitySample,
+    by_time,
+    none_of,
 )
 from flightdepth.motion import Vector, rotation_from_quaternion
 
@@ -136,15 +137,12 @@ def autopilot_telemetry(name: str, records: Sequence[Record], counts: Counter[st
     for stamp_ns, value, _ in sorted(ordered, key=lambda record: not isinstance(record.value, BodyAttitude)):
         gate.take(stamp_ns - zero_ns, value)
     if not gate.velocities:
-        why = ", ".join(f"{count} {reason}" for reason, count in (+counts).items())
-        raise BadInput(f"telemetry {name}", expected="a velocity", got=f"none ({why})" if why else "none")
+        raise BadInput(f"telemetry {name}", expected="a velocity", got=none_of(counts))
     camera = f", {len(gate.cameras)} camera attitudes" if gate.cameras else ""
     what = f"{len(gate.velocities)} velocities, {len(gate.bodies)} body attitudes{camera}"
-    # Sorting is stable: a velocity stays before an attitude of the same time.
-    samples: list[Sample] = [*gate.velocities, *gate.cameras]
     return Telemetry(
         f"{name}: {what}; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock",
-        tuple(sorted(samples, key=lambda sample: sample.stamp_ns)),
+        by_time(gate.velocities, gate.cameras),
         dict(+counts),  # without the zeros
         body_attitudes=tuple(gate.bodies),
     )

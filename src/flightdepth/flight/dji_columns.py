@@ -35,7 +35,6 @@ CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d{1,9})?)(?:\s*([ap])\.?\s?
 SECONDS = {"s": 1.0, "ms": 1e-3, "millisecond": 1e-3}
 METRES = {"m": 1.0, "meters": 1.0, "metres": 1.0, "ft": 0.3048, "feet": 0.3048}
 METRES_A_SECOND = {"m/s": 1.0, "mps": 1.0, "mph": 0.44704, "km/h": 1 / 3.6, "kph": 1 / 3.6, "kmh": 1 / 3.6}
-ANY: Mapping[str, float] = {}  # degrees: the unit, where one stands there, is none that must be changed
 
 TIME = ("time", "osd.flytime")
 WALL_CLOCK = ("custom.updatetime", "datetime")
@@ -55,6 +54,7 @@ GIMBAL = (
     ("gimbal_pitch", "gimbal.pitch", "gimbalpitchraw"),
     ("gimbal_roll", "gimbal.roll", "gimbalrollraw"),
 )
+IN_TENTHS = frozenset({"gimbalyawraw", "gimbalpitchraw", "gimbalrollraw"})
 GIMBAL_MODE = ("gimbal.mode",)
 RECORDING = ("custom.isvideo", "camera_info.recordstate", "camera.isvideo", "isvideo", "istakingvideo")
 IS_RECORDING = frozenset({"1", "1.0", "true", "yes", "recording", "start", "starting"})
@@ -112,13 +112,13 @@ class Header:
         units = [match[2].lower() if match else "" for match in parted]
         return cls(tuple(name.lower() for name in names), tuple(units), separator)
 
-    def column(self, names: Sequence[str], units: Mapping[str, float] = ANY) -> Column | None:
-        """The first of `names` that is there, in a unit of `units` if any are given."""
+    def column(self, names: Sequence[str], units: Mapping[str, float] | None = None) -> Column | None:
+        """The first of `names` that is there, in a unit of `units`; without them any unit counts as it is (degrees)."""
         for name in names:
             for at, (other, unit) in enumerate(zip(self.names, self.units, strict=True)):
-                if other == name and (unit in units or units is ANY):
-                    tenths = name.startswith("gimbal") and name.endswith("raw")
-                    return Column(at, units.get(unit, 0.1 if tenths else 1.0))
+                if other == name and (units is None or unit in units):
+                    scale = 1.0 if units is None else units[unit]
+                    return Column(at, scale * 0.1 if name in IN_TENTHS else scale)
         return None
 
     @property
@@ -156,7 +156,7 @@ def flight_table(text: str, counts: Counter[str]) -> FlightTable:
     counts["rows not later than the one before"] += len(known) - len(risen)
     kept = [rows[index] for index in known[risen].tolist()]
 
-    def table(names: Sequence[Sequence[str]], units: Mapping[str, float] = ANY) -> Vector:
+    def table(names: Sequence[Sequence[str]], units: Mapping[str, float] | None = None) -> Vector:
         return np.stack([_numbers(header, kept, header.column(each, units)) for each in names], axis=1)
 
     return FlightTable(

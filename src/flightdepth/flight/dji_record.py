@@ -23,8 +23,9 @@ from flightdepth.flight.records import (
     NS_PER_S,
     AttitudeSample,
     BodyAttitudeSample,
-    Sample,
     Telemetry,
+    by_time,
+    none_of,
 )
 from flightdepth.motion import quaternion_from_rotation
 
@@ -46,11 +47,8 @@ def read_dji_record(path: Path) -> Telemetry:
     found, source = flown(table, counts)
     if not len(found):
         expected = "a flight record with speeds or two GPS positions"
-        why = ", ".join(f"{count} {reason}" for reason, count in (+counts).items())
-        raise BadInput(f"telemetry {path}", expected=expected, got=f"none ({why})" if why else "none")
+        raise BadInput(f"telemetry {path}", expected=expected, got=none_of(counts))
     cameras, heading = _cameras(table)
-    samples: list[Sample] = [*found.samples(), *cameras]
-    samples.sort(key=lambda sample: sample.stamp_ns)
     zero_ns = int(found.stamps_ns[0])
     recordings = () if table.recording is None else recordings_in(table.stamps_ns, table.recording)
     name = f"{table.maker} {path.name}: {len(found)} velocities {source}{heading}"
@@ -58,7 +56,7 @@ def read_dji_record(path: Path) -> Telemetry:
         name += f"; time 0 is its first velocity, {zero_ns / NS_PER_S:.3f} s of its clock"
     return Telemetry(
         name,
-        tuple(samples),
+        by_time(found.samples(), cameras),
         dict(+counts),
         body_attitudes=tuple(_bodies(table)),
         recordings=recordings,

@@ -38,7 +38,7 @@ from flightdepth.flight.gimbal import looking_along
 from flightdepth.flight.lenses import fov_of_equivalent_deg
 from flightdepth.flight.order import rising
 from flightdepth.flight.positions import Velocities, velocities_by_places
-from flightdepth.flight.records import NS_PER_S, AttitudeSample, Sample, Telemetry, ViewTrack
+from flightdepth.flight.records import NS_PER_S, AttitudeSample, Telemetry, ViewTrack, by_time
 from flightdepth.motion import Vector
 
 NUMBER = r"([-+]?\d{1,9}(?:[.,]\d{1,12})?)"
@@ -96,11 +96,9 @@ def read_dji_srt(path: Path) -> Telemetry:
         got = f"{len(cues)} subtitles, too few with a position"
         raise BadInput(f"telemetry {path}", expected=expected, got=got)
     cameras = _attitudes(cues)
-    samples: list[Sample] = [*found.samples(), *cameras]
-    samples.sort(key=lambda sample: sample.stamp_ns)
     name = f"DJI subtitles {path.name}: {len(found)} velocities from positions"
     name += ", gimbal attitude" if cameras else ""
-    return Telemetry(name, tuple(samples), dict(+counts), view=_views(cues))
+    return Telemetry(name, by_time(found.samples(), cameras), dict(+counts), view=_views(cues))
 
 
 def _cues(text: str, counts: Counter[str]) -> list[Cue]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flightdepth.flight.records import AttitudeSample, Sample, Telemetry
+from flightdepth.flight.records import AttitudeSample, Telemetry, by_time
 from flightdepth.motion import (
     NED_FROM_CAMERA,
     Vector,
@@ -94,5 +94,4 @@ def with_fixed_camera(telemetry: Telemetry, body_from_camera: Vector) -> Telemet
         )
         for body in telemetry.body_attitudes
     ]
-    samples: list[Sample] = sorted([*velocities, *cameras], key=lambda sample: sample.stamp_ns)
-    return replace(telemetry, samples=tuple(samples))
+    return replace(telemetry, samples=by_time(velocities, cameras))

@@ -20,7 +20,7 @@ from flightdepth.flight.gopro_gps import gps_velocities
 from flightdepth.flight.gpmf import GpmfError, Stream, streams
 from flightdepth.flight.payload_clock import Interval, Stamps, on_video_clock, spread
 from flightdepth.flight.positions import Velocities
-from flightdepth.flight.records import NS_PER_S, GyroscopeTrack, Telemetry
+from flightdepth.flight.records import NS_PER_S, GyroscopeTrack, Telemetry, none_of
 
 TimedStream = tuple[Interval, Stream]
 GYROSCOPE = "GYRO"
@@ -92,12 +92,9 @@ def _telemetry(
     kept = gate.velocities
     name = f"GPMF in the video: {first.name} of {first.device}, {len(kept)} velocities"
     if not kept:
-        why = "; ".join(f"{count} {what}" for what, count in counts.items())
+        mend = "Give --telemetry LOG or --speed M_S."
         raise BadInput(
-            name,
-            expected="at least one velocity that is a number",
-            got=why or "none",
-            mend="Give --telemetry LOG or --speed M_S.",
+            name, expected="at least one velocity that is a number", got=none_of(counts), mend=mend
         )
     return Telemetry(name, tuple(kept), dict(+counts), _gyroscope(gyroscope))
 

@@ -36,10 +36,10 @@ from flightdepth.flight.records import (
     FASTEST_M_S,
     AttitudeSample,
     BodyAttitudeSample,
-    Sample,
     Telemetry,
     VelocitySample,
     ViewTrack,
+    by_time,
 )
 from flightdepth.motion import (
     NED_FROM_CAMERA,
@@ -92,13 +92,15 @@ def read_parrot(path: Path) -> Telemetry:
             f"telemetry {path}", expected="Parrot metadata with a speed", got="none that is a number"
         )
     velocities, attitudes = in_time_order(velocities, counts), in_time_order(attitudes, counts)
-    samples: list[Sample] = [*velocities, *attitudes]
-    samples.sort(key=lambda sample: sample.stamp_ns)
     name = f"Parrot metadata {path.name}: {len(velocities)} velocities"
     name += ", attitude of the camera" if attitudes else ""
     body_attitudes = tuple(in_time_order(bodies, counts))
     return Telemetry(
-        name, tuple(samples), dict(+counts), body_attitudes=body_attitudes, view=_view_track(views)
+        name,
+        by_time(velocities, attitudes),
+        dict(+counts),
+        body_attitudes=body_attitudes,
+        view=_view_track(views),
     )
 
 

@@ -6,7 +6,10 @@ Every `stamp_ns` is int nanoseconds since the first picture of the video.
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -95,6 +98,17 @@ class BodyAttitudeSample:
 
 
 Sample = VelocitySample | AttitudeSample
+
+
+def by_time(*kinds: Sequence[Sample]) -> tuple[Sample, ...]:
+    """All samples in time order; of those at the same time the first kind comes first."""
+    return tuple(sorted(chain(*kinds), key=lambda sample: sample.stamp_ns))
+
+
+def none_of(counts: Counter[str]) -> str:
+    """What a refusal got where all was left out: "none (3 rows without a time)"."""
+    why = ", ".join(f"{count} {reason}" for reason, count in (+counts).items())
+    return f"none ({why})" if why else "none"
 
 
 @dataclass(frozen=True, eq=False)

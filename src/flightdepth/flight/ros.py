@@ -25,9 +25,9 @@ from flightdepth.flight.records import (
     NS_PER_S,
     AttitudeSample,
     BodyAttitudeSample,
-    Sample,
     Telemetry,
     VelocitySample,
+    by_time,
 )
 from flightdepth.flight.ros1_bag import looks_like_ros1, ros1_messages
 from flightdepth.flight.ros2_bag import looks_like_ros2, ros2_messages
@@ -92,14 +92,12 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     zero_ns = chosen.twists[0].stamp_ns if first_ns is None else first_ns
     velocities = in_time_order(_velocities(chosen.twists, oriented.orientations, zero_ns, counts), counts)
     attitudes = in_time_order(_camera_attitudes(topics, zero_ns), counts)
-    samples: list[Sample] = [*velocities, *attitudes]
-    samples.sort(key=lambda sample: sample.stamp_ns)
     name = f"ROS recording {path.name}: {len(velocities)} velocities of {chosen.name}"
     name += ", attitude of the camera" if attitudes else ""
     name += f"; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock"
     # Not counted: an Odometry's velocity has been.
     bodies = in_time_order(_body_attitudes(oriented.orientations, zero_ns), Counter())
-    return Telemetry(name, tuple(samples), dict(+counts), body_attitudes=tuple(bodies))
+    return Telemetry(name, by_time(velocities, attitudes), dict(+counts), body_attitudes=tuple(bodies))
 
 
 def _knows_turns(topic: Topic, chosen: Topic) -> tuple[bool, bool, bool, int]:
