@@ -1,5 +1,7 @@
 """Which recording of a log a video is, and what is said where nobody knows."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from flight_files import make_video
@@ -165,6 +167,16 @@ def test_without_a_recording_time_0_is_the_first_velocity(video, tmp_path):
     with opened(video, tmp_path / "log.csv", text) as flight:
         assert first_stamp_s(flight) == 0
         assert "time 0 is its first velocity, 100.000 s of its clock" in flight.telemetry_name
+
+
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="stands for a file that may not be read")
+def test_a_file_of_the_video_s_name_that_cannot_be_read_is_no_log(tmp_path):
+    """It ended the run, though nobody had named it."""
+    path = make_video(tmp_path / "DJI_0003.MP4", range(0, 20_000, 100), rate=10)
+    (tmp_path / "DJI_0003.csv").write_text(airdata(record(recordings=((5, 25),))), encoding="utf-8")
+    (tmp_path / "DJI_0003.LRF").symlink_to("/proc/self/mem")
+    with open_flight(path, hfov_deg=73) as flight:
+        assert first_stamp_s(flight) == pytest.approx(-5.05)
 
 
 def test_a_log_of_the_video_s_name_beside_it_is_found(tmp_path):

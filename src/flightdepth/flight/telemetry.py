@@ -10,7 +10,7 @@ from flightdepth.errors import BadInput
 from flightdepth.flight.dataflash import looks_like_dataflash, read_dataflash
 from flightdepth.flight.dji_record import looks_like_dji_record, read_dji_record
 from flightdepth.flight.dji_srt import looks_like_dji_srt, read_dji_srt
-from flightdepth.flight.file_bytes import log_bytes
+from flightdepth.flight.file_bytes import head_of, log_bytes
 from flightdepth.flight.gpmf_telemetry import read_gpmf
 from flightdepth.flight.parrot import looks_like_parrot, read_parrot
 from flightdepth.flight.records import Telemetry
@@ -48,7 +48,7 @@ FORMATS: tuple[Format, ...] = (
 
 def read_telemetry(path: Path) -> Telemetry:
     """Read a log of any known format."""
-    head = first_bytes(path)
+    head = b"" if path.is_dir() else log_bytes(path, HEAD_BYTES)
     log_format = _format_of(head, path)
     if log_format is not None:
         return log_format.read(path)
@@ -75,14 +75,9 @@ def _described(head: bytes, file_name: str) -> str:
 
 
 def is_log(path: Path) -> bool:
-    """Whether a file is a log of any known format, by its head."""
-    return _format_of(first_bytes(path), path) is not None
+    """Whether a file is a log of any known format, by its head; one that cannot be read is none."""
+    return _format_of(head_of(path, HEAD_BYTES), path) is not None
 
 
 def _format_of(head: bytes, path: Path) -> Format | None:
     return next((log_format for log_format in FORMATS if log_format.recognises(head, path)), None)
-
-
-def first_bytes(path: Path) -> bytes:
-    """The first HEAD_BYTES bytes of a file, none of a folder."""
-    return b"" if path.is_dir() else log_bytes(path, HEAD_BYTES)
