@@ -126,6 +126,14 @@ def test_a_single_turn_is_believed_if_all_of_it_is_seen(seen_until_s, right):
     assert found.offset_s == (right and pytest.approx(0, abs=2 * found.sigma_s))
 
 
+def test_a_log_that_tells_turns_too_seldom_is_not_laid_to_the_pictures():
+    at_s, turn = wandering(1)
+    seldom = at_s[::200], turn[::200]  # every 4 s
+    log = Telemetry("t", even_speed(), body_attitudes=yawing(seldom))
+    found = estimate_offset(pictures((at_s, 0.1 * turn), (at_s, 0 * at_s + 0.3)), log)
+    assert "turn rate: the log tells too few" in found.reason
+
+
 def test_a_video_of_one_picture_tells_nothing():
     none = ApparentMotion(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0))
     found = estimate_offset(none, Telemetry("t", even_speed()))

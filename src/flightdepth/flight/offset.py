@@ -94,7 +94,8 @@ def _compared(witness: Witness, seen: Signal, told: Signal | None, within_s: flo
     if not len(seen.at_s):
         return _unknown(witness, "fewer than two pictures")
     video = seen.on_grid()
-    reason = _too_even(witness, video[1]) or _too_even(witness, told.values)
+    reason = _too_even(witness, video[1], few="too few points in the pictures")
+    reason = reason or _too_even(witness, told.values, few="the log tells too few")
     if reason is not None:
         return _unknown(witness, reason)
     curve = _correlations(video, told, within_s)
@@ -103,11 +104,11 @@ def _compared(witness: Witness, seen: Signal, told: Signal | None, within_s: flo
     return _judged(witness, curve, video[1])
 
 
-def _too_even(witness: Witness, values: Vector) -> str | None:
-    """Why a signal [n, c] tells nothing; None where it does."""
+def _too_even(witness: Witness, values: Vector, *, few: str) -> str | None:
+    """Why a signal [n, c] tells nothing, `few` where it is short; None where it tells something."""
     known = values[np.isfinite(values).all(axis=1)]
     if len(known) < 3:
-        return "too few points in the pictures"
+        return few
     deviation = float(np.sqrt(known.var(axis=0).sum()))
     if witness == "turn rate":
         return None if deviation >= LEAST_TURN_RAD_S else f"even within {np.degrees(deviation):.1f} degrees/s"
