@@ -28,7 +28,6 @@ from flightdepth.flight.steadiness import (
 )
 from flightdepth.motion import Vector
 from flightdepth.renderers.raycast import render
-from flightdepth.runtimes.lens import undistort
 from flightdepth.scenes.outdoor import draw_outdoor
 from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.scenes.outdoor_textures import VARIANTS, Surface, outdoor_textures
@@ -89,7 +88,7 @@ def pairs(number: int) -> Iterator[tuple[Case, Flow | None]]:
             for (name, turn_rad), grey in zip(flown, others, strict=True):
                 before, after, found = follow(first, grey)
                 enough = len(before) >= max(FEWEST_FOLLOWED, MIN_FOLLOWED * found)
-                flow = Flow.between(undistort(before, small), undistort(after, small)) if enough else None
+                flow = Flow.between(before, after, small) if enough else None
                 yield Case(near_m, share, name, turn_rad), flow
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.records import AttitudeSample, Recording, VelocitySample
+from flightdepth.flight.records import Recording
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
 from tests_dji_records import (
@@ -30,13 +30,9 @@ def read(tmp_path, text, encoding="utf-8"):
     return read_telemetry(path)
 
 
-def of_kind(telemetry, kind):
-    return [sample for sample in telemetry.samples if isinstance(sample, kind)]
-
-
 def velocity_table(telemetry):
     """Seconds since the first velocity [n], velocities [n, 3]."""
-    samples = of_kind(telemetry, VelocitySample)
+    samples = telemetry.velocities
     return np.array([each.stamp_ns for each in samples]) / 1e9, np.array([each.velocity for each in samples])
 
 
@@ -58,7 +54,7 @@ def test_velocities_come_back_as_exact_as_they_are_written(tmp_path, layout):
 
 @LAYOUTS
 def test_the_error_is_told_and_is_not_less_than_the_rounding(tmp_path, layout):
-    samples = of_kind(read(tmp_path, DJI_RECORDS[layout](record())), VelocitySample)
+    samples = read(tmp_path, DJI_RECORDS[layout](record())).velocities
     errors = np.array([each.velocity - weaving(np.array([each.stamp_ns / 1e9]))[0] for each in samples])
     sigmas = np.array([each.sigma for each in samples])
     assert sigmas.min() > 0.028  # 0.1 m/s / 12^0.5
@@ -71,14 +67,14 @@ def test_a_speed_that_is_late_is_less_sure(tmp_path):
     speeds = [row.speeds for row in late]
     for row, old in zip(late[5:], speeds, strict=False):
         row.speeds = old  # half a second
-    sigma = of_kind(read(tmp_path, airdata(late)), VelocitySample)[0].sigma
+    sigma = read(tmp_path, airdata(late)).velocities[0].sigma
     assert 0.15 < sigma < 0.6
 
 
 @LAYOUTS
 def test_the_gimbal_tells_the_camera_and_the_body_is_kept_apart(tmp_path, layout):
     telemetry = read(tmp_path, DJI_RECORDS[layout](record(yaw_at=lambda time_s: 90 + 0 * time_s)))
-    axes = rotation_from_quaternion(of_kind(telemetry, AttitudeSample)[0].world_from_camera)
+    axes = rotation_from_quaternion(telemetry.attitudes[0].world_from_camera)
     assert np.allclose(axes[:, 2], (0, np.cos(np.pi / 6), np.sin(np.pi / 6)), atol=1e-9)  # east, 30 down
     assert np.allclose(axes[:, 0], (-1, 0, 0), atol=1e-9)  # its right is south
     body = rotation_from_quaternion(telemetry.body_attitudes[0].world_from_body)
@@ -99,13 +95,13 @@ def test_recordings_are_told(tmp_path, layout):
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
 def test_degree_signs_and_marks_of_order_do_no_harm(tmp_path, encoding):
     telemetry = read(tmp_path, flight_reader(record()), encoding)
-    assert len(of_kind(telemetry, VelocitySample)) == 600
+    assert len(telemetry.velocities) == 600
 
 
 def test_a_gimbal_that_starts_anywhere_is_put_right_by_the_nose_that_it_follows(tmp_path):
     """A Mini 2's yaw was 36 degrees off, and flight seen as going aside where it went ahead."""
     telemetry = read(tmp_path, airdata(record(gimbal_off=36)))
-    found = forward(of_kind(telemetry, AttitudeSample))
+    found = forward(telemetry.attitudes)
     yaw_deg = np.rad2deg(np.unwrap(np.arctan2(found[:, 1], found[:, 0])))
     assert yaw_deg == pytest.approx(20 + 3 * np.arange(600) / 10, abs=0.2)
     assert "its yaw turned by +36 deg to the drone's, which it follows" in telemetry.name
@@ -120,7 +116,7 @@ def test_a_gimbal_that_was_turned_aside_keeps_its_own_heading(tmp_path, off, mod
         row.gimbal_yaw = 20 - (off(row.time_s) if callable(off) else off)
     telemetry = read(tmp_path, flight_reader(log, mode=mode))
     told = np.deg2rad([round(row.gimbal_yaw, 1) for row in log])
-    found = forward(of_kind(telemetry, AttitudeSample))
+    found = forward(telemetry.attitudes)
     assert np.arctan2(found[:, 1], found[:, 0]) == pytest.approx(
         (told + np.pi) % (2 * np.pi) - np.pi, abs=1e-3
     )
@@ -138,7 +134,7 @@ def test_moments_in_which_a_gimbal_looks_aside_are_kept(tmp_path, aside_deg):
     log = record(seconds=200, yaw_at=lambda time_s: 20 + 0 * time_s, gimbal_off=12)
     for row in log[900:1200]:
         row.gimbal_yaw += aside_deg
-    found = forward(of_kind(read(tmp_path, airdata(log)), AttitudeSample))
+    found = forward(read(tmp_path, airdata(log)).attitudes)
     yaw_deg = np.rad2deg(np.arctan2(found[:, 1], found[:, 0])) % 360
     expected = np.where((np.arange(2000) >= 900) & (np.arange(2000) < 1200), 20 + aside_deg, 20)
     assert yaw_deg == pytest.approx(expected, abs=0.2)
@@ -149,7 +145,7 @@ def test_a_log_whose_gimbal_tells_nothing_has_no_camera_attitude(tmp_path):
     for row in log:
         row.gimbal_yaw = 0
     telemetry = read(tmp_path, airdata(log))
-    assert not of_kind(telemetry, AttitudeSample)
+    assert not telemetry.attitudes
     assert len(telemetry.body_attitudes) == 600
 
 

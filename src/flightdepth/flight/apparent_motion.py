@@ -15,7 +15,6 @@ from flightdepth.flight.records import NS_PER_S, Frame
 from flightdepth.flight.rotation import Flow, likeliest_rotation, rotation_flow
 from flightdepth.flight.steadiness import FEWEST_FOLLOWED, NOISE_PX, Grey, follow, small_camera, small_grey
 from flightdepth.motion import Vector
-from flightdepth.runtimes.lens import undistort
 
 LEAST_STEP_NS = 30_000_000  # between two pictures; of faster video every second, third, ... is followed
 # Back to which each is followed: over less time a slow turn drowns in the tracking's noise, over more a fast one blurs.
@@ -76,7 +75,7 @@ def _motion(pair: Followed, camera: Camera) -> Vector:
     """Rotation vector (3,) and median flow without it, (4,), from one picture to the next."""
     if len(pair.before) < FEWEST_FOLLOWED:
         return np.full(4, np.nan)
-    flow = Flow.between(undistort(pair.before, camera), undistort(pair.after, camera))
+    flow = Flow.between(pair.before, pair.after, camera)
     turn = likeliest_rotation(flow, NOISE_PX / camera.fx)
     along_x, along_y = rotation_flow(flow.points)
     left = flow.motions - np.stack([along_x @ turn, along_y @ turn], axis=1)

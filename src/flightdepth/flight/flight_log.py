@@ -16,7 +16,7 @@ from flightdepth.flight.gimbal import looking, with_fixed_camera
 from flightdepth.flight.gpmf_telemetry import read_gpmf
 from flightdepth.flight.offset import ClockOffset, estimate_offset
 from flightdepth.flight.recordings import at_recording, searched_s
-from flightdepth.flight.records import NS_PER_S, Telemetry, VelocitySample, seconds
+from flightdepth.flight.records import NS_PER_S, Telemetry, seconds
 from flightdepth.flight.signals import GAP_S
 from flightdepth.flight.telemetry import is_log, read_telemetry
 from flightdepth.flight.video import Video
@@ -140,7 +140,7 @@ def check_overlap(video: Video, log: Telemetry) -> None:
 
 def velocities_apart_ns(log: Telemetry) -> int:
     """Median time between two velocities of a log, 0 where there is only one."""
-    stamps_ns = [sample.stamp_ns for sample in log.samples if isinstance(sample, VelocitySample)]
+    stamps_ns = [velocity.stamp_ns for velocity in log.velocities]
     return int(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0
 
 

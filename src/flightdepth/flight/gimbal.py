@@ -86,7 +86,6 @@ def looking(pitch_deg: float) -> Vector:
 
 def with_fixed_camera(telemetry: Telemetry, body_from_camera: Vector) -> Telemetry:
     """The telemetry with the attitude of a camera that is screwed to the body, `body_from_camera`, (3, 3)."""
-    velocities = [sample for sample in telemetry.samples if not isinstance(sample, AttitudeSample)]
     cameras = [
         AttitudeSample(
             body.stamp_ns,
@@ -94,4 +93,4 @@ def with_fixed_camera(telemetry: Telemetry, body_from_camera: Vector) -> Telemet
         )
         for body in telemetry.body_attitudes
     ]
-    return replace(telemetry, samples=by_time(velocities, cameras))
+    return replace(telemetry, samples=by_time(telemetry.velocities, cameras))

@@ -110,7 +110,7 @@ class Flight:
     def warnings(self) -> tuple[str, ...]:
         """What the user should know of the camera and the log, a line each."""
         log, told = self._telemetry, (*self._chosen.warnings, *self._log_warnings)
-        if log is None or not log.body_attitudes or any(isinstance(s, AttitudeSample) for s in log.samples):
+        if log is None or not log.body_attitudes or log.attitudes:
             return told
         return (*told, BODY_ONLY)
 

@@ -197,8 +197,18 @@ class Telemetry:
             raise BadInput(
                 f"telemetry {self.name}", expected="samples in time order", got="an earlier one after a later"
             )
-        if not any(isinstance(sample, VelocitySample) for sample in self.samples):
+        if not self.velocities:
             raise BadInput(f"telemetry {self.name}", expected="at least one velocity", got="none")
+
+    @property
+    def velocities(self) -> list[VelocitySample]:
+        """Of the samples those that tell a velocity."""
+        return [sample for sample in self.samples if isinstance(sample, VelocitySample)]
+
+    @property
+    def attitudes(self) -> list[AttitudeSample]:
+        """Of the samples those that tell how the camera is turned."""
+        return [sample for sample in self.samples if isinstance(sample, AttitudeSample)]
 
     @property
     def digest(self) -> str:
@@ -226,5 +236,5 @@ class Telemetry:
     @property
     def span_ns(self) -> tuple[int, int]:
         """Stamps of the first and the last velocity."""
-        stamps = [sample.stamp_ns for sample in self.samples if isinstance(sample, VelocitySample)]
-        return stamps[0], stamps[-1]
+        velocities = self.velocities
+        return velocities[0].stamp_ns, velocities[-1].stamp_ns

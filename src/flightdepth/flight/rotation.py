@@ -15,8 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flightdepth.camera import Camera
 from flightdepth.epipolar import NEAREST_TO_FOCUS, aside
 from flightdepth.motion import Vector
+from flightdepth.runtimes.lens import undistort
 
 COARSE_DIRECTIONS = 32
 ROUNDS = 2
@@ -40,9 +42,10 @@ class Flow:
     motions: Vector
 
     @classmethod
-    def between(cls, before: Vector, after: Vector) -> Flow:
-        """Flow of points at normalised coordinates `before` [n, 2] that are later at `after` [n, 2]."""
-        return cls((before + after) / 2, after - before)
+    def between(cls, before: Vector, after: Vector, camera: Camera) -> Flow:
+        """Flow of points at pixels `before` [n, 2] of a camera that are later at `after` [n, 2]."""
+        start, end = undistort(before, camera), undistort(after, camera)
+        return cls((start + end) / 2, end - start)
 
 
 class _Motion(NamedTuple):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.flight.records import NS_PER_S, AttitudeSample, Telemetry, VelocitySample
+from flightdepth.flight.records import NS_PER_S, Telemetry
 from flightdepth.motion import Vector, rotations_from_quaternions
 
 Stamps = NDArray[np.int64]
@@ -40,15 +40,13 @@ class Signal:
 
 def turn_signal(log: Telemetry) -> Signal | None:
     """Turn rates, rad/s: of the camera's attitude, else of its gyroscope, else of the drone; None without any."""
-    cameras = [sample for sample in log.samples if isinstance(sample, AttitudeSample)]
-    if len(cameras) > 2:
+    if len(cameras := log.attitudes) > 2:
         stamps_ns = np.array([each.stamp_ns for each in cameras])
         return attitude_rates(stamps_ns, np.array([each.world_from_camera for each in cameras]))
     if log.gyroscope is not None and len(log.gyroscope.stamps_ns) > 2:
         track = log.gyroscope
         return Signal(track.stamps_ns / NS_PER_S, _smooth(track.rates_rad_s, track.stamps_ns), axes=False)
-    bodies = log.body_attitudes
-    if len(bodies) > 2:
+    if len(bodies := log.body_attitudes) > 2:
         stamps_ns = np.array([each.stamp_ns for each in bodies])
         return attitude_rates(stamps_ns, np.array([each.world_from_body for each in bodies]), axes=False)
     return None
@@ -56,9 +54,8 @@ def turn_signal(log: Telemetry) -> Signal | None:
 
 def speed_signal(log: Telemetry) -> Signal:
     """Speeds, m/s."""
-    velocities = [sample for sample in log.samples if isinstance(sample, VelocitySample)]
-    speeds = np.array([np.linalg.norm(each.velocity) for each in velocities])
-    return Signal(np.array([each.stamp_ns for each in velocities]) / NS_PER_S, speeds[:, None])
+    speeds = np.array([np.linalg.norm(each.velocity) for each in log.velocities])
+    return Signal(np.array([each.stamp_ns for each in log.velocities]) / NS_PER_S, speeds[:, None])
 
 
 def attitude_rates(stamps_ns: Stamps, quaternions_n4: Vector, *, axes: bool = True) -> Signal:

@@ -22,7 +22,6 @@ from flightdepth.errors import BadInput
 from flightdepth.flight.records import NS_PER_S, GyroscopeTrack
 from flightdepth.flight.rotation import Flow, likeliest_rotation
 from flightdepth.motion import Vector
-from flightdepth.runtimes.lens import undistort
 
 MAX_TURN_RAD = 0.0075
 MAX_DEROTATED_RAD = 0.03
@@ -102,7 +101,7 @@ class Steadiness:
             return self._from_gyroscope(before_ns, stamp_ns)
         if len(start) < max(FEWEST_FOLLOWED, MIN_FOLLOWED * found):
             return TurnRate(float("nan"), False, "the picture changes too fast to be followed")
-        flow = Flow.between(undistort(start, self._camera), undistort(end, self._camera))
+        flow = Flow.between(start, end, self._camera)
         turn_rad = float(np.linalg.norm(likeliest_rotation(flow, NOISE_PX / self._camera.fx)))
         return verdict(turn_rad, span_s, "the picture", self._max_turn_rad)
 
