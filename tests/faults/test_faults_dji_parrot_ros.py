@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from trash import trashed
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.records import VelocitySample
 from flightdepth.flight.ros_frames import ros_frames
 from flightdepth.flight.ros_records import DamagedError, decompressed
 from flightdepth.flight.telemetry import read_telemetry
@@ -87,7 +86,7 @@ FILES = {
 
 
 def velocities(telemetry):
-    return [sample.velocity for sample in telemetry.samples if isinstance(sample, VelocitySample)]
+    return [sample.velocity for sample in telemetry.velocities]
 
 
 @pytest.fixture(params=FILES)

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flightdepth.errors import BadInput, MissingExtra
-from flightdepth.flight.records import VelocitySample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.ranges.displacement import Trajectory
 from tests_logs import (
@@ -47,7 +46,7 @@ def read(tmp_path, data):
 
 
 def velocities(telemetry):
-    return [tuple(s.velocity.tolist()) for s in telemetry.samples if isinstance(s, VelocitySample)]
+    return [tuple(sample.velocity.tolist()) for sample in telemetry.velocities]
 
 
 # Fault 1: not a log.

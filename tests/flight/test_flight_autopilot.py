@@ -19,7 +19,7 @@ from flightdepth.flight.autopilot import (
     placed_boots,
 )
 from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags
-from flightdepth.flight.records import NS_PER_S, AttitudeSample
+from flightdepth.flight.records import NS_PER_S
 from flightdepth.motion import rotation_from_quaternion
 
 STAMPS = st.lists(st.integers(0, 100 * STEP_NS), max_size=60)
@@ -120,11 +120,7 @@ def seen_by_a_gimbal(at_s, turn_deg_s=40.0, start_deg=160.0):
         records.append(Record(k * NS_PER_S // 4, BodyAttitude(heading(start_deg + turn_deg_s * k / 4))))
     records += [Record(round(at * NS_PER_S), ahead) for at in at_s]
     telemetry = autopilot_telemetry("log", records, counts := Counter())
-    looks = [
-        rotation_from_quaternion(s.world_from_camera)[:, 2]
-        for s in telemetry.samples
-        if isinstance(s, AttitudeSample)
-    ]
+    looks = [rotation_from_quaternion(camera.world_from_camera)[:, 2] for camera in telemetry.attitudes]
     return [float(np.degrees(np.arctan2(east, north))) % 360 for north, east, _ in looks], counts
 
 

@@ -5,7 +5,6 @@ import pytest
 from pymavlink.DFReader import DFReader_binary
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.records import AttitudeSample, VelocitySample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
 from tests_logs import (
@@ -27,7 +26,7 @@ def read(tmp_path, data):
 
 
 def velocities(telemetry):
-    return [tuple(s.velocity) for s in telemetry.samples if isinstance(s, VelocitySample)]
+    return [tuple(sample.velocity) for sample in telemetry.velocities]
 
 
 def test_what_was_written_is_read(tmp_path):
@@ -126,7 +125,7 @@ def test_a_gimbal_carries_the_camera(tmp_path):
         parts.append(dataflash_record("MNT", START_US + i * 10, 1, 0, 0, 0, 0, 0, 0, 0, 0))
     parts.append(dataflash_record("MNT", START_US + 30, 0, *[math.nan] * 8))
     telemetry = read(tmp_path, b"".join(parts))
-    cameras = [s for s in telemetry.samples if isinstance(s, AttitudeSample)]
+    cameras = telemetry.attitudes
     assert [s.stamp_ns for s in cameras] == [0, 10_000, 20_000]
     axes = rotation_from_quaternion(cameras[0].world_from_camera)
     np.testing.assert_allclose(axes[:, 0], [-1, 0, 0], atol=1e-9)  # its right is south

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flightdepth.flight.gimbal import GimbalAttitude, camera_attitude, looking, with_fixed_camera
-from flightdepth.flight.records import AttitudeSample, BodyAttitudeSample, Telemetry, VelocitySample
+from flightdepth.flight.records import BodyAttitudeSample, Telemetry, VelocitySample
 from flightdepth.motion import (
     NED_FROM_CAMERA,
     quaternion_from_rotation,
@@ -69,13 +69,9 @@ def flight(*bodies):
     )
 
 
-def cameras(telemetry):
-    return [sample for sample in telemetry.samples if isinstance(sample, AttitudeSample)]
-
-
 def test_a_camera_on_the_body_looks_where_the_body_flies():
     body = quaternion_from_rotation(rotation_from_euler(0.2, -0.3, 2.0))
-    (camera,) = cameras(with_fixed_camera(flight(body), looking(0.0)))
+    (camera,) = with_fixed_camera(flight(body), looking(0.0)).attitudes
     assert camera.stamp_ns == 3
     # z forward is the body's x, x right its y, y down its z.
     assert axes(camera.world_from_camera) == pytest.approx(axes(body)[:, [1, 2, 0]])
@@ -85,7 +81,7 @@ def test_a_camera_that_looks_down():
     # Forward of the camera is down of the body, up in the picture is ahead.
     body_from_camera = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     half = math.sqrt(0.5)
-    (camera,) = cameras(with_fixed_camera(flight((half, 0, 0, half)), body_from_camera))
+    (camera,) = with_fixed_camera(flight((half, 0, 0, half)), body_from_camera).attitudes
     np.testing.assert_allclose(
         axes(camera.world_from_camera) @ [[0, 0], [-1, 0], [0, 1]], [[0, 0], [1, 0], [0, 1]], atol=1e-12
     )

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.records import AttitudeSample, VelocitySample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
 from tests_recordings import parrot_csv, parrot_json
@@ -45,10 +44,10 @@ TEXTS = {
 @pytest.mark.parametrize("layout", TEXTS)
 def test_velocity_and_attitude_come_back(tmp_path, layout):
     telemetry = read(tmp_path, TEXTS[layout])
-    velocities = [sample for sample in telemetry.samples if isinstance(sample, VelocitySample)]
+    velocities = telemetry.velocities
     assert np.array([sample.velocity for sample in velocities]).tolist() == [list(VELOCITY)] * 10
     assert [sample.stamp_ns for sample in velocities] == [33_333_000 * index for index in range(10)]
-    attitude = next(sample for sample in telemetry.samples if isinstance(sample, AttitudeSample))
+    attitude = telemetry.attitudes[0]
     axes = rotation_from_quaternion(attitude.world_from_camera)
     assert np.allclose(axes, [[-1, 0, 0], [0, 0, 1], [0, 1, 0]], atol=1e-4)  # right south, down, forward east
     assert [body.world_from_body.tolist() for body in telemetry.body_attitudes] == [[1, 0, 0, 0]] * 10

@@ -36,7 +36,7 @@ def test_a_constant_velocity_comes_back_from_each_container(tmp_path, container)
     # The body's x points east (no rotation in ENU): 4 forward, 1 left, -0.5 up is 1 north, 4 east, 0.5 down.
     path = write(tmp_path / "flight.bag", odometry_flight(serial, linear=(4.0, 1.0, -0.5)))
     telemetry = read_telemetry(path)
-    found = [sample for sample in telemetry.samples if isinstance(sample, VelocitySample)]
+    found = telemetry.velocities
     assert np.allclose([sample.velocity for sample in found], (1.0, 4.0, 0.5))
     assert [sample.stamp_ns for sample in found] == [50_000_000 * index for index in range(40)]
     assert {round(sample.sigma, 9) for sample in found} == {0.1}
@@ -229,7 +229,7 @@ def test_velocities_that_are_not_numbers_and_empty_rotations_are_counted(tmp_pat
 def test_a_folder_that_lost_its_metadata_is_read(tmp_path, plugin):
     path = write_ros2(tmp_path / "flight", odometry_flight("cdr"), plugin)
     (path / "metadata.yaml").unlink()
-    assert len([s for s in read_telemetry(path).samples if isinstance(s, VelocitySample)]) == 40
+    assert len(read_telemetry(path).velocities) == 40
 
 
 @pytest.mark.parametrize("damage", [ZSTD_MAGIC, ZSTD_MAGIC + bytes(20)], ids=["head", "body"])
@@ -240,7 +240,7 @@ def test_a_packed_message_that_is_damaged_costs_itself_only(tmp_path, damage):
     with closing(sqlite3.connect(file)) as database, database:
         database.execute("UPDATE messages SET data = ? WHERE id = 3", (damage,))
     telemetry = read_telemetry(path)
-    assert len([s for s in telemetry.samples if isinstance(s, VelocitySample)]) == 39
+    assert len(telemetry.velocities) == 39
     assert telemetry.counts == {"damaged records": 1}
 
 

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.records import VelocitySample
 from flightdepth.flight.ros import read_ros
 from flightdepth.flight.ros_frames import ros_frames
 from tests_recordings import ROS_CONTAINERS, Messages, write_mcap
@@ -74,7 +73,7 @@ def test_telemetry_and_pictures_share_a_clock(tmp_path):
         ("/image", MADE.image(0.03, RED, "rgb8")),
         ("/odom", MADE.odometry(0.05, (1, 0, 0))),
     )
-    stamps = [sample.stamp_ns for sample in read_ros(path).samples if isinstance(sample, VelocitySample)]
+    stamps = [sample.stamp_ns for sample in read_ros(path).velocities]
     assert stamps == [-30_000_000, 20_000_000]
     assert [frame.stamp_ns for frame in ros_frames(path)] == [0]
 

@@ -6,7 +6,6 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.records import AttitudeSample, VelocitySample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
 from tests_logs import (
@@ -32,7 +31,7 @@ def read(tmp_path, *parts):
 
 
 def velocities(telemetry):
-    return [tuple(s.velocity) for s in telemetry.samples if isinstance(s, VelocitySample)]
+    return [tuple(sample.velocity) for sample in telemetry.velocities]
 
 
 def forward(sample):
@@ -218,7 +217,7 @@ def test_what_a_gimbals_yaw_counts_from(tmp_path, flags, delta_yaw, looks):
             tlog_part(now, quaternion_message(5000 + i * 100, HALF_TURN_EAST)),
             tlog_part(now, message, (1, 154)),  # a device of its own, with a clock of its own
         ]
-    cameras = [s for s in read(tmp_path, *parts).samples if isinstance(s, AttitudeSample)]
+    cameras = read(tmp_path, *parts).attitudes
     assert [c.stamp_ns for c in cameras] == [i * 100_000_000 for i in range(5)]
     np.testing.assert_allclose([forward(c) for c in cameras], [looks] * 5, atol=1e-6)
 
@@ -234,7 +233,7 @@ def test_of_two_gimbals_behind_one_autopilot_the_first_carries_the_camera(tmp_pa
             )
             parts.append(tlog_part(now, message))
     telemetry = read(tmp_path, *parts)
-    cameras = [s for s in telemetry.samples if isinstance(s, AttitudeSample)]
+    cameras = telemetry.attitudes
     np.testing.assert_allclose([forward(c) for c in cameras], [(1, 0, 0)] * 5, atol=1e-6)
     assert telemetry.counts == {"attitudes of other gimbals": 5}
 
@@ -250,7 +249,7 @@ def test_a_gimbal_without_a_clock_is_placed_by_its_arrival(tmp_path):
         )
         parts.append(tlog_part(now + 30_000, message, (1, 154)))
     telemetry = read(tmp_path, *parts)
-    cameras = [s for s in telemetry.samples if isinstance(s, AttitudeSample)]
+    cameras = telemetry.attitudes
     assert [c.stamp_ns for c in cameras] == [30_000_000 + i * 100_000_000 for i in range(5)]
     assert telemetry.counts == {}
 

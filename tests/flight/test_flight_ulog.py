@@ -6,7 +6,7 @@ import pytest
 from pyulog import ULog
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.records import AttitudeSample, VelocitySample
+from flightdepth.flight.records import VelocitySample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_euler, rotation_from_quaternion
 from tests_logs import (
@@ -143,7 +143,7 @@ def test_a_gimbal_gives_the_cameras_attitude(tmp_path):
     data = [(0, local_position(START_US + i * 1000, velocity(i))) for i in range(3)]
     data += [(1, attitude(START_US, east)), (2, gimbal(START_US + 1000, pitch, 32))]
     telemetry = read(tmp_path, ulog_bytes([LOCAL_POSITION, ATTITUDE, GIMBAL], names, data))
-    (camera,) = [s for s in telemetry.samples if isinstance(s, AttitudeSample)]
+    (camera,) = telemetry.attitudes
     forward = rotation_from_quaternion(camera.world_from_camera)[:, 2]
     np.testing.assert_allclose(forward, [0, math.sqrt(0.75), 0.5], atol=1e-6)
     np.testing.assert_allclose(forward, rotation_from_euler(0, 0, math.pi / 2) @ down[:, 0], atol=1e-6)
