@@ -43,7 +43,7 @@ def test_a_log_that_misses_the_video_says_how_to_move_it(video, tmp_path):
         open_flight(video, log, hfov_deg=60, telemetry_offset_s=100.0)
 
 
-@pytest.mark.parametrize("offset", [math.nan, math.inf])
+@pytest.mark.parametrize("offset", [math.nan, math.inf, 1e30])
 def test_an_offset_that_is_no_number(video, tmp_path, offset):
     with pytest.raises(BadInput, match="--telemetry-offset: expected a finite"):
         open_flight(video, written(tmp_path / "log", ulog_flight(9)), hfov_deg=60, telemetry_offset_s=offset)

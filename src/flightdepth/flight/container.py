@@ -7,6 +7,7 @@ from typing import Any
 
 import av
 from av.error import FFmpegError
+from av.format import Flags
 
 from flightdepth.errors import BadInput
 
@@ -29,6 +30,20 @@ def main_stream(container: Any) -> Any:
     if best is None or best.frames != 1:
         return best
     return max(container.streams.video, key=lambda stream: stream.frames)
+
+
+def timed_stream(path: Path, container: Any) -> Any:
+    """The `main_stream` of a video file, which must be one whose pictures have times."""
+    if not container.streams.video:
+        raise BadInput(f"video {path}", expected="a video stream", got="only sound or data")
+    if container.format.flags & Flags.no_timestamps.value:
+        raise BadInput(
+            f"video {path}",
+            expected="pictures with times",
+            got="a raw stream without a container",
+            mend="Tell its rate and give it one: ffmpeg -r 30 -i IN -c copy OUT.mp4",
+        )
+    return main_stream(container)
 
 
 def refuse_non_video(path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Literal
 
@@ -11,12 +10,11 @@ import numpy as np
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.apparent_motion import apparent_motion
-from flightdepth.flight.constant_speed import forward_velocity
 from flightdepth.flight.gimbal import looking, with_fixed_camera
 from flightdepth.flight.gpmf_telemetry import read_gpmf
 from flightdepth.flight.offset import ClockOffset, estimate_offset
 from flightdepth.flight.recordings import at_recording, searched_s
-from flightdepth.flight.records import NS_PER_S, Telemetry, seconds
+from flightdepth.flight.records import FASTEST_M_S, LATEST_NS, NS_PER_S, Telemetry, VelocitySample, seconds
 from flightdepth.flight.signals import GAP_S
 from flightdepth.flight.telemetry import is_log, read_telemetry
 from flightdepth.flight.video import Video
@@ -38,7 +36,7 @@ def choose_telemetry(
 
     None where a constant speed is flown.
     """
-    if offset_s != AUTO and not math.isfinite(offset_s):
+    if offset_s != AUTO and not abs(offset_s) * NS_PER_S < LATEST_NS:  # True for NaN too
         raise BadInput(
             "--telemetry-offset", expected="a finite number of seconds, or auto", got=str(offset_s)
         )
@@ -55,6 +53,13 @@ def choose_telemetry(
     log = log.later_by(round(offset_s * NS_PER_S)) if offset_s else log
     check_overlap(video, log)
     return log, inside
+
+
+def forward_velocity(stamp_ns: int, speed_m_s: float) -> VelocitySample:
+    """Of a flight without a log: northwards, since some way it must be; without an attitude only the length counts."""
+    if not 0 <= speed_m_s <= FASTEST_M_S:
+        raise BadInput("--speed", expected=f"0 to {FASTEST_M_S:g} m/s", got=f"{speed_m_s:g}")
+    return VelocitySample(stamp_ns, np.array([speed_m_s, 0.0, 0.0]), "world")
 
 
 def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:

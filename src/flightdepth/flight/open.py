@@ -14,12 +14,12 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.camera_evidence import ChosenCamera, assumed_camera
 from flightdepth.flight.cameras import choose_camera
-from flightdepth.flight.constant_speed import forward_velocity
 from flightdepth.flight.flight_log import (
     AUTO,
     SELDOM_NS,
     choose_telemetry,
     clock_warnings,
+    forward_velocity,
     mounted,
     seldom_told,
     synchronised,
@@ -172,8 +172,8 @@ def open_flight(
 ) -> Flight:
     """Open a video with its telemetry.
 
-    telemetry  a log file; None looks inside the video (GPMF), then for a log of the video's name beside it (DJI's
-               subtitles), unless `speed_m_s` is given
+    telemetry  a log file; None looks inside the video (GPMF), then for a log of the video's name beside it,
+               unless `speed_m_s` is given
     telemetry_offset_s  is added to the log's times, so that they count from the video's first picture; "auto"
                estimates it from the pictures, which takes a pass over the video, and stays at 0 where they tell none
     camera     a Camera, a calibration file, a photograph with EXIF tags or a name of the table of lenses;

@@ -14,11 +14,10 @@ from typing import Any, NamedTuple
 import av
 import numpy as np
 from av.error import FFmpegError
-from av.format import Flags
 from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.container import main_stream, open_container
+from flightdepth.flight.container import open_container, timed_stream
 from flightdepth.flight.decoding import SoundPictures
 from flightdepth.flight.deinterlacing import deinterlaced
 from flightdepth.flight.records import NS_PER_S, Frame, seconds
@@ -48,18 +47,15 @@ class Video:
         self.start_ns, self.end_ns = _interval(start_s, end_s)
         self.counts: Counter[str] = Counter()
         self._container = open_container(path)
-        if not self._container.streams.video:
+        try:
+            self._stream = timed_stream(path, self._container)
+            self._first = self._begin()
+        except BaseException:
             self.close()
-            raise BadInput(f"video {path}", expected="a video stream", got="only sound or data")
-        if self._container.format.flags & Flags.no_timestamps.value:
-            self.close()
-            raise BadInput(
-                f"video {path}",
-                expected="pictures with times",
-                got="a raw stream without a container",
-                mend="Tell its rate and give it one: ffmpeg -r 30 -i IN -c copy OUT.mp4",
-            )
-        self._stream = main_stream(self._container)
+            raise
+
+    def _begin(self) -> _Picture:
+        """Find what times count from, and the first of the pictures wanted."""
         self._stream.thread_type = "AUTO"
         # AVI has no times: FFmpeg numbers packets as they lie, and the one that brought a picture out tells its place.
         self._by_packet = self._container.format.name == "avi"
@@ -69,9 +65,8 @@ class Video:
         self._chosen = self._between()
         first = next(self._chosen, None)
         if first is None:
-            self.close()
             raise self._no_frame()
-        self._first = first
+        return first
 
     def __enter__(self) -> Video:
         return self
