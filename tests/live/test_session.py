@@ -139,6 +139,15 @@ def test_a_log_of_another_time_than_the_video_is_refused(session):
         recorded(given, video_address(given.video))
 
 
+@pytest.mark.parametrize("offset_s", [float("nan"), 1e300])
+def test_an_offset_that_is_no_time_is_refused(session, offset_s):
+    given = replace(
+        session.settings, mavlink=None, telemetry=LOG, video=str(VIDEO), telemetry_offset=offset_s
+    )
+    with pytest.raises(BadInput, match="--telemetry-offset: expected a finite number of seconds, got"):
+        recorded(given, video_address(given.video))
+
+
 def test_a_stream_has_no_log_of_its_own(session):
     stream = replace(session.settings, mavlink=None)
     with pytest.raises(BadInput, match="one of them, for the drone's velocity, got neither"):

@@ -17,10 +17,10 @@ from flightdepth.commands.terminal import mention, say, warn
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.camera_evidence import ChosenCamera
 from flightdepth.flight.cameras import choose_camera
-from flightdepth.flight.flight_log import check_overlap, own_telemetry
+from flightdepth.flight.flight_log import check_overlap, in_ns, own_telemetry
 from flightdepth.flight.gimbal import looking
 from flightdepth.flight.recordings import at_recording, doubted_length
-from flightdepth.flight.records import NS_PER_S, Telemetry
+from flightdepth.flight.records import Telemetry
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.video import Video
 from flightdepth.live.autopilot_feed import AutopilotFeed, AutopilotListener
@@ -194,7 +194,7 @@ def recorded(settings: LiveSettings, address: VideoAddress) -> tuple[Telemetry |
     log = played_log(settings, address)
     if not address.paced:
         return None, None
-    offset_ns = round(settings.telemetry_offset * NS_PER_S)
+    offset_ns = in_ns(settings.telemetry_offset)
     with Video(Path(address.target)) as video:
         if log is not None:
             log = at_recording(log, video.duration_ns, offset_given=offset_ns != 0).later_by(offset_ns)

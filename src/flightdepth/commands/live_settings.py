@@ -47,9 +47,6 @@ class LiveSettings:
             raise BadInput(
                 "--camera-delay-ms", expected="0 to less than 10000", got=str(self.camera_delay_ms)
             )
-        if not math.isfinite(self.telemetry_offset):
-            got = str(self.telemetry_offset)
-            raise BadInput("--telemetry-offset", expected="a finite number of seconds", got=got)
         if self.telemetry_offset and self.mavlink is not None:
             mend = "MAVLink has a clock of its own."
             raise BadInput("--telemetry-offset", expected="a log to move", got="--mavlink", mend=mend)

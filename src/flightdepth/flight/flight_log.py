@@ -36,10 +36,7 @@ def choose_telemetry(
 
     None where a constant speed is flown.
     """
-    if offset_s != AUTO and not abs(offset_s) * NS_PER_S < LATEST_NS:  # True for NaN too
-        raise BadInput(
-            "--telemetry-offset", expected="a finite number of seconds, or auto", got=str(offset_s)
-        )
+    moved_ns = 0 if offset_s == AUTO else in_ns(offset_s)
     if speed_m_s is not None:
         forward_velocity(0, speed_m_s)  # refuses a speed that is not one, before the first frame
         return None, False
@@ -50,9 +47,16 @@ def choose_telemetry(
     log = at_recording(log, video.duration_ns, offset_given=bool(offset_s))
     if offset_s == AUTO:
         return log, inside  # moved once the camera is known
-    log = log.later_by(round(offset_s * NS_PER_S)) if offset_s else log
+    log = log.later_by(moved_ns)
     check_overlap(video, log)
     return log, inside
+
+
+def in_ns(offset_s: float) -> int:
+    """The seconds of --telemetry-offset, of which times can still be told."""
+    if not abs(offset_s) * NS_PER_S < LATEST_NS:  # True for NaN too
+        raise BadInput("--telemetry-offset", expected="a finite number of seconds", got=f"{offset_s:g}")
+    return round(offset_s * NS_PER_S)
 
 
 def forward_velocity(stamp_ns: int, speed_m_s: float) -> VelocitySample:
