@@ -94,7 +94,7 @@ def test_the_shipped_network_is_nearer_the_truth_for_it() -> None:
         depth_m = shipped.depth(pair.previous, pair.current, pair.displacement, camera)
         errors.append(np.median(np.abs(depth_m / truth - 1)[20:-20, 20:-20]))
     assert errors[1] < 0.01
-    assert errors[1] < 0.6 * errors[0]
+    assert errors[1] < 0.8 * errors[0]  # by itself the network is off by 1.2 % here
 
 
 def test_what_the_judge_is_told_of_a_plane() -> None:
