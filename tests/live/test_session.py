@@ -12,7 +12,7 @@ from live_peers import free_port
 
 from flightdepth.commands import live_session
 from flightdepth.commands.demo import LOG, VIDEO
-from flightdepth.commands.live_session import Session, missing, played_log, recorded
+from flightdepth.commands.live_session import Session, missing, recorded
 from flightdepth.commands.live_settings import LiveSettings
 from flightdepth.errors import BadInput
 from flightdepth.flight import Frame, flight_log, open_flight
@@ -116,8 +116,7 @@ def test_a_file_whose_log_tells_a_zoom_is_seen_as_run_does(session, monkeypatch)
     """It was refused without --hfov, and with one the zoom was passed over."""
     view = ViewTrack(np.array([0, 1000, 1100, 10_000]) * 1_000_000, np.array([75.0, 75, 40, 40]))
     zooming = replace(read_telemetry(LOG), view=view)
-    for module in (live_session, flight_log):
-        monkeypatch.setattr(module, "read_telemetry", lambda path: zooming)
+    monkeypatch.setattr(flight_log, "read_telemetry", lambda path: zooming)
     played = Session(replace(session.settings, mavlink=None, telemetry=LOG, hfov=None, video=str(VIDEO)))
     assert played.engine._parts.lens is None  # its turns tell nothing
     with open_flight(VIDEO, LOG) as flight:
@@ -151,13 +150,13 @@ def test_an_offset_that_is_no_time_is_refused(session, offset_s):
 def test_a_stream_has_no_log_of_its_own(session):
     stream = replace(session.settings, mavlink=None)
     with pytest.raises(BadInput, match="one of them, for the drone's velocity, got neither"):
-        played_log(stream, video_address(stream.video))
+        recorded(stream, video_address(stream.video))
 
 
 def test_a_log_is_not_played_beside_a_stream(session):
     stream = replace(session.settings, mavlink=None, telemetry=LOG)
     with pytest.raises(BadInput, match="--telemetry: expected a video file beside it"):
-        played_log(stream, video_address(stream.video))
+        recorded(stream, video_address(stream.video))
 
 
 @pytest.mark.parametrize(

@@ -11,17 +11,16 @@ from pathlib import Path
 
 from flightdepth.camera import Camera
 from flightdepth.commands.live_settings import LiveSettings
-from flightdepth.commands.network_options import check_align
+from flightdepth.commands.network_options import check_align, precision_of
 from flightdepth.commands.signals import stop_request
 from flightdepth.commands.terminal import mention, say, warn
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.camera_evidence import ChosenCamera
 from flightdepth.flight.cameras import choose_camera
-from flightdepth.flight.flight_log import check_overlap, in_ns, own_telemetry
+from flightdepth.flight.flight_log import choose_telemetry
 from flightdepth.flight.gimbal import looking
-from flightdepth.flight.recordings import at_recording, doubted_length
+from flightdepth.flight.recordings import doubted_length
 from flightdepth.flight.records import Telemetry
-from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.video import Video
 from flightdepth.live.autopilot_feed import AutopilotFeed, AutopilotListener
 from flightdepth.live.depth_stage import DepthStage, Lens
@@ -64,7 +63,7 @@ class Session:
         nominal = self.lens.camera or self.lens.at(*NOMINAL_SIZE)
         self.network: Network = load_network(
             settings.network or nearest_network(nominal),
-            precision=None if settings.precision == "auto" else settings.precision,
+            precision=precision_of(settings.precision),
             aligned=settings.align,
         )
         refuse_idle(settings, self.address, self.network.card)
@@ -191,35 +190,33 @@ class Session:
 
 def recorded(settings: LiveSettings, address: VideoAddress) -> tuple[Telemetry | None, ChosenCamera | None]:
     """The log that is played, and a video file's camera as `flightdepth run` chooses it; a stream tells neither."""
-    log = played_log(settings, address)
     if not address.paced:
+        refuse_log_of_stream(settings, address)
         return None, None
-    offset_ns = in_ns(settings.telemetry_offset)
+    given, offset_s = settings.telemetry, settings.telemetry_offset
     with Video(Path(address.target)) as video:
-        if log is not None:
-            log = at_recording(log, video.duration_ns, offset_given=offset_ns != 0).later_by(offset_ns)
-            check_overlap(video, log)
-            for doubt in () if offset_ns else doubted_length(log, video.duration_ns):
+        log = None
+        if settings.mavlink is None:
+            log, _ = choose_telemetry(
+                video, given, None, offset_s, mend="Give --telemetry LOG or --mavlink LINK."
+            )
+        if log is not None and not offset_s:
+            for doubt in doubted_length(log, video.duration_ns):
                 warn(doubt)
         return log, choose_camera(video, settings.camera, settings.hfov, log)
 
 
-def played_log(settings: LiveSettings, address: VideoAddress) -> Telemetry | None:
-    """The log of --telemetry, or a video file's own; None where an autopilot tells the velocity."""
+def refuse_log_of_stream(settings: LiveSettings, address: VideoAddress) -> None:
+    """A stream's velocity comes from an autopilot."""
     if settings.mavlink is not None:
-        return None
+        return
     if settings.telemetry is not None:
-        if not address.paced:
-            raise BadInput(
-                "--telemetry",
-                expected="a video file beside it",
-                got=address.name,
-                mend="A stream's velocity comes by --mavlink.",
-            )
-        return read_telemetry(settings.telemetry)
-    if address.paced:
-        log, _ = own_telemetry(Path(address.target), mend="Give --telemetry LOG or --mavlink LINK.")
-        return log
+        raise BadInput(
+            "--telemetry",
+            expected="a video file beside it",
+            got=address.name,
+            mend="A stream's velocity comes by --mavlink.",
+        )
     raise BadInput(
         "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="neither"
     )

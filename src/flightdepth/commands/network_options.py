@@ -9,6 +9,7 @@ import typer
 from flightdepth.errors import BadInput
 
 if TYPE_CHECKING:
+    from flightdepth.runtimes.contract import Precision
     from flightdepth.weights.card import NetworkCard
 
 METHOD = "Method"  # a panel of --help
@@ -32,6 +33,11 @@ AlignOption = Annotated[
         rich_help_panel=METHOD,
     ),
 ]
+
+
+def precision_of(option: NetworkPrecision) -> Precision | None:
+    """As `load_network` takes it."""
+    return None if option == "auto" else option
 
 
 def check_align(card: NetworkCard, *, align: bool) -> None:

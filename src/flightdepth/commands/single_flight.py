@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flightdepth.commands.batch import Outcome
-from flightdepth.commands.network_options import check_align
+from flightdepth.commands.network_options import check_align, precision_of
 from flightdepth.commands.run_settings import RunSettings
 from flightdepth.commands.signals import heed_interrupt
 from flightdepth.commands.terminal import progress_bar, say, warn
@@ -43,7 +43,7 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
     ) as flight:
         network = load_network(
             settings.network or nearest_network(flight.camera),
-            precision=None if settings.precision == "auto" else settings.precision,
+            precision=precision_of(settings.precision),
             aligned=settings.align,
         ).finer(settings.detail)
         check_options(network, settings)

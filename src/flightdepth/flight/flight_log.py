@@ -30,18 +30,26 @@ LOG_SUFFIXES = frozenset(
 
 
 def choose_telemetry(
-    video: Video, telemetry: str | Path | None, speed_m_s: float | None, offset_s: float | Literal["auto"]
+    video: Video,
+    telemetry: str | Path | None,
+    speed_m_s: float | None,
+    offset_s: float | Literal["auto"],
+    *,
+    mend: str = NO_TELEMETRY,
 ) -> tuple[Telemetry | None, bool]:
     """The log given, inside the video or beside it, moved by `offset_s`, and whether it is the one inside.
 
     None where a constant speed is flown.
+
+    Raises:
+        BadInput: there is none, for which `mend` says what to do, or it says nothing of this video.
     """
     moved_ns = 0 if offset_s == AUTO else in_ns(offset_s)
     if speed_m_s is not None:
         forward_velocity(0, speed_m_s)  # refuses a speed that is not one, before the first frame
         return None, False
     if telemetry is None:
-        log, inside = own_telemetry(video.path, mend=NO_TELEMETRY)
+        log, inside = own_telemetry(video.path, mend=mend)
     else:
         log, inside = read_telemetry(Path(telemetry)), False
     log = at_recording(log, video.duration_ns, offset_given=bool(offset_s))
