@@ -63,6 +63,12 @@ def table(header, rows, separator=",", newline="\n"):
     return newline.join([header, *(separator.join(map(str, row)) for row in rows)]) + newline
 
 
+def of_day(row):
+    """Hours, minutes and seconds of a row's wall clock."""
+    hours, rest = divmod(START_S + row.time_s, 3600)
+    return hours, *divmod(rest, 60)
+
+
 def airdata(rows, *, metric=False):
     """Leading spaces in some names and cells, messages in quotes, 15 digits of a degree."""
     foot, mph = (1.0, 1.0) if metric else (FOOT_M, MPH)
@@ -110,7 +116,7 @@ def flight_reader(rows, *, separator=",", first_line="sep=,", mode="Follow Yaw")
     )
     cells = []
     for row in rows:
-        hours, seconds = divmod(START_S + row.time_s, 3600)
+        hours, minutes, seconds = of_day(row)
         numbers = [
             f"{row.lat:.8f}",
             f"{row.lon:.7f}",
@@ -129,7 +135,7 @@ def flight_reader(rows, *, separator=",", first_line="sep=,", mode="Follow Yaw")
         cells.append(
             [
                 "4/13/2022",
-                f"{hours:.0f}:{seconds // 60:02.0f}:{seconds % 60:05.2f} AM",
+                f"{hours:.0f}:{minutes:02.0f}:{seconds:05.2f} AM",
                 f"{row.time_s // 60:.0f}m {row.time_s % 60:.1f}s",
                 f"{row.time_s:.1f}",
                 *numbers,
@@ -160,10 +166,10 @@ def txt_log(rows):
     )
     cells = []
     for row in rows:
-        hours, seconds = divmod(START_S + row.time_s, 3600)
+        hours, minutes, seconds = of_day(row)
         cells.append(
             [
-                f"2018/07/04 {hours:02.0f}:{seconds // 60:02.0f}:{seconds % 60:06.3f}",
+                f"2018/07/04 {hours:02.0f}:{minutes:02.0f}:{seconds:06.3f}",
                 "",
                 "Recording" if row.recording else "",
                 0,

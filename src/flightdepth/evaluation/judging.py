@@ -20,7 +20,7 @@ from flightdepth.evaluation.arrays import Maps
 from flightdepth.runtimes.alignment import clues_of
 from flightdepth.runtimes.network import Network
 from flightdepth.stillbox.pairs import Pair
-from flightdepth.sweep import unit_direction
+from flightdepth.sweep import grey, unit_direction
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -59,7 +59,7 @@ def told_of(network: Network, pair: Pair) -> Told:
     depth_m, sigma_m = found.depth_m[0], found.sigma_m
     if sigma_m is None:
         raise ValueError(f"expected a network that tells sigma_m, got {network.card.name}")
-    previous, current = (np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8) for image in pictures)
+    previous, current = map(grey, pictures)
     sigma = sigma_m[0] / depth_m / np.float32(network.card.sigma_scale)
     direction = unit_direction(pair.displacement)
     clues, depth = clues_of(previous, current, depth_m / length_m, sigma, direction, camera=grid.camera)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from flightdepth.camera import Camera
 from flightdepth.evaluation.arrays import Image, Maps
+from flightdepth.sweep import grey
 from flightdepth.triangulation import inverse_depth
 
 # Flow of DIS is good to a few tenths of a pixel; below this shift, at a tenth of the largest depth, a pixel
@@ -44,8 +45,7 @@ class ClassicalPeer:
         pixel that could not have moved (see BLIND_PX) takes the median of the others; if all are blind, as
         without a displacement, the result is NaN.
         """
-        greys = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (current, previous)]
-        flow_hw2 = np.asarray(self._dis.calc(*greys, None), dtype=np.float32)
+        flow_hw2 = np.asarray(self._dis.calc(grey(current), grey(previous), None), dtype=np.float32)
         inverse, leverage_px = inverse_depth(flow_hw2, displacement, camera)
         with np.errstate(divide="ignore"):
             depth_m = np.where(inverse > 0, 1 / inverse, self.depth_max_m)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.bootstrap import with_ends
+from flightdepth.sweep import grey
 
 Floats = NDArray[np.float64]
 
@@ -96,16 +97,16 @@ class TrackedPoints:
 
     def add(self, image: Image, depth_m: Maps, flown_m: float) -> None:
         """The next frame: uint8 RGB [H, W, 3], depth [H, W] (NaN = unknown), metres flown so far."""
-        grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+        now = grey(image)
         if self._grey is not None and self._alive:
-            self._alive = _followed(self._grey, grey, self._alive)
-        self._replenish(grey, depth_m)
+            self._alive = _followed(self._grey, now, self._alive)
+        self._replenish(now, depth_m)
         for track in self._alive:
             depth = _depth_at(depth_m, track.point)
             if np.isfinite(depth):
                 track.flown_m.append(flown_m)
                 track.depth_m.append(depth)
-        self._grey = grey
+        self._grey = now
 
     def slopes(self, *, least_span_m: float) -> Slopes:
         """Fit every track that lasted `LEAST_SAMPLES` depths and `least_span_m` metres."""
@@ -117,7 +118,7 @@ class TrackedPoints:
         columns = np.array(fitted, dtype=np.float64).reshape(-1, 3).T
         return slopes_of(*columns)
 
-    def _replenish(self, grey: Image, depth_m: Maps) -> None:
+    def _replenish(self, now: Image, depth_m: Maps) -> None:
         """New corners where depth is known and no track is near."""
         mask = np.where(np.isfinite(depth_m), np.uint8(255), np.uint8(0))
         for track in self._alive:
@@ -125,7 +126,7 @@ class TrackedPoints:
         wanted = MOST_POINTS - len(self._alive)
         if wanted <= 0:
             return
-        corners = cv2.goodFeaturesToTrack(grey, wanted, 0.01, 10, mask=mask)
+        corners = cv2.goodFeaturesToTrack(now, wanted, 0.01, 10, mask=mask)
         for x, y in [] if corners is None else corners[:, 0]:
             track = _Track((float(x), float(y)))
             self._alive.append(track)

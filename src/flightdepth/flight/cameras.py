@@ -14,10 +14,7 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.camera_evidence import CameraEvidence, ChosenCamera, described, fov_camera, same_shape
 from flightdepth.flight.camera_file import read_camera
-from flightdepth.flight.lenses import (
-    CONTRADICTION,
-    find_lens,
-)
+from flightdepth.flight.lenses import CONTRADICTION, find_lens
 from flightdepth.flight.photograph import is_photograph, read_photograph
 from flightdepth.flight.records import Telemetry
 from flightdepth.flight.turn_verdict import described_turns
