@@ -20,9 +20,10 @@ from flightdepth.errors import BadInput
 from flightdepth.files import check_parent, make_folder
 
 if TYPE_CHECKING:
+    from flightdepth.evaluation.fixed_set import AnySet
     from flightdepth.runtimes.network import Network
-    from flightdepth.stillbox import OutdoorTestSet, TestSet
 
+SCENES = 300  # of a fixed test set
 PICTURES = 16  # sheets that --pictures writes
 SHOWN = 3  # on the page of --report
 
@@ -41,7 +42,9 @@ evaluate.command("table")(paper_table)
 def evaluate_network_command(
     network: Annotated[str, typer.Argument(metavar="NETWORK", help="A shipped name, or an ONNX file.")],
     *,
-    scenes: Annotated[int, typer.Option(metavar="N", help="Scenes of the test set.")] = 300,
+    scenes: Annotated[
+        int | None, typer.Option(metavar="N", help="Scenes of the test set. Default: 300, or all of --set.")
+    ] = None,
     json: JsonOption = None,
     pictures: Annotated[
         Path | None,
@@ -56,6 +59,10 @@ def evaluate_network_command(
     outdoor: Annotated[
         bool, typer.Option("--outdoor", help="Drone flights under a sky instead of rooms.")
     ] = False,
+    stored: Annotated[
+        Path | None,
+        typer.Option("--set", metavar="DIR", help="A set on the disk, as `render` writes it, instead."),
+    ] = None,
     fov: Annotated[
         float,
         typer.Option(
@@ -75,9 +82,15 @@ def evaluate_network_command(
       flightdepth evaluate network motion --outdoor
 
       flightdepth evaluate network motion --fov 60
+
+    Scenes that another renderer made, Blender or the authors' own:
+
+      flightdepth render 256 --renderer blender --scenes 40 --seed 77 --out blender-256
+
+      flightdepth evaluate network motion --set blender-256
     """
     with extra_packages("flightdepth evaluate", "train"):
-        from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set
+        from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set, stored_set
         from flightdepth.scenes import textures_from_folder
     from flightdepth.runtimes.network import load_network
 
@@ -87,14 +100,19 @@ def evaluate_network_command(
             make_folder(option, target)
     opened = load_network(network, "openvino", precision="f32")
     own = None if textures is None else textures_from_folder(textures)
-    if outdoor and (own is not None or fov != 90):
-        got = f"--fov {fov:g}" if own is None else "--textures"
-        raise BadInput("--outdoor", expected="neither --textures nor --fov beside it", got=got)
-    pairs = (
-        outdoor_set(opened.card, scenes=scenes)
-        if outdoor
-        else fixed_set(opened.card, scenes=scenes, textures=own, horizontal_fov_deg=fov)
-    )
+    _refuse_other_sets(outdoor=outdoor, stored=stored, textures=textures, fov=fov)
+    pairs: AnySet
+    if stored is not None:
+        pairs = stored_set(opened.card, stored, scenes=scenes)
+    elif outdoor:
+        pairs = outdoor_set(opened.card, scenes=SCENES if scenes is None else scenes)
+    else:
+        pairs = fixed_set(
+            opened.card,
+            scenes=SCENES if scenes is None else scenes,
+            textures=own,
+            horizontal_fov_deg=fov,
+        )
     result = evaluated(opened, pairs)
     show(result)
     keep(result, opened, pairs, json, pictures)
@@ -102,7 +120,21 @@ def evaluate_network_command(
         write_report(report, result, opened, pairs)
 
 
-def evaluated(network: Network, pairs: TestSet | OutdoorTestSet) -> dict[str, Any]:
+def _refuse_other_sets(*, outdoor: bool, stored: Path | None, textures: Path | None, fov: float) -> None:
+    """Refuse what would say two things of which set to take."""
+    given = {
+        "--set": stored is not None,
+        "--outdoor": outdoor,
+        "--textures": textures is not None,
+        "--fov": fov != 90,
+    }
+    asked = [option for option, is_given in given.items() if is_given]
+    if asked[:1] in (["--set"], ["--outdoor"]) and len(asked) > 1:
+        alone, *others = asked
+        raise BadInput(alone, expected="no other option of the scenes beside it", got=", ".join(others))
+
+
+def evaluated(network: Network, pairs: AnySet) -> dict[str, Any]:
     """All figures, with a progress bar."""
     from flightdepth.evaluation.fixed_set import set_name
     from flightdepth.evaluation.network import evaluate_network
@@ -124,7 +156,7 @@ def show(result: dict[str, Any]) -> None:
 def keep(
     result: dict[str, Any],
     network: Network,
-    pairs: TestSet | OutdoorTestSet,
+    pairs: AnySet,
     json: Path | None,
     pictures: Path | None,
 ) -> None:
@@ -137,9 +169,7 @@ def keep(
         say(f"pictures: {len(write_sheets(network, first, pictures))} in {pictures}")
 
 
-def write_report(
-    folder: Path, result: dict[str, Any], network: Network, pairs: TestSet | OutdoorTestSet
-) -> None:
+def write_report(folder: Path, result: dict[str, Any], network: Network, pairs: AnySet) -> None:
     """Write the network's page."""
     from flightdepth.evaluation.page import write_page
 

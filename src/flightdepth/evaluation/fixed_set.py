@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 from flightdepth.errors import BadInput
+from flightdepth.evaluation.pairs import SAME_FOCAL
 from flightdepth.runtimes.contract import STRIDE
 from flightdepth.scenes import StillBoxConfig, Textures
-from flightdepth.stillbox import OutdoorTestSet, PairRule, Picture, TestSet
+from flightdepth.stillbox import OutdoorTestSet, PairRule, Picture, StoredTestSet, TestSet
 from flightdepth.stillbox.sets import changed
+from flightdepth.stillbox.stored import open_stored_set
 from flightdepth.stillbox.testset import SCENES
 from flightdepth.weights.card import FLIGHT_DETAIL, NetworkCard
+
+AnySet = TestSet | OutdoorTestSet | StoredTestSet
 
 MOST_PX = 256  # of the pictures that a network for one lens is measured on: crops of larger ones
 
@@ -43,6 +50,26 @@ def fixed_set(
     return TestSet(Picture(width, width, full), rule, scenes, textures=textures, config=config)
 
 
+def stored_set(card: NetworkCard, folder: Path, *, scenes: int | None = None) -> StoredTestSet:
+    """The first `scenes` of a set in a folder (None: all), the frames about the network's own displacement apart.
+
+    Raises:
+        BadInput: no set, one of another focal length than that of a network for one lens, or a turning camera.
+    """
+    found = open_stored_set(folder)
+    if scenes is not None:
+        _check(scenes)
+        found = replace(found, entries=found.entries[:scenes])
+    focal_px = found.camera.fx
+    if not card.any_lens and abs(focal_px / card.focal_px - 1) > SAME_FOCAL:
+        raise BadInput(
+            f"set {folder}",
+            expected=f"focal length {card.focal_px:g} px, {card.name}'s",
+            got=f"{focal_px:g} px",
+        )
+    return StoredTestSet(found, card.at_focal(focal_px).D0_m, STRIDE)
+
+
 def _check(scenes: int) -> None:
     if scenes < 1:
         raise BadInput("scenes of a test set", expected="at least 1", got=str(scenes))
@@ -58,8 +85,12 @@ def full_width(card: NetworkCard) -> int:
     return STRIDE * max(1, round(2 * card.focal_px / FLIGHT_DETAIL / STRIDE))
 
 
-def set_name(pairs: TestSet | OutdoorTestSet) -> str:
+def set_name(pairs: AnySet) -> str:
     """What a table calls a test set; own textures by the beginning of their hash."""
+    if isinstance(pairs, StoredTestSet):
+        stored = pairs.stored
+        lens = f"{stored.width} px, {stored.horizontal_fov_deg:g} degrees"
+        return f"{stored.folder.name}, {lens}, by {stored.renderer}, scenes {stored.digest}"
     if isinstance(pairs, OutdoorTestSet):
         return f"outdoor flights {pairs.width} px"
     picture = pairs.picture

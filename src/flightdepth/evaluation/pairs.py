@@ -18,6 +18,8 @@ from flightdepth.runtimes.network import Network
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
+SAME_FOCAL = 0.01  # by which share a network for one lens bears another focal length
+
 
 def refuse_namesakes(what: str, networks: Sequence[Network]) -> None:
     """Networks that stand side by side are told apart by name alone.
@@ -76,7 +78,7 @@ class Task:
         """The task of a pair that was drawn at a focal length that the network knows; anything else is refused."""
         height, width = pair.depth_m.shape
         card = card.at_focal(pair.focal_px)
-        if abs(pair.focal_px / card.focal_px - 1) > 0.01 or height % STRIDE or width % STRIDE:
+        if abs(pair.focal_px / card.focal_px - 1) > SAME_FOCAL or height % STRIDE or width % STRIDE:
             raise BadInput(
                 "test set",
                 expected=f"focal length {card.focal_px:g} px and sides of {STRIDE} px multiples for {card.name}",

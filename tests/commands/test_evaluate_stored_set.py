@@ -1,0 +1,40 @@
+"""`flightdepth evaluate network --set`: a set on the disk as the test set."""
+
+import json
+
+import pytest
+
+from flightdepth import cli
+
+
+@pytest.fixture(scope="module")
+def rooms(tmp_path_factory):
+    """Two rooms of four frames, 256 px."""
+    folder = tmp_path_factory.mktemp("stored")
+    (folder / "knobs.toml").write_text("frames = 4\n")
+    knobs = ["--scenes", "2", "--seed", "77", "--config", str(folder / "knobs.toml"), "--procedural", "20"]
+    assert cli.main(["render", "256", *knobs, "--out", str(folder / "rooms")]) == 0
+    return folder / "rooms"
+
+
+@pytest.mark.parametrize("network", ["motion", "depthnet-256"])
+def test_a_network_is_measured_on_a_set_of_the_disk(rooms, tmp_path, network):
+    figures = tmp_path / "figures.json"
+    assert cli.main(["evaluate", "network", network, "--set", str(rooms), "--json", str(figures)]) == 0
+    found = json.loads(figures.read_text())
+    assert found["set"].startswith("rooms, 256 px, 90 degrees, by raycast")
+    assert found["pairs"] == 2
+    assert 0 < found["network"]["l1_m"] < 0.6 * found["constant"]["l1_m"]
+    assert sum(row["pixels"] for row in found["network"]["depth_bins"]) == 2 * 64 * 64
+
+
+@pytest.mark.parametrize("beside", [["--outdoor"], ["--fov", "60"], ["--textures", "."]])
+def test_one_set_at_a_time(rooms, beside, capsys):
+    assert cli.main(["evaluate", "network", "motion", "--set", str(rooms), *beside]) == 2
+    assert f"got {beside[0]}" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_network_for_one_lens_refuses_another(rooms, capsys):
+    assert cli.main(["evaluate", "network", "tiny-clamped-512", "--set", str(rooms)]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "expected focal length 256 px, tiny-clamped-512's, got 128 px" in told
