@@ -6,7 +6,9 @@ A call takes frame pairs that are on the network's grid already and gives depth 
 comes before any runtime: to lay pairs side by side, or to sweep them along the motion. "predict" is all of
 `Network.predict` in OpenVINO, inputs and alignment with the pictures too. All networks and runtimes
 take turns, so that a busy machine slows all of them alike; compare ratios within one run.
-PyTorch is timed too where it is installed.
+PyTorch is timed too where it is installed. A second table holds each call against this machine's matrix peak: the
+operations of the network's convolutions over the time of the call, as a share of what one large product of matrices
+(MATRIX square, in OpenVINO too, in the same precision, in turns with the calls, its fastest) reaches.
 """
 
 from __future__ import annotations
@@ -40,6 +42,8 @@ from flightdepth.weights.store import StoredNetwork, read_network, shipped_netwo
 
 Call = Callable[[], object]
 SHIFT_PX = 3
+MATRIX = 1536
+PEAK = "matrix product"
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,8 @@ class Timing:
     median_ms: float
     p95_ms: float
     calls: int
+    operations: int  # two a multiplication and addition, of all pairs of the call
+    peak_share: float | None  # None where no peak was measured for that runtime
 
 
 def calls_of(stored: StoredNetwork, size: int, batch: int) -> dict[str, Call]:
@@ -141,18 +147,76 @@ def times_ms(calls: Mapping[tuple[str, str], Call], seconds: float) -> dict[tupl
     return {name: np.array(values) for name, values in taken.items()}
 
 
+def operations(onnx: bytes, made: Arrays) -> int:
+    """Two for each multiplication and addition of the convolutions and products of matrices of one call."""
+    import openvino as ov
+
+    model = ov.Core().read_model(onnx)
+    model.reshape({name: list(array.shape) for name, array in made.items()})
+    found = 0
+    for node in model.get_ops():
+        match node.get_type_name():
+            case (
+                "Convolution" | "GroupConvolution"
+            ):  # weights [(groups,) out, in, kernel]: in x kernel of each output
+                found += 2 * math.prod(node.output(0).shape) * math.prod(list(node.input_value(1).shape)[-3:])
+            case "ConvolutionBackpropData":  # weights [in, out, kernel]: out x kernel of each input
+                found += (
+                    2 * math.prod(node.input_value(0).shape) * math.prod(list(node.input_value(1).shape)[-3:])
+                )
+            case "MatMul":
+                found += 2 * math.prod(node.output(0).shape) * list(node.input_value(0).shape)[-1]
+    return found
+
+
+def matrix_products() -> dict[str, Call]:
+    """A product of two square matrices in each precision, by the runtime whose peak it tells."""
+    import openvino as ov
+    from openvino import opset13 as op
+
+    draws = np.random.default_rng(0)
+    left, right = (draws.uniform(-1, 1, (MATRIX, MATRIX)).astype(np.float32) for _ in range(2))
+
+    def product(precision: str) -> Call:
+        given = op.parameter([MATRIX, MATRIX], ov.Type.f32)
+        factors = [given, op.constant(right)]
+        if precision == "int8":
+            ends = [op.constant(np.float32(end)) for end in (-1.0, 1.0)]
+            factors = [
+                op.fake_quantize(factor, *ends, *ends, levels)
+                for factor, levels in zip(factors, (256, 255), strict=True)
+            ]
+        hints = {"INFERENCE_PRECISION_HINT": "bf16" if precision == "bf16" else "f32"}
+        model = ov.Model([op.matmul(*factors, False, False)], [given])
+        compiled = ov.Core().compile_model(model, "CPU", hints | {"PERFORMANCE_HINT": "LATENCY"})
+        request = compiled.create_infer_request()
+        return partial(request.infer, [left], share_inputs=True, share_outputs=True)
+
+    precisions = ["f32", *(["bf16"] if cpu_runs_bf16() else []), "int8"]
+    return {f"OpenVINO {precision}": product(precision) for precision in precisions}
+
+
 def measure(networks: Sequence[StoredNetwork], size: int, batch: int, seconds: float) -> list[Timing]:
     """All networks and runtimes at one size and batch, side by side."""
-    calls = {
-        (stored.card.name, name): call
-        for stored in networks
-        for name, call in calls_of(stored, size, batch).items()
+    found = {stored.card.name: calls_of(stored, size, batch) for stored in networks}
+    counts = {
+        stored.card.name: operations(stored.onnx, found[stored.card.name]["inputs"]()) for stored in networks
     }
+    calls = {(name, runtime): call for name, each in found.items() for runtime, call in each.items()}
+    products = matrix_products()
+    calls |= {(PEAK, runtime): call for runtime, call in products.items()}
     weights, timings = {stored.card.name: stored.card.sha256 for stored in networks}, []
-    for (network, name), taken in times_ms(calls, seconds).items():
-        median, p95 = np.percentile(taken, [50, 95])
+    taken = times_ms(calls, seconds)
+    peaks = {runtime: 2 * MATRIX**3 / taken.pop((PEAK, runtime)).min() for runtime in products}
+    for (network, name), values in taken.items():
+        median, p95 = np.percentile(values, [50, 95])
+        per_ms = peaks.get(name)
+        share = None if per_ms is None else round(float(counts[network] / median / per_ms), 3)
         row = (network, weights[network], name, size, batch)
-        timings.append(Timing(*row, round(float(median), 3), round(float(p95), 3), len(taken)))
+        timing = Timing(
+            *row, round(float(median), 3), round(float(p95), 3), len(values), counts[network], share
+        )
+        timings.append(timing)
     return timings
 
 
@@ -167,6 +231,22 @@ def table(timings: list[Timing], cpu: str) -> Table:
         row[timing.runtime] = f"{timing.median_ms:.2f} ({timing.p95_ms:.2f})"
     for (network, size, batch), row in cells.items():
         shown.add_row(network, str(size), str(batch), *(row[name] for name in names))
+    return shown
+
+
+def peak_table(timings: list[Timing]) -> Table:
+    known = [timing for timing in timings if timing.peak_share is not None]
+    shown = Table(title="share of the machine's matrix peak in the same precision", box=None)
+    names = list(dict.fromkeys(timing.runtime for timing in known))
+    for heading in ("network", "size", "batch", "GFLOP", *names):
+        shown.add_column(heading, justify="left" if heading == "network" else "right")
+    rows: dict[tuple[str, int, int, int], dict[str, str]] = {}
+    for timing in known:
+        row = rows.setdefault((timing.network, timing.size, timing.batch, timing.operations), {})
+        row[timing.runtime] = f"{timing.peak_share:.0%}"
+    for (network, size, batch, count), row in rows.items():
+        shares = (row.get(name, "") for name in names)
+        shown.add_row(network, str(size), str(batch), f"{count / 1e9:.2f}", *shares)
     return shown
 
 
@@ -189,7 +269,9 @@ def main() -> None:
         for batch in given.batches:
             timings += measure(networks, size, batch, given.seconds)
     cpu = cpu_name()
-    Console(width=max(Console().width, 150)).print(table(timings, cpu))
+    console = Console(width=max(Console().width, 150))
+    console.print(table(timings, cpu))
+    console.print(peak_table(timings))
     if given.json:
         facts = {"commit": source_commit(), "cpu": cpu, "python": platform.python_version()}
         write_json(given.json, facts | {"timings": [asdict(timing) for timing in timings]})
