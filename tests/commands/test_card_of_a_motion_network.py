@@ -7,6 +7,7 @@ from flightdepth.runtimes.devices import BF16_COST, BF16_COST_BEFORE
 from flightdepth.training import load_recipe
 from flightdepth.training.checkpoint import Progress
 from flightdepth.training.run_folder import Trained
+from flightdepth.weights.card import Predecessor
 
 
 def test_the_card_tells_lenses_and_wrong_motion_of_each_stage(tmp_path):
@@ -40,6 +41,18 @@ def test_a_run_that_started_from_one_lists_what_that_went_on_from(tmp_path):
     assert [stage.name for stage in card_of(half, "motion-tiny").stages] == [
         stage.name for stage in (*recipe.stages, *tiny.stages)
     ]
+
+
+def test_the_card_tells_what_shipped_before_and_its_error(tmp_path):
+    recipe = load_recipe("motion")
+    first = card_of(Trained(tmp_path / "a", recipe, Progress("", "", 2, 0, 184_000, 1.0), None), "motion")
+    assert first.went_on_from is None
+    first = first.model_copy(update={"metrics": {"l1_m": 3.5}, "sha256": "ab" * 32})
+    done = Progress("", "", len(recipe.stages), 0, recipe.samples, 1.0)
+    again = Trained(tmp_path / "b", recipe, done, None, first)
+    before = Predecessor(sha256="ab" * 32, samples=184_000, l1_m=3.5)
+    assert card_of(again, "motion").went_on_from == before
+    assert card_of(again, "another").went_on_from is None
 
 
 @pytest.mark.parametrize(

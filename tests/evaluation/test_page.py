@@ -1,6 +1,7 @@
 """A network's page: what it says is what was measured, and its picture shows the pairs."""
 
 import re
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -10,12 +11,24 @@ from test_evaluate_network import CAMERA, CARD, D0, Constant, pairs
 
 from flightdepth.evaluation.network import evaluate_network
 from flightdepth.evaluation.page import GAP_PX, markdown, page_text, sheets, write_page
+from flightdepth.evaluation.spread import LEFT_OUT
 from flightdepth.runtimes.network import Network
-from flightdepth.weights.card import Stage
+from flightdepth.weights.card import Predecessor, Stage
 
 STAGE = Stage(
     name="64", width=64, height=64, focal_px=32, samples=1200, batch=8, learning_rate=0.001, photometric=False
 )
+SPREAD = {
+    "inside_one": 0.683,
+    "inside_two": 0.95,
+    "believed": {"share": 0.8, "inside_one": 0.66},
+    "sparsification": {
+        "left_out": list(LEFT_OUT),
+        "by_sigma": [1 - 0.8 * share for share in LEFT_OUT],
+        "by_error": [1 - share for share in LEFT_OUT],
+    },
+    "area": 0.09,
+}
 
 
 @pytest.fixture(scope="module")
@@ -45,12 +58,19 @@ def test_every_table_has_as_many_cells_in_each_row(network, result):
 
 
 def test_an_error_bar_is_told_where_there_is_one(network, result):
-    spread = {"inside_one": 0.683, "inside_two": 0.95, "believed": {"share": 0.8, "inside_one": 0.66}}
-    assert (
-        "68.3% of errors inside one sigma, 95.0% inside two; of what flights believe (80%) 66.0%"
-        in page_text(network.card, dict(result, spread=spread), "x.jpg")
-    )
+    text = page_text(network.card, dict(result, spread=SPREAD), "x.jpg")
+    assert "68.3% of errors inside one sigma, 95.0% inside two; of what flights believe (80%) 66.0%" in text
+    assert "the error is 0.60 of what it is with all; 0.50 if the true errors told" in text
+    assert "between the curves: 0.090" in text
     assert "Error bar" not in page_text(network.card, result, "x.jpg")
+
+
+def test_what_shipped_before_is_told_with_its_error(network, result):
+    before = Predecessor(sha256="89abcdef01234567" * 4, samples=1200, l1_m=3.25)
+    card = network.card.model_copy(update={"went_on_from": before})
+    told = "what shipped before: 1,200 pairs, weights 89abcdef01234567, L1 3.250 m"
+    assert told in page_text(card, result, "x.jpg")
+    assert "shipped before" not in page_text(network.card, result, "x.jpg")
 
 
 def test_a_mean_with_another_network_is_told(network, result):
@@ -84,3 +104,16 @@ def test_both_files_are_written(network, result, tmp_path):
 
 def test_a_markdown_table():
     assert markdown(("a", "b"), [(1, 2)]) == "| a | b |\n| --- | --- |\n| 1 | 2 |"
+
+
+def test_the_curve_is_written_beside_the_page(network, result, tmp_path):
+    page, _, curve = write_page(tmp_path, network, dict(result, spread=SPREAD), pairs()[:1])
+    assert f"![Sparsification curve]({curve.name})" in page.read_text()
+    lines = ElementTree.parse(curve).findall("{http://www.w3.org/2000/svg}polyline")
+    own, _, best, _ = (
+        [tuple(map(float, at.split(","))) for at in each.get("points").split()] for each in lines
+    )
+    assert own[0] == best[0]  # with all pixels both are the mean error
+    drops = [(points[0][1] - points[-1][1]) for points in (own, best)]
+    assert drops[0] / drops[1] == pytest.approx(0.8, abs=0.01)
+    assert own[-1][0] - own[0][0] == pytest.approx(0.9 * 360)  # nine tenths of the width between the margins

@@ -51,7 +51,8 @@ def evaluate_network_command(
         typer.Option(metavar="DIR", help=f"Write the first {PICTURES} results there as pictures."),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write the network's page there: NAME.md, NAME.jpg.")
+        Path | None,
+        typer.Option(metavar="DIR", help="Write the network's page there: NAME.md and its pictures."),
     ] = None,
     textures: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Photos to dress the scenes in: a set of your own.")
@@ -173,5 +174,5 @@ def write_report(folder: Path, result: dict[str, Any], network: Network, pairs: 
     """Write the network's page."""
     from flightdepth.evaluation.page import write_page
 
-    page, _ = write_page(folder, network, result, map(pairs.pair, range(min(SHOWN, len(pairs)))))
+    page, *_ = write_page(folder, network, result, map(pairs.pair, range(min(SHOWN, len(pairs)))))
     say(f"page: {page}")

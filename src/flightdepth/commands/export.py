@@ -94,7 +94,7 @@ def card_of(run: Trained, name: str) -> NetworkCard:
     from flightdepth.renderers.raycast import VERSION
     from flightdepth.scenes.config import SET_VERSION
     from flightdepth.training.run_folder import stored_renderers
-    from flightdepth.weights.card import FLIGHT_DETAIL, NetworkCard, Stage
+    from flightdepth.weights.card import FLIGHT_DETAIL, NetworkCard, Predecessor, Stage
 
     recipe, config = run.recipe, run.recipe.scenes
     if not run.stages:
@@ -110,6 +110,11 @@ def card_of(run: Trained, name: str) -> NetworkCard:
         for stage, seen in run.stages
     )
     stages = (run.first_shipped.stages if run.first_shipped else ()) + stages
+    before = run.first_shipped
+    went_on_from = None
+    if before is not None and before.name == name:
+        l1_m = before.metrics.get("l1_m")
+        went_on_from = Predecessor(sha256=before.sha256, samples=before.samples, l1_m=l1_m)
     last = stages[-1]
     card = NetworkCard(
         name=name,
@@ -129,6 +134,7 @@ def card_of(run: Trained, name: str) -> NetworkCard:
         height=last.height,
         samples=run.progress.seen,
         stages=stages,
+        went_on_from=went_on_from,
         renderer=stored_renderers(run.checkpoint.parent) or VERSION,
         set_version=SET_VERSION,
         seed=recipe.seed,

@@ -1,4 +1,4 @@
-"""A network's page: what it is, its errors by depth and by angle of travel, and pictures, as Markdown beside a JPEG."""
+"""A network's page: what it is, its errors by depth and by angle of travel, and pictures, as Markdown."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from flightdepth.evaluation.arrays import Image
 from flightdepth.evaluation.network_tables import PARTS, WHO, inside, number, part_rows
 from flightdepth.evaluation.pairs import TruePair
 from flightdepth.evaluation.pictures import ERROR_SHARE, answered_sheet
+from flightdepth.evaluation.sparsification import curve_svg
+from flightdepth.evaluation.spread import LEFT_OUT
 from flightdepth.files import write_atomic
 from flightdepth.outputs.encoding import jpeg
 from flightdepth.runtimes.network import Network
@@ -25,12 +27,19 @@ NAMES = {"network": "network", "classical": "classical peer", "constant": "best 
 def write_page(
     folder: Path, network: Network, result: Mapping[str, Any], pairs: Iterable[TruePair]
 ) -> list[Path]:
-    """NAME.md and NAME.jpg in an existing folder, of `evaluate_network`'s result and some pairs to be shown."""
+    """NAME.md and NAME.jpg in an existing folder, of `evaluate_network`'s result and some pairs to be shown.
+
+    Where the network tells an error bar, NAME.svg too, its sparsification curve.
+    """
     name = network.card.name
     picture, page = folder / f"{name}.jpg", folder / f"{name}.md"
     write_atomic(picture, jpeg(sheets(network, pairs), QUALITY))
     write_atomic(page, page_text(network.card, result, picture.name).encode())
-    return [page, picture]
+    if "spread" not in result:
+        return [page, picture]
+    curve = folder / f"{name}.svg"
+    write_atomic(curve, curve_svg(result["spread"]).encode())
+    return [page, picture, curve]
 
 
 def sheets(network: Network, pairs: Iterable[TruePair]) -> Image:
@@ -44,6 +53,17 @@ def mean_of(card: NetworkCard) -> list[str]:
     """What else is in the weights, if anything."""
     other = card.mean_with[:16]
     return [f"What ships is the mean of these weights and of those of network {other}."] if other else []
+
+
+def predecessor(card: NetworkCard) -> list[str]:
+    """What shipped before, if anything."""
+    before = card.went_on_from
+    if before is None:
+        return []
+    error = "" if before.l1_m is None else f", L1 {before.l1_m:.3f} m on the fixed test set"
+    return [
+        f"It went on from what shipped before: {before.samples:,} pairs, weights {before.sha256[:16]}{error}."
+    ]
 
 
 def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str) -> str:
@@ -65,6 +85,7 @@ def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str) -> str
                 for s in card.stages
             ],
         ),
+        *predecessor(card),
         *mean_of(card),
         f"## Errors\n\nOn {result['set']}, {result['pairs']} pairs:",
         errors_table(result),
@@ -72,7 +93,7 @@ def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str) -> str
         parts_table(result, "depth_bins", "depth m"),
         "By the angle between the optical axis and the direction of travel (0 = forward), L1 in metres:",
         parts_table(result, "travel_angles", "degrees"),
-        *spread(result),
+        *spread(card, result),
         pictures_text(card, picture),
         written_by(card, result),
     ]
@@ -111,11 +132,18 @@ def parts_table(result: Mapping[str, Any], parts: str, heading: str) -> str:
     return markdown(headings, part_rows(result, parts, joint="-"))
 
 
-def spread(result: Mapping[str, Any]) -> list[str]:
+def spread(card: NetworkCard, result: Mapping[str, Any]) -> list[str]:
     """How far the error bar can be trusted, where there is one."""
     if "spread" not in result:
         return []
-    return [f"Error bar: {inside(result['spread'])}."]
+    found = result["spread"]
+    halved, best = (found["sparsification"][by][LEFT_OUT.index(0.5)] for by in ("by_sigma", "by_error"))
+    return [
+        f"Error bar: {inside(found)}.",
+        f"![Sparsification curve]({card.name}.svg)",
+        f"Without the half of the pixels whose sigma is largest the error is {halved:.2f} of what it is with all;"
+        f" {best:.2f} if the true errors told which. Area between the curves: {found['area']:.3f}.",
+    ]
 
 
 def pictures_text(card: NetworkCard, picture: str) -> str:

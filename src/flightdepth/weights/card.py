@@ -37,6 +37,16 @@ class Stage(BaseModel):
     optimizer: str = "adamw"
 
 
+class Predecessor(BaseModel):
+    """The network of the same name that shipped before, from which this one went on learning."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    sha256: str = Field(description="of its ONNX file")
+    samples: int = Field(ge=0, description="training pairs it had seen")
+    l1_m: float | None = Field(description="on the fixed test set, as its card has it")
+
+
 class NetworkCard(BaseModel):
     """Facts about one network. Lengths in metres, sizes in pixels.
 
@@ -81,6 +91,7 @@ class NetworkCard(BaseModel):
     samples: int = Field(ge=0, description="training pairs seen, all stages")
     stages: tuple[Stage, ...] = ()
     mean_with: str = Field(default="", description="SHA-256 of the network whose weights were averaged in")
+    went_on_from: Predecessor | None = None
     renderer: str = ""
     set_version: str = ""
     seed: int = 0
