@@ -55,8 +55,11 @@ def he_normal(network: nn.Module) -> None:
                 nn.init.zeros_(module.bias)
 
 
-class Decoder(nn.Module):
-    """The order of the layers, which FlowNetS and DepthNet share; what the layers are differs."""
+class EncoderDecoder(nn.Module):
+    """The order of the layers, which FlowNetS and DepthNet share; what the layers are differs.
+
+    Whoever inherits gives the layers, then calls `add_heads` with the base width w.
+    """
 
     conv1: nn.Sequential
     conv2: nn.Sequential
@@ -87,8 +90,11 @@ class Decoder(nn.Module):
         self.upsampled_depth3_to_2 = double_depth()
 
     def decoded(self, skip2: Tensor, skip3: Tensor, skip4: Tensor) -> tuple[list[Tensor], Tensor]:
-        """From the features at 1/4, 1/8 and 1/16: depths before the activation, finest first, [B, 1, h, w] each,
-        and the features that the finest is made of.
+        """The deepest layers, then back up to 1/4 of the size.
+
+        Takes the encoder's features: skip2 [B, 2w, H/4, W/4], skip3 [B, 4w, H/8, W/8], skip4 [B, 8w, H/16, W/16].
+        Returns depths before the activation, finest first, [B, 1, H/4, W/4] ... [B, 1, H/64, W/64], and the features
+        that the finest is made of, [B, 3w + 1, H/4, W/4]: 2w of skip2, w of deconv2, and the depth at 1/8, upsampled.
         """
         skip5 = self.conv5_1(self.conv5(skip4))
         features = self.conv6_1(self.conv6(skip5))
@@ -112,7 +118,7 @@ class Decoder(nn.Module):
         return [activated(depth, activation) for depth in raw]
 
 
-class Trunk(Decoder):
+class Trunk(EncoderDecoder):
     """Six encoders, four decoders with skips, and depth at five scales: DepthNet but for what it takes and gives.
 
     `inputs`: feature maps that conv1, conv2, conv3 and conv4 take besides those of the layer before.

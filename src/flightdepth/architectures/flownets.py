@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from torch import Tensor, nn
 
-from flightdepth.architectures.depthnet import Activation, Decoder
+from flightdepth.architectures.depthnet import Activation, EncoderDecoder
 
 SLOPE = 0.1  # of LeakyReLU below 0
 
@@ -35,7 +35,7 @@ def he_normal_leaky(network: nn.Module) -> None:
                 nn.init.zeros_(module.bias)
 
 
-class FlowNetS(Decoder):
+class FlowNetS(EncoderDecoder):
     """Images to depth, as DepthNet. `base_width` 64 is the published network (38.6 M parameters)."""
 
     def __init__(self, base_width: int = 64, activation: Activation = "elu+1") -> None:
