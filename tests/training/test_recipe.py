@@ -11,7 +11,7 @@ from flightdepth.errors import BadInput
 from flightdepth.runtimes.network import networks
 from flightdepth.training import Recipe, load_recipe, recipe_names
 from flightdepth.training.export import weights_of
-from flightdepth.training.network import built, drawn
+from flightdepth.training.network import network_of
 from flightdepth.training.recipe import Stage
 from flightdepth.weights.card import Stage as CardStage
 from flightdepth.weights.store import read_network
@@ -73,7 +73,7 @@ def test_shipped_recipes_are_valid(name):
 def test_shipped_weights_fit_their_recipe(name):
     """`train NAME --shipped` can go on from them."""
     recipe, shipped = load_recipe(name), read_network(name)
-    drawn(recipe).load_state_dict(weights_of(shipped.onnx))
+    network_of(recipe).load_state_dict(weights_of(shipped.onnx))
     card = shipped.card
     facts = ("looks", "thorough_last_look", "residual_blocks")
     assert [getattr(card, fact) for fact in facts] == [getattr(recipe, fact) for fact in facts]
@@ -181,15 +181,15 @@ def test_a_knob_that_is_turned_is_another_recipe(knob, value):
 
 
 def test_leaky_relu_takes_the_place_of_each_relu():
-    network = built(small_recipe(leaky_slope=0.2))
+    network = network_of(small_recipe(leaky_slope=0.2))
     slopes = [module.negative_slope for module in network.modules() if isinstance(module, nn.LeakyReLU)]
     assert slopes == [0.2] * 14
     assert not any(isinstance(module, nn.ReLU) for module in network.modules())
-    assert network.state_dict().keys() == built(small_recipe()).state_dict().keys()
+    assert network.state_dict().keys() == network_of(small_recipe()).state_dict().keys()
 
 
 def test_the_momentum_of_running_statistics():
-    network = built(small_recipe(batch_norm_momentum=0.02))
+    network = network_of(small_recipe(batch_norm_momentum=0.02))
     assert {m.momentum for m in network.modules() if isinstance(m, nn.BatchNorm2d)} == {0.02}
 
 
@@ -259,6 +259,11 @@ def test_a_card_tells_all_that_a_stage_says():
             "stages.0: expected fov_deg of .* and 180 degrees",
         ),
         ("batch = 10", "batch = 10\nonly_last_look = true", "expected thorough_last_look"),
+        (
+            'activation = "none"',
+            'activation = "elu+1"\narchitecture = "MotionNet"',
+            "expected reference_focal_px, since a MotionNet is for any lens",
+        ),
         ("seed = 0", "seed = -1", "seed: expected .*got -1"),
         ("depth_max_m = 60.0", "depth_max_m = 10.0", "expected depth_max_m of more than depth_min_m, 10"),
         ("\nheight = 64", "\nheight = 128", "stages.0: expected full_width of at least the height, 128"),
@@ -307,7 +312,16 @@ def test_two_stages_of_one_name_would_write_one_checkpoint(written):
             'seed = 0\narchitecture = "FlowNetS"\nbatch_norm_momentum = 0.01',
             "expected no batch_norm_momentum, which a FlowNetS",
         ),
-        ("seed = 0", 'seed = 0\narchitecture = "MotionNet"', 'expected activation = "elu\\+1"'),
+        (
+            "seed = 0",
+            'seed = 0\narchitecture = "MotionNet"\nreference_focal_px = 64.0',
+            'expected activation = "elu\\+1"',
+        ),
+        (
+            'activation = "none"',
+            'activation = "elu+1"\narchitecture = "MotionNet"\nreference_focal_px = 64.0\nleaky_slope = 0.2',
+            "expected no leaky_slope, which a MotionNet has no use for",
+        ),
         ("batch = 10", "batch = 10\nphotometric_share = 0.3", "stages.0: expected photometric = true"),
         ("batch = 10", "batch = 10\nfov_deg = [55.0, 120.0]", "expected reference_focal_px, since a stage"),
         ("[[stages]]", "[scenes]\nopen_share = 0.5\n[[stages]]", "expected open_share in each stage, not in"),

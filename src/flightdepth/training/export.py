@@ -22,7 +22,7 @@ from flightdepth.architectures import DepthNet, FlowNetS, MotionNet
 from flightdepth.errors import BadInput
 from flightdepth.sweep import LEVELS
 from flightdepth.training.inputs import motion_inputs, normalised
-from flightdepth.training.network import built
+from flightdepth.training.network import network_of
 from flightdepth.training.recipe import STRIDE, Recipe
 
 OPSET = 18
@@ -62,7 +62,7 @@ class DeployedMotion(nn.Module):
 
 def deployed(recipe: Recipe, weights: dict[str, Tensor]) -> Deployed | DeployedMotion:
     """The network of a recipe with these weights, in evaluation mode."""
-    network = built(recipe)
+    network = network_of(recipe)
     network.load_state_dict(weights)
     range_m = (recipe.depth_min_m, recipe.depth_max_m)
     if isinstance(network, MotionNet):

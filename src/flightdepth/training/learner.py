@@ -31,7 +31,7 @@ from flightdepth.training.export import weights_of
 from flightdepth.training.inputs import network_inputs
 from flightdepth.training.loss import loss_m
 from flightdepth.training.muon import Muon
-from flightdepth.training.network import built
+from flightdepth.training.network import network_of
 from flightdepth.training.precision import Precision, mixed_precision
 from flightdepth.training.processes import Share, mean_over, weigh_part, without_gpu
 from flightdepth.training.recipe import OptimizerName, Recipe, Stage
@@ -63,7 +63,7 @@ class Learner:
         )
         self.share = Share.of(recipe, self.accelerator.process_index, self.accelerator.num_processes)
         torch.manual_seed(recipe.seed)
-        network = built(recipe)
+        network = network_of(recipe)
         self.network: nn.Module = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._begin_optimizer(recipe.optimizer_in(recipe.stages[0]))
         self.averaged = copy.deepcopy(self.network).requires_grad_(False).eval()

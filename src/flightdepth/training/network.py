@@ -8,9 +8,9 @@ from flightdepth.architectures import DepthNet, FlowNetS, MotionNet
 from flightdepth.training.recipe import Recipe
 
 
-def built(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
-    """With random weights, in training mode."""
-    network = drawn(recipe)
+def network_of(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
+    """As the recipe has it, with random weights, in training mode."""
+    network = _as_published(recipe)
     for module in list(network.modules()):
         if isinstance(module, nn.BatchNorm2d):
             module.momentum = recipe.batch_norm_momentum
@@ -20,15 +20,13 @@ def built(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
     return network
 
 
-def drawn(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
-    """As the architecture is published."""
+def _as_published(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
+    """The architecture in the recipe's size, before its knobs of layers are turned."""
     if recipe.architecture == "MotionNet":
-        last = recipe.stages[-1]
-        focal_px = recipe.reference_focal_px or recipe.scenes.focal_px(last.full_width)
-        shift_px_m = recipe.nominal_shift * recipe.scenes.step_m * focal_px
+        assert recipe.reference_focal_px is not None  # the recipe sees to it
         return MotionNet(
             recipe.base_width,
-            shift_px_m=shift_px_m,
+            shift_px_m=recipe.nominal_shift * recipe.scenes.step_m * recipe.reference_focal_px,
             largest_m=recipe.depth_max_m,
             looks=recipe.looks,
             thorough_last_look=recipe.thorough_last_look,

@@ -136,6 +136,8 @@ class Recipe(_Strict):
             raise ValueError("a stage of another name than checkpoint, which is the run's own")
         if any(stage.only_last_look for stage in self.stages) and not self.thorough_last_look:
             raise ValueError("thorough_last_look, since a stage trains that alone")
+        if self.reference_focal_px is None and self.architecture == "MotionNet":
+            raise ValueError("reference_focal_px, since a MotionNet is for any lens")
         if self.reference_focal_px is None and any(stage.fov_deg for stage in self.stages):
             raise ValueError("reference_focal_px, since a stage has many lenses (fov_deg)")
         if self.scenes.open_share:
@@ -147,21 +149,22 @@ class Recipe(_Strict):
 
     def _refuse_what_is_not_looked_at(self) -> None:
         """Refuse keys that the architecture has no use for: whoever gives them expects another network."""
-        if self.architecture == "MotionNet":
-            if self.activation != "elu+1":
-                raise ValueError('activation = "elu+1", the only one of a MotionNet')
-            return
-        asked = {
-            "looks": self.looks > 1,
-            "thorough_last_look": self.thorough_last_look,
-            "residual_blocks": self.residual_blocks,
-            "direction_noise_deg": any(stage.direction_noise_deg for stage in self.stages),
-        }
-        if self.architecture == "FlowNetS":  # it has a slope of its own, and no batch norm
+        if self.architecture == "MotionNet" and self.activation != "elu+1":
+            raise ValueError('activation = "elu+1", the only one of a MotionNet')
+        asked: dict[str, bool] = {}
+        if self.architecture != "MotionNet":
             asked |= {
-                "leaky_slope": self.leaky_slope > 0,
-                "batch_norm_momentum": self.batch_norm_momentum != BATCH_NORM_MOMENTUM,
+                "looks": self.looks > 1,
+                "thorough_last_look": self.thorough_last_look,
+                "residual_blocks": self.residual_blocks,
+                "direction_noise_deg": any(stage.direction_noise_deg for stage in self.stages),
             }
+        if (
+            self.architecture != "DepthNet"
+        ):  # FlowNetS has a slope of its own, MotionNet ReLUs that are no layers
+            asked["leaky_slope"] = self.leaky_slope > 0
+        if self.architecture == "FlowNetS":  # it has no batch norm
+            asked["batch_norm_momentum"] = self.batch_norm_momentum != BATCH_NORM_MOMENTUM
         for key in (key for key, given in asked.items() if given):
             raise ValueError(f"no {key}, which a {self.architecture} has no use for")
 
