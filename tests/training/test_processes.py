@@ -156,16 +156,54 @@ def test_running_statistics_move_towards_the_mean_of_the_parts(parts):
     assert torch.allclose(norm.running_var, 0.9 + 0.1 * variances)
 
 
-def test_torchrun_trains_in_two_processes(tmp_path):
-    recipe = small_recipe(stages=[stage("a", 2)]).model_dump(mode="json", exclude_defaults=True)
-    stages = recipe.pop("stages")
-    lines = [f"{key} = {json.dumps(value)}" for key, value in recipe.items() if key != "scenes"]
-    lines += ["[[stages]]", *(f"{key} = {json.dumps(value)}" for key, value in stages[0].items())]
+def motion_stages(*only_last_look):
+    return [
+        stage(name, 2) | {"only_last_look": only} for name, only in zip("abc", only_last_look, strict=False)
+    ]
+
+
+def motion_recipe(stages):
+    facts = {"architecture": "MotionNet", "thorough_last_look": True, "reference_focal_px": 32.0}
+    return small_recipe(looks=2, stages=stages, **facts)
+
+
+@pytest.mark.parametrize(
+    ("stages", "first", "some_may_be_unused"),
+    [
+        ((False, True), 0, True),
+        ((False, True), 1, True),
+        ((True, False), 1, False),
+        ((False, False), 0, False),
+    ],
+)
+def test_unused_parameters_are_looked_for_only_where_a_stage_to_come_leaves_some(
+    stages, first, some_may_be_unused
+):
+    learnt = learner.Learner(motion_recipe(motion_stages(*stages)))
+    learnt.prepare(first)
+    assert learnt.accelerator.ddp_handler.find_unused_parameters == some_may_be_unused
+
+
+RECIPES = {
+    "DepthNet": small_recipe(stages=[stage("a", 2)]),
+    "MotionNet": motion_recipe(motion_stages(False)),
+    "MotionNet's last look": motion_recipe(motion_stages(True)),
+}
+
+
+@pytest.mark.parametrize("recipe", RECIPES.values(), ids=RECIPES.keys())
+def test_torchrun_trains_in_two_processes(tmp_path, recipe):
+    """Without a warning of PyTorch's: MotionNet's runs had one of parameters that were sought and not found."""
+    facts = recipe.model_dump(mode="json", exclude_defaults=True)
+    (first,) = facts.pop("stages")
+    lines = [f"{key} = {json.dumps(value)}" for key, value in facts.items() if key != "scenes"]
+    lines += ["[[stages]]", *(f"{key} = {json.dumps(value)}" for key, value in first.items())]
     (tmp_path / "small.toml").write_text("\n".join(lines))
     launch = ["-m", "torch.distributed.run", "--nproc_per_node", "2", "--master_port", str(free_port())]
     command = [sys.executable, *launch, "-m", "flightdepth", "train", "small.toml", "--procedural", "2"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stderr
+    assert "find_unused_parameters" not in done.stderr
     assert done.stdout.count("2 processes, which share each batch") == 1
     assert done.stdout.count("next: flightdepth export") == 1
     progress = read_progress(tmp_path / "runs" / "small" / "a.safetensors")

@@ -88,7 +88,7 @@ def train(
         if first:  # before long there are files of this run
             refuse_to_overwrite(folder, resume=resume)
         start = read_network(wanted.name) if shipped else None
-        introduce(wanted, folder, resume=resume, shipped=shipped)
+        introduce(wanted, folder, resume=resume, shipped=start)
         if sets and textures is not None:
             raise BadInput(
                 "--set", expected="no --textures beside it", got=f"{textures}: its scenes are dressed"
@@ -171,12 +171,13 @@ def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
     return {width: each.split()[0] for width, each in sets.items()}
 
 
-def introduce(recipe: Recipe, folder: Path, *, resume: bool = False, shipped: bool = False) -> None:
+def introduce(
+    recipe: Recipe, folder: Path, *, resume: bool = False, shipped: StoredNetwork | None = None
+) -> None:
     """Say what is about to run, and from where."""
-    from flightdepth.training.checkpoint import read_progress
     from flightdepth.training.processes import this_process
-    from flightdepth.training.run_folder import CHECKPOINT, parent_checkpoint
-    from flightdepth.weights.store import shipped_networks
+    from flightdepth.training.run_folder import CHECKPOINT
+    from flightdepth.training.start import start_of
 
     stages = ", ".join(
         f"{stage.name} ({stage.width}x{stage.height} px, {stage.samples:,})" for stage in recipe.stages
@@ -187,12 +188,11 @@ def introduce(recipe: Recipe, folder: Path, *, resume: bool = False, shipped: bo
     stands = (folder / CHECKPOINT).exists()
     if resume and not stands:
         say(f"no checkpoint in {folder} to resume: the run begins")
-    if recipe.starts_from is not None and not shipped and not stands:
-        before = parent_checkpoint(folder.parent, recipe.starts_from)
-        if before.exists():
-            say(f"goes on from {before}: {read_progress(before).seen:,} pairs")
-        elif recipe.starts_from in shipped_networks():
-            say(f"goes on from {recipe.starts_from}, which ships")
+    if not stands and (start := start_of(recipe, folder.parent, shipped)) is not None:
+        say(f"goes on from {start.origin}")
+        if left := start.left_behind(recipe):
+            keys = "looks, thorough_last_look and residual_blocks"
+            say(f"left behind: {', '.join(left)}; with its {keys} {recipe.name} has no place for them")
     say(f"run folder: {folder}; curves: tensorboard --logdir {folder / 'tensorboard'}")
 
 

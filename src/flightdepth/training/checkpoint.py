@@ -13,7 +13,7 @@ from torch import Tensor, nn, optim
 
 from flightdepth.errors import BadInput
 from flightdepth.files import write_atomic
-from flightdepth.training.precision import Precision
+from flightdepth.training.precision import Arithmetic
 
 _STATE = ("step", "exp_avg", "exp_avg_sq", "momentum_buffer")  # of AdamW and SGD, for each parameter
 
@@ -33,7 +33,7 @@ class Progress:
     seen: int
     loss_m: float
     parts: int = 0
-    precision: Precision | None = None
+    precision: Arithmetic | None = None
 
 
 def save_checkpoint(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -27,17 +27,17 @@ from flightdepth.training.checkpoint import (
     read_weights,
     save_checkpoint,
 )
-from flightdepth.training.export import weights_of
 from flightdepth.training.inputs import network_inputs
 from flightdepth.training.loss import loss_m
 from flightdepth.training.muon import Muon
 from flightdepth.training.network import network_of
-from flightdepth.training.precision import Precision, mixed_precision
+from flightdepth.training.precision import Arithmetic, mixed_precision
 from flightdepth.training.processes import Share, mean_over, weigh_part, without_gpu
 from flightdepth.training.recipe import OptimizerName, Recipe, Stage
-from flightdepth.training.run_folder import SHIPPED, parent_checkpoint, read_trained, stages_behind
+from flightdepth.training.run_folder import SHIPPED
 from flightdepth.training.schedule import learning_rate
-from flightdepth.weights.store import StoredNetwork, read_network, shipped_networks
+from flightdepth.training.start import start_of
+from flightdepth.weights.store import StoredNetwork
 
 SGD_MOMENTUM = 0.9
 LAST_LOOK = "last_look"
@@ -50,13 +50,11 @@ class Learner:
     weights stay equal.
     """
 
-    def __init__(self, recipe: Recipe, precision: Precision | None = None) -> None:
+    def __init__(self, recipe: Recipe, precision: Arithmetic | None = None) -> None:
         self.recipe = recipe
         self.precision = mixed_precision(precision)
         # Batch statistics are not taken from the first process: see `processes`.
-        own_statistics = DistributedDataParallelKwargs(
-            broadcast_buffers=False, find_unused_parameters=recipe.thorough_last_look
-        )
+        own_statistics = DistributedDataParallelKwargs(broadcast_buffers=False)
         AcceleratorState._reset_state()  # the run before in this process may have been computed in the other
         self.accelerator = Accelerator(
             cpu=without_gpu(), mixed_precision=self.precision, kwargs_handlers=[own_statistics]
@@ -91,68 +89,29 @@ class Learner:
 
         What a recipe starts from is the run in the same folder of runs, or else the network that ships.
         """
-        recipe, seen = self.recipe, 0
-        (folder / SHIPPED).unlink(missing_ok=True)  # of a run that ended before its first checkpoint
-        if shipped is not None:
-            return self._after(shipped, folder)
-        if recipe.starts_from is not None:
-            parent = parent_checkpoint(folder.parent, recipe.starts_from)
-            if parent.exists():
-                before = read_trained(parent).recipe
-                self._check_same_size(before.name, before.architecture, before.base_width)
-                self._take(read_weights(parent, "averaged"))
-                seen = read_progress(parent).seen
-            elif recipe.starts_from in shipped_networks():
-                return self._on_from(read_network(recipe.starts_from), folder, stage=0)
-            else:
-                raise BadInput(
-                    f"recipe {recipe.name}",
-                    expected=f"{parent} to start from",
-                    got="no such file",
-                    mend=f"Train {parent.parent.name} first, into the same folder of runs.",
-                )
-        return Progress(recipe.name, recipe.digest, 0, 0, seen, math.nan)
-
-    def _after(self, shipped: StoredNetwork, folder: Path) -> Progress:
-        """Go on from a shipped network, with the first stage that its card does not list."""
-        recipe, card = self.recipe, shipped.card
-        behind = stages_behind(card, recipe)
-        facts = ("architecture", "base_width", "activation")
-        if behind == 0 or any(getattr(card, fact) != getattr(recipe, fact) for fact in facts):
-            raise BadInput(
-                f"recipe {recipe.name}",
-                expected=f"a recipe whose first stages are the last of {card.name}'s",
-                got=", ".join(f"{stage.name} ({stage.samples:,})" for stage in recipe.stages),
-                mend="Append your stages to the recipe that the network was trained with, and give no --samples.",
-            )
-        return self._on_from(shipped, folder, stage=behind)
-
-    def _on_from(self, shipped: StoredNetwork, folder: Path, *, stage: int) -> Progress:
-        """Take a shipped network's weights; its card is kept, so that what they have seen is known."""
-        recipe, card = self.recipe, shipped.card
-        self._check_same_size(card.name, card.architecture, card.base_width)
-        self._take(weights_of(shipped.onnx))
-        write_json(folder / SHIPPED, card.model_dump(mode="json"))
-        return Progress(recipe.name, recipe.digest, stage, 0, card.samples, math.nan)
-
-    def _check_same_size(self, name: str, architecture: str, base_width: int) -> None:
         recipe = self.recipe
-        if (architecture, base_width) != (recipe.architecture, recipe.base_width):
-            raise BadInput(
-                f"recipe {recipe.name}",
-                expected=f"a {architecture} of base width {base_width}, as {name}",
-                got=f"a {recipe.architecture} of {recipe.base_width}",
-            )
+        (folder / SHIPPED).unlink(missing_ok=True)  # of a run that ended before its first checkpoint
+        start = start_of(recipe, folder.parent, shipped)
+        if start is None:
+            return Progress(recipe.name, recipe.digest, 0, 0, 0, math.nan)
+        self._load_what_fits(start.weights)
+        if start.card is not None:  # kept, so that what its weights have seen is known
+            write_json(folder / SHIPPED, start.card.model_dump(mode="json"))
+        return Progress(recipe.name, recipe.digest, start.stage, 0, start.seen, math.nan)
 
-    def _take(self, weights: dict[str, Tensor]) -> None:
-        """Into a network of the same size; its looks may be others: what it lacks is left, what it has more stays."""
+    def _load_what_fits(self, weights: Mapping[str, Tensor]) -> None:
+        """Of a network of the same size whose looks may be others: what it lacks stays as drawn."""
         drawn = self.network.state_dict()
-        weights = drawn | {key: value for key, value in weights.items() if key in drawn}
-        self.network.load_state_dict(weights)
-        self.averaged.load_state_dict(weights)
+        fitting = drawn | {key: value for key, value in weights.items() if key in drawn}
+        self.network.load_state_dict(fitting)
+        self.averaged.load_state_dict(fitting)
 
-    def prepare(self) -> None:
-        """Move to the device, for training."""
+    def prepare(self, stage: int = 0) -> None:
+        """Move to the device, to train stage number `stage` and those that follow."""
+        # Only where not all is trained may a gradient be missing, and looking for those takes time.
+        self.accelerator.ddp_handler.find_unused_parameters = any(
+            each.only_last_look for each in self.recipe.stages[stage:]
+        )
         with warnings.catch_warnings():  # what should stand in its place can't say as much yet
             warnings.filterwarnings("ignore", "`broadcast_buffers` is deprecated", FutureWarning)
             self.model, self.stepper = self.accelerator.prepare(self.network, self.optimizer)

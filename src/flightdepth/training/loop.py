@@ -65,7 +65,7 @@ def train(
     goes_on = resume and path.exists()
     learner = Learner(recipe, read_progress(path).precision if goes_on else None)
     progress = learner.restored(path) if goes_on else learner.started(folder, shipped)
-    learner.prepare()
+    learner.prepare(progress.stage)
     streams = [
         partial(stage_stream, learner, number, textures=textures, sets=sets or {}, threads=threads)
         for number in range(len(recipe.stages))
@@ -130,7 +130,7 @@ class _Run:
                 start, size = (each // share.parts for each in (progress.sample, self.stage.batch))
                 parts = [stream.batch(start, size) for stream in streams]
                 loss_m = self.learner.step(parts, self.stage, progress.sample)
-                progress = self._after(progress, loss_m)
+                progress = self._advanced(progress, loss_m)
                 rate = (progress.seen - began_at) / max(self.clock() - began, 1e-9)
                 self.report(Report(self.stage.name, progress.seen, total, progress.loss_m))
                 self._log(progress, loss_m, rate)
@@ -139,7 +139,8 @@ class _Run:
                     saved = self.clock()
         return progress
 
-    def _after(self, before: Progress, loss_m: float) -> Progress:
+    def _advanced(self, before: Progress, loss_m: float) -> Progress:
+        """Progress after one step more, whose loss it was."""
         smooth = before.loss_m
         smooth = loss_m if math.isnan(smooth) else SMOOTHING * smooth + (1 - SMOOTHING) * loss_m
         sample, seen = before.sample + self.stage.batch, before.seen + self.stage.batch

@@ -10,10 +10,10 @@ from accelerate.utils import gather_object
 from flightdepth.processor import cpu_gains_by_bf16, cpu_runs_bf16
 from flightdepth.training.processes import this_process
 
-Precision = Literal["bf16", "no"]
+Arithmetic = Literal["bf16", "no"]
 
 
-def mixed_precision(before: Precision | None = None) -> Precision:
+def mixed_precision(before: Arithmetic | None = None) -> Arithmetic:
     """What accelerate calls it: "bf16" on accelerators and on processors that are faster in it.
 
     Elsewhere a step takes up to twice as long as in float32. Which of them is faster is timed, and a busy processor may
