@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flightdepth.commands.terminal import counted
-from flightdepth.evaluation.alignment import fitting_pairs
+from flightdepth.evaluation.judging_pairs import fitting_pairs
 from flightdepth.evaluation.moving import with_moving_thing
 from flightdepth.evaluation.provenance import origin_of
 from flightdepth.ranges.fusion import WORST_SIGMA

@@ -11,8 +11,8 @@ import pytest
 import torch
 from onnx import numpy_helper
 
-from flightdepth.evaluation.alignment import fitting_pairs
 from flightdepth.evaluation.judging import Told, bar_loss, fitted_judge, told_of
+from flightdepth.evaluation.judging_pairs import fitting_pairs
 from flightdepth.runtimes.judge import JUDGE, Judge, judge
 from flightdepth.runtimes.network import load_network
 

@@ -6,7 +6,7 @@ import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.evaluation import moving
-from flightdepth.evaluation.alignment import fitting_pairs
+from flightdepth.evaluation.judging_pairs import fitting_pairs
 from flightdepth.evaluation.moving import with_moving_thing
 from flightdepth.ranges.fusion import WORST_SIGMA
 from flightdepth.runtimes.network import load_network
