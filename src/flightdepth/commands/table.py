@@ -116,7 +116,7 @@ def of_run(row: Row, runs: Path, textures: Textures, scenes: int) -> Found | Non
     found: Found = json.loads(kept.read_bytes()) if kept.exists() else {}
     network = opened(row, trained)
     if {name: found.get(name) for name in wanted} != wanted:
-        found = wanted | facts(network) | errors(row, network, trained, textures, scenes)
+        found = wanted | facts(network) | measured_errors(row, network, trained, textures, scenes)
         write_json(kept, found)
     return found | timing(network)
 
@@ -155,7 +155,7 @@ def same_textures(folder: Path, textures: Textures) -> bool:
     return not (folder / SETS).exists() and bool(worn["sha256"] == textures.digest)
 
 
-def errors(row: Row, network: Network, trained: Trained, textures: Textures, scenes: int) -> Found:
+def measured_errors(row: Row, network: Network, trained: Trained, textures: Textures, scenes: int) -> Found:
     """On the test set, and on the last scenes of training where they can be drawn again."""
     from flightdepth.evaluation.network import evaluate_network
     from flightdepth.evaluation.table import LastScenes, whole_set

@@ -175,7 +175,7 @@ def l1_table(rows: Sequence[tuple[Row, Mapping[str, Any] | None]]) -> Table:
     )
     for row, found in rows:
         paper = row.paper or UNPUBLISHED
-        train, test, *peers = errors(found, "l1_m")
+        train, test, *peers = error_columns(found, "l1_m")
         ratio = test / train if test and train else None
         add(table, row, found, [train, paper.l1_train_m, test, paper.l1_test_m, row.later_m, ratio, *peers])
     return table
@@ -186,7 +186,7 @@ def rmse_table(rows: Sequence[tuple[Row, Mapping[str, Any] | None]]) -> Table:
     table = headed("RMSE in metres", "train", "paper", "test", "paper", "constant", "classical")
     for row, found in rows:
         paper = row.paper or UNPUBLISHED
-        train, test, *peers = errors(found, "rmse_m")
+        train, test, *peers = error_columns(found, "rmse_m")
         add(table, row, found, [train, paper.rmse_train_m, test, paper.rmse_test_m, *peers])
     return table
 
@@ -217,7 +217,7 @@ def add(table: Table, row: Row, found: Mapping[str, Any] | None, metres: Sequenc
     table.add_row(row.title, *([UNTRAINED, *said[1:]] if found is None else said))
 
 
-def errors(found: Mapping[str, Any] | None, metric: str) -> list[float | None]:
+def error_columns(found: Mapping[str, Any] | None, metric: str) -> list[float | None]:
     """Of the network on training and on test scenes, of the best constant and the classical peer on the latter, metres.
 
     None where there is none.

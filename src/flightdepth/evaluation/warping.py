@@ -51,7 +51,7 @@ class WarpedPair:
         known_previous: Flags,
         known_current: Flags,
     ) -> None:
-        self._previous, self._current = grey(previous), grey(current)
+        self._previous, self._current = grey_float(previous), grey_float(current)
         self._known_previous = known_previous.astype(np.float32)
         self._comparable = known_previous & known_current
         self._displacement, self._camera = displacement, camera
@@ -108,7 +108,7 @@ class WarpedPair:
         return x, y
 
 
-def grey(image: Image) -> Maps:
+def grey_float(image: Image) -> Maps:
     """Grey 0..255 float32 [H, W] of an RGB picture."""
     return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
 
