@@ -44,7 +44,15 @@ def align(
     *,
     camera: Camera,
 ) -> None:
-    """Mend `output` [n, h, w] of pictures uint8 RGB [H, W, 3] on a grid; pairs without a displacement stay."""
+    """Mend `output` in place, of n pairs with one present picture; pairs without a displacement stay.
+
+    card                 of the network
+    output               depth_m and sigma_m, float32 [n, H/4, W/4]: metres at the D0 that the card has at the camera's
+                         focal length (`at_focal`)
+    previous_n, current  uint8 RGB [H, W, 3], on the network's grid
+    displacements        [n, 3], of which only the direction counts
+    camera               of that grid, W x H pixels
+    """
     lengths_per_output = np.float32(card.at_focal(camera.fx).alpha / card.depth_max_m)
     seen = grey(current)
     for i, (previous, displacement) in enumerate(zip(previous_n, displacements, strict=True)):

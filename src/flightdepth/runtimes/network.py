@@ -259,8 +259,8 @@ def networks() -> tuple[str, ...]:
 def nearest_network(camera: Camera, folder: Path = SHIPPED) -> str:
     """The network in `folder` for a camera: one for any lens, else that of the nearest focal length, as a ratio.
 
-    Of several the smallest, which is the one for flights in real time, and of those the one that sees finest;
-    then by name.
+    Of several as near: that of the fewest feature maps (`base_width`); then, of those for any lens, that of the longest
+    focal length, which sees finest; then the first by name.
     """
     names = shipped_networks(folder)
     if not names:

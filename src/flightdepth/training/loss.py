@@ -17,7 +17,12 @@ UNIT_DEPTH_M = 10.0  # where an error of inverse depth counts as one of depth
 
 
 def loss_m(recipe: Recipe, output: list[Tensor] | tuple[list[Tensor], Tensor], target_m: Tensor) -> Tensor:
-    """The loss of a recipe for what its network's `forward` returned, a scalar in metres."""
+    """The loss of a recipe, a scalar in metres.
+
+    output    what the network's `forward` returned: depths in metres, [B, h, w] each, finest first; of a MotionNet a
+              pair of those and the spread of the first, [B, H/4, W/4] in metres
+    target_m  [B, H, W], within the recipe's range
+    """
     ends = (
         {"lower": recipe.depth_min_m, "upper": recipe.depth_max_m} if recipe.loss == "saturating-l1" else {}
     )
@@ -62,15 +67,18 @@ def multi_scale_l1(
 
 
 def inverse_error_m(depth: Tensor, truth: Tensor) -> Tensor:
-    """|1 / (1 m + depth) - 1 / (1 m + truth)|, times (1 m + 10 m)^2: metres near 10 m, nothing is divided by 0."""
+    """|1 / (1 m + depth) - 1 / (1 m + truth)|, times (1 m + 10 m)^2: metres near 10 m, nothing is divided by 0.
+
+    depth, truth and the result [B, h, w], in metres; a depth below 0 counts as 0.
+    """
     return (UNIT_DEPTH_M + 1) ** 2 * (1 / (1 + depth.clamp_min(0)) - 1 / (1 + truth)).abs()
 
 
 def pinball(quantile: Tensor, value: Tensor, share: float) -> Tensor:
     """Mean of max(share * (value - quantile), (share - 1) * (value - quantile)).
 
-    Least where `share` of the values are below `quantile`, given what `quantile` was computed from
-    (Koenker and Bassett 1978).
+    Least where `share` (0..1) of the values are below `quantile`, given what `quantile` was computed from (Koenker and
+    Bassett 1978). `quantile` and `value` of one shape and unit, which is that of the result, a scalar.
     """
     over = value - quantile
     return torch.maximum(share * over, (share - 1) * over).mean()
