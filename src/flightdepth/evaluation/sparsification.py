@@ -40,7 +40,9 @@ def _axes() -> str:
             _text(LEFT - 6, y + 4, f"{share:g}", "end"),
         ]
     words = [
-        _text((LEFT + WIDTH - RIGHT) / 2, HEIGHT - 6, "pixels left out, largest sigma or error first", "middle"),
+        _text(
+            (LEFT + WIDTH - RIGHT) / 2, HEIGHT - 6, "pixels left out, largest sigma or error first", "middle"
+        ),
         f'<g transform="translate(12 {(TOP + HEIGHT - BOTTOM) / 2:g}) rotate(-90)">'
         + _text(0, 0, "mean error of the rest", "middle")
         + "</g>",
