@@ -9,7 +9,7 @@ from built_scenes import NO_TEXTURES, SHAPES, built, pose, turned_by
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.renderers import raycast
-from flightdepth.renderers.blender import Blender
+from flightdepth.renderers.blender import Blender, render
 from flightdepth.renderers.blender_process import find_blender
 from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
 from flightdepth.scenes.scene import Shape
@@ -81,3 +81,14 @@ def test_a_sheared_object_stays_sheared(blender):
     place = pose([3.0, 2.0, 1.5], [0.5, -1.0, 8.0], turned_by(1) @ [[1, 0.8, 0], [0, 1, 0], [0, 0, 1]])
     relative, _ = differences(blender, built([(Shape.CUBE, place, 0.0)]))
     assert (relative > 1e-5).mean() < 0.01
+
+
+def test_more_samples_are_less_noise():
+    """Where several lamps reach a surface each sample takes one of them."""
+    scene = draw_scene(StillBoxConfig(frames=2), 1, 5, 0)
+    camera, plain = Camera.from_fov(48, 48, 90), Textures.procedural(1, 1)
+    few, more, most = (
+        render(scene, plain, camera, frames=[0], samples=samples).images[0].astype(float)
+        for samples in (1, 16, 256)
+    )
+    assert np.abs(more - most).mean() < 0.5 * np.abs(few - most).mean()

@@ -6,6 +6,7 @@ import errno
 import re
 from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
@@ -61,6 +62,12 @@ def render(
         Literal["raycast", "blender"],
         typer.Option(help="raycast: this package's own. blender: Cycles, where Blender is installed."),
     ] = "raycast",
+    samples: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="Rays a pixel, with --renderer blender: more, less noise. Default: 4."
+        ),
+    ] = None,
     engine: Annotated[
         Engine, typer.Option(help="threads: this machine's cores; ray: a Ray cluster.")
     ] = "threads",
@@ -93,7 +100,7 @@ def render(
     knobs = read_overrides(config) if config else {}
     wanted, original = named_set(name, **knobs | given(seed, size))
     count = scene_count(scenes, knobs.get("scenes", SCENES), original)
-    source = Source(wanted, chosen(renderer))
+    source = Source(wanted, chosen(renderer, samples))
     dressed = dressing(wanted, textures, procedural)
     with room_on_the_disk(out), held(out, "set", "render", "give another --out"):
         target = open_set(out, Layout(layout), f"stillbox-{name}", source.arguments(dressed), count)
@@ -134,17 +141,20 @@ def introduce(out: Path, rest: range, original: int) -> None:
         say(f"{out}: {rest.stop:,} scenes; --scenes all is {original:,}")
 
 
-def chosen(renderer: str) -> Renderer:
-    """The renderer of that name."""
+def chosen(renderer: str, samples: int | None) -> Renderer:
+    """The renderer of that name, with as many rays a pixel."""
     from flightdepth.renderers import blender
     from flightdepth.renderers.blender_process import needed_blender
     from flightdepth.stillbox.encoding import RAYCAST, Renderer
 
     if renderer == "raycast":
+        if samples is not None:
+            raise BadInput("--samples", expected="--renderer blender beside it", got=str(samples))
         return RAYCAST
     program = needed_blender()  # an error comes before anything is written
     say(f"renderer: {program.path}, found by {program.found_by}")
-    return Renderer(f"cycles-{blender.SAMPLES}", blender.render)
+    count = blender.SAMPLES if samples is None else samples
+    return Renderer(f"cycles-{count}", partial(blender.render, samples=count))
 
 
 def given(seed: int | None, size: str | None) -> dict[str, Any]:

@@ -38,7 +38,7 @@ FINE, COARSE = 512, 128  # segments round a sphere: for comparisons, for picture
 SKY_M = 1e9  # Blender writes 1e10 where a ray meets nothing
 FRAME_TIMEOUT_S = 600.0
 
-_SHARED: list[Blender] = []  # the one process that all threads use, if there is one
+_SHARED: dict[int, Blender] = {}  # the one process that all threads use, by its samples a pixel
 _SHARING = threading.Lock()  # held to look at it or to change it
 
 
@@ -163,26 +163,31 @@ class Blender:
 
 
 def render(
-    scene: Scene, textures: Textures, camera: Camera, *, frames: Sequence[int] | None = None
+    scene: Scene,
+    textures: Textures,
+    camera: Camera,
+    *,
+    frames: Sequence[int] | None = None,
+    samples: int = SAMPLES,
 ) -> Rendered:
     """As `Blender.render`, by a process that later calls share, until one fails or Python ends."""
-    blender = _shared()
+    blender = _shared(samples)
     try:
         return blender.render(scene, textures, camera, frames=frames)
     except BaseException:
         with _SHARING:
-            if _SHARED and _SHARED[0] is blender:  # else another thread has begun a new one
-                _SHARED.clear()
+            if _SHARED.get(samples) is blender:  # else another thread has begun a new one
+                del _SHARED[samples]
         raise
 
 
-def _shared() -> Blender:
+def _shared(samples: int) -> Blender:
     with _SHARING:
-        if not _SHARED:
-            blender = Blender()
+        if samples not in _SHARED:
+            blender = Blender(samples=samples)
             atexit.register(blender.close)
-            _SHARED.append(blender)
-        return _SHARED[0]
+            _SHARED[samples] = blender
+        return _SHARED[samples]
 
 
 def read_frame(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
