@@ -27,7 +27,7 @@ def motion_recipe(**changes):
         (DEEPER | {"thorough_last_look": False}, {"last_look"}),
         ({}, BLOCKS | {"last_look"}),
     ],
-    ids=str,
+    ids=["nothing", "blocks", "second look", "last look", "all of them"],
 )
 def test_what_is_left_behind_is_told_by_its_outermost_module(knobs, left):
     start = Start("a run", network_of(motion_recipe(**DEEPER)).state_dict(), 8)
