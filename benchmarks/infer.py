@@ -155,17 +155,14 @@ def operations(onnx: bytes, made: Arrays) -> int:
     model.reshape({name: list(array.shape) for name, array in made.items()})
     found = 0
     for node in model.get_ops():
+        taken, given = [list(each.get_shape()) for each in node.input_values()[:2]], node.outputs()
         match node.get_type_name():
-            case (
-                "Convolution" | "GroupConvolution"
-            ):  # weights [(groups,) out, in, kernel]: in x kernel of each output
-                found += 2 * math.prod(node.output(0).shape) * math.prod(list(node.input_value(1).shape)[-3:])
-            case "ConvolutionBackpropData":  # weights [in, out, kernel]: out x kernel of each input
-                found += (
-                    2 * math.prod(node.input_value(0).shape) * math.prod(list(node.input_value(1).shape)[-3:])
-                )
+            case "Convolution" | "GroupConvolution":  # weights [(groups,) out, in, kernel]
+                found += 2 * math.prod(given[0].get_shape()) * math.prod(taken[1][-3:])
+            case "ConvolutionBackpropData":  # weights [in, out, kernel], once for each input
+                found += 2 * math.prod(taken[0]) * math.prod(taken[1][-3:])
             case "MatMul":
-                found += 2 * math.prod(node.output(0).shape) * list(node.input_value(0).shape)[-1]
+                found += 2 * math.prod(given[0].get_shape()) * taken[0][-1]
     return found
 
 

@@ -86,7 +86,7 @@ def evaluate_network_command(
 
     Scenes that another renderer made, Blender or the authors' own:
 
-      flightdepth render 256 --renderer blender --scenes 40 --seed 77 --out blender-256
+      flightdepth render 256 --renderer blender --samples 32 --scenes 40 --out blender-256
 
       flightdepth evaluate network motion --set blender-256
     """
@@ -102,15 +102,16 @@ def evaluate_network_command(
     opened = load_network(network, "openvino", precision="f32")
     own = None if textures is None else textures_from_folder(textures)
     _refuse_other_sets(outdoor=outdoor, stored=stored, textures=textures, fov=fov)
+    count = SCENES if scenes is None else scenes
     pairs: AnySet
     if stored is not None:
         pairs = stored_set(opened.card, stored, scenes=scenes)
     elif outdoor:
-        pairs = outdoor_set(opened.card, scenes=SCENES if scenes is None else scenes)
+        pairs = outdoor_set(opened.card, scenes=count)
     else:
         pairs = fixed_set(
             opened.card,
-            scenes=SCENES if scenes is None else scenes,
+            scenes=count,
             textures=own,
             horizontal_fov_deg=fov,
         )

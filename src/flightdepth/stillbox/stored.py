@@ -18,6 +18,7 @@ from flightdepth.errors import BadInput
 from flightdepth.scenes.pictures import read_picture
 from flightdepth.scenes.scene import Floats, displacement
 from flightdepth.stillbox.camera_path import path_from
+from flightdepth.stillbox.encoding import DEPTH_CLIP_M
 from flightdepth.stillbox.original_layout import METADATA
 from flightdepth.stillbox.pairs import Depth, Image
 
@@ -141,6 +142,11 @@ def open_stored_set(folder: Path) -> StoredSet:
     if not entries:
         raise BadInput(f"set {folder}", expected="at least one scene", got="none")
     return StoredSet(folder, *heads.pop(), tuple(entries))
+
+
+def unclipped(depth_m: Depth) -> Depth:
+    """Stored depth, float32 metres, with what stands at the layout's clip infinite: that far or farther, a sky."""
+    return np.where(depth_m < DEPTH_CLIP_M[1], depth_m, np.float32(np.inf))
 
 
 def _metadata(path: Path) -> tuple[tuple[int, int, float, str], list[dict[str, Any]]]:

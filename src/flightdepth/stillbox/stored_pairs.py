@@ -10,9 +10,8 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.renderers.raycast import Rendered
 from flightdepth.scenes import chance
-from flightdepth.stillbox.encoding import DEPTH_CLIP_M
 from flightdepth.stillbox.pairs import Flown
-from flightdepth.stillbox.stored import StoredSet
+from flightdepth.stillbox.stored import StoredSet, unclipped
 from flightdepth.stillbox.stream import PairStream
 
 _CROP, _ORDER = 3, 4  # what a random stream is for
@@ -59,7 +58,7 @@ class StoredPairs(PairStream):
         depth_m = scene.depth_m[:, rows, columns]
         cut = Rendered(
             np.ascontiguousarray(scene.images[:, rows, columns]),
-            np.where(depth_m < DEPTH_CLIP_M[1], depth_m, np.float32(np.inf)),  # or farther, such as a sky
+            unclipped(depth_m),
         )
         return scene, cut, self.stored.camera.cropped(x, y, self.picture.width, self.picture.height)
 

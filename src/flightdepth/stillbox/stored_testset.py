@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.scenes.scene import Floats
-from flightdepth.stillbox.encoding import DEPTH_CLIP_M
-from flightdepth.stillbox.stored import StoredSet
+from flightdepth.stillbox.stored import StoredSet, unclipped
 from flightdepth.stillbox.testset import TestPair
 
 
@@ -61,7 +60,7 @@ class StoredTestSet:
         return TestPair(
             self._cut(scene.images[before]),
             self._cut(scene.images[now]),
-            np.where(depth_m < DEPTH_CLIP_M[1], depth_m, np.float32(np.inf)),
+            unclipped(depth_m),
             scene.displacement(before, now),
             self.stored.camera.fx,
         )
