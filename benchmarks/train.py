@@ -22,11 +22,11 @@ from flightdepth.files import write_json
 from flightdepth.processor import cpu_name
 from flightdepth.renderers.raycast import VERSION
 from flightdepth.scenes import Textures
-from flightdepth.stillbox import Batch
 from flightdepth.stillbox.engines import usable_cores
 from flightdepth.stillbox.stream import CHUNK
 from flightdepth.training import Recipe, Stage, load_recipe
 from flightdepth.training.freed_memory import keep_freed_memory
+from flightdepth.training.inputs import TensorBatch
 from flightdepth.training.learner import Learner
 from flightdepth.training.loop import stage_stream
 
@@ -45,20 +45,21 @@ def measured(recipe: Recipe, number: int, textures: Textures, rounds: int, threa
     rates: dict[str, list[float]] = {"rendered": [], "ready": []}
     with stream:
         starts = itertools.count(0, stage.batch)
-        ready = itertools.cycle([stream.batch(next(starts), stage.batch) for _ in range(READY)])
+        rendered = (TensorBatch.of(recipe, stream.batch(start, stage.batch)) for start in starts)
+        ready = itertools.cycle(list(itertools.islice(rendered, READY)))
 
-        def rate(batches: Iterator[Batch]) -> float:
+        def rate(batches: Iterator[TensorBatch]) -> float:
             return per_round / seconds(lambda: train_on(learner, stage, batches, per_round))
 
         train_on(learner, stage, ready, 3 * stage.batch)
         for _ in range(rounds):
-            rates["rendered"].append(rate(stream.batch(start, stage.batch) for start in starts))
+            rates["rendered"].append(rate(rendered))
             rates["ready"].append(rate(ready))
     found = {name: statistics.median(values) for name, values in rates.items()}
     return found | {"ratio": found["rendered"] / found["ready"]}
 
 
-def train_on(learner: Learner, stage: Stage, batches: Iterator[Batch], samples: int) -> None:
+def train_on(learner: Learner, stage: Stage, batches: Iterator[TensorBatch], samples: int) -> None:
     for batch in itertools.islice(batches, samples // stage.batch):
         learner.step([batch], stage, stage.samples // 2)
 

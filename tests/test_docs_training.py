@@ -3,7 +3,6 @@
 import json
 import re
 import shlex
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 
 from flightdepth import cli
-from flightdepth.stillbox import PairStream
 from flightdepth.training import loop, recipe_files
 from flightdepth.training.run_folder import stages_behind
 from flightdepth.weights.store import find_network, read_card
@@ -35,7 +33,7 @@ def test_every_command_runs(monkeypatch, tmp_path, capsys):
         "_recipe_bytes",
         lambda name: text.encode() if name == "tiny-clamped-256" else known(name),
     )
-    monkeypatch.setattr(loop, "PairStream", partial(PairStream, pool_scenes=8))
+    monkeypatch.setattr(loop, "pool_scenes", lambda _: 8)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "photos").mkdir()
     cv2.imwrite(str(tmp_path / "photos" / "a.jpg"), np.full((60, 80, 3), 90, np.uint8))

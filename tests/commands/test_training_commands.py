@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import sys
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -16,7 +15,6 @@ from flightdepth import cli
 from flightdepth.commands.signals import stop_request
 from flightdepth.files import held
 from flightdepth.scenes.config import SET_VERSION
-from flightdepth.stillbox import PairStream
 from flightdepth.training import loop
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.export import weights_of
@@ -32,7 +30,7 @@ TRAIN = ("train", "small.toml", "--procedural", "2")
 @pytest.fixture(autouse=True)
 def small_world(monkeypatch, tmp_path):
     """Eight scenes in the pool, one thread, and a folder of its own to work in."""
-    monkeypatch.setattr(loop, "PairStream", partial(PairStream, pool_scenes=8))
+    monkeypatch.setattr(loop, "pool_scenes", lambda _: 8)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.toml").write_text(TOML)
     before = torch.get_num_threads()
@@ -46,7 +44,7 @@ def exported(tmp_path_factory):
     """A folder with a finished run and its network, exported once."""
     folder = tmp_path_factory.mktemp("exported")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(loop, "PairStream", partial(PairStream, pool_scenes=8))
+        patch.setattr(loop, "pool_scenes", lambda _: 8)
         patch.chdir(folder)
         (folder / "small.toml").write_text(TOML)
         assert cli.main([*TRAIN]) == 0

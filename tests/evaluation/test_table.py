@@ -4,7 +4,6 @@ import json
 import math
 import re
 import shlex
-from functools import partial
 from pathlib import Path
 
 import onnx
@@ -135,7 +134,7 @@ def world(tmp_path_factory):
     torch.set_num_threads(1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(recipe_files, "_recipe_bytes", lambda name: small_bytes(name, known))
-        patch.setattr(loop, "PairStream", partial(PairStream, pool_scenes=8))
+        patch.setattr(loop, "pool_scenes", lambda _: 8)
         patch.setattr(table, "TIMED_CALLS", 1)
         patch.chdir(folder)
         yield folder

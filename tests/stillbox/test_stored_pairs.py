@@ -40,8 +40,12 @@ def test_a_set_whose_camera_turns_is_not_one_of_steady_flights(tmp_path):
 
 
 def same(one, other):
-    arrays = ("pairs", "target_m", "displacement")
-    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in arrays)
+    arrays = ("previous", "current", "target_m", "displacement")
+    return all(
+        np.array_equal(getattr(mine, name), getattr(yours, name))
+        for mine, yours in zip(one.each, other.each, strict=True)
+        for name in arrays
+    )
 
 
 def test_scenes_come_in_a_new_order_each_time_round(stored):
@@ -55,12 +59,12 @@ def test_a_pair_is_one_of_the_set(stored):
     """Targets at 100 m or scaled from a frame's depth, displacements of whole steps."""
     with opened(stored) as stream:
         batch = stream.batch(0, 20)
-    for moved, target_m, camera in zip(batch.displacement, batch.target_m, batch.cameras, strict=True):
-        steps = np.linalg.norm(moved) / 0.1
+    for pair in batch.each:
+        target_m, steps = pair.target_m, np.linalg.norm(pair.displacement) / 0.1
         assert steps == pytest.approx(round(steps), abs=1e-6)
         assert round(steps) <= 2
         assert (target_m == 100).all() == (round(steps) == 0)
-        assert camera.fx == pytest.approx(8)
+        assert pair.camera.fx == pytest.approx(8)
 
 
 def test_depth_is_the_scenes(stored):

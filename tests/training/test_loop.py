@@ -20,7 +20,7 @@ from flightdepth.stillbox.stored import StoredSet
 from flightdepth.training import learner, loop, precision
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.export import deployed, to_onnx, weights_of
-from flightdepth.training.inputs import normalised
+from flightdepth.training.inputs import TensorBatch, normalised
 from flightdepth.training.learner import Learner, mixed_precision
 from flightdepth.training.loop import train
 from flightdepth.training.processes import Share
@@ -36,7 +36,7 @@ class PowerCutError(Exception):
 
 @pytest.fixture(autouse=True)
 def small_pool(monkeypatch):
-    monkeypatch.setattr(loop, "PairStream", small_stream)
+    monkeypatch.setattr(loop, "pool_scenes", training_runs.small_pool)
 
 
 def run(folder, *, recipe=None, cut_after=None, textures=None, **options):
@@ -60,7 +60,7 @@ def run(folder, *, recipe=None, cut_after=None, textures=None, **options):
 def whole(tmp_path_factory):
     """An uninterrupted run: its folder and its losses."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(loop, "PairStream", small_stream)
+        patch.setattr(loop, "pool_scenes", training_runs.small_pool)
         folder = tmp_path_factory.mktemp("whole") / "small"
         return folder, run(folder)
 
@@ -131,7 +131,7 @@ def test_a_stage_goes_on_in_as_many_parts_as_it_began(tmp_path, monkeypatch):
     """With another number of processes it saw some pairs again, and others never."""
     run(tmp_path, cut_after=3)
     monkeypatch.setattr(Share, "of", lambda *given: Share(2, range(2)))
-    with pytest.raises(BadInput, match="--resume: expected pairs in 1 parts, got 2"):
+    with pytest.raises(BadInput, match="--resume: expected pairs of 1 streams, got 2"):
         run(tmp_path, resume=True)
 
 
@@ -370,7 +370,7 @@ def seen_by_layers():
         lambda layer, given, out: seen.append((layer, given[0], out))
     )
     with small_stream(recipe.scenes, small_textures(), recipe.stages[0].picture, recipe.rule, 1) as stream:
-        learner.step([stream.batch(0, BATCH)], recipe.stages[0], 0)
+        learner.step([TensorBatch.of(recipe, stream.batch(0, BATCH))], recipe.stages[0], 0)
     return seen[0]
 
 
@@ -440,3 +440,31 @@ def test_a_stage_says_how_many_of_its_pairs_are_wide(tmp_path, monkeypatch):
     monkeypatch.setattr(loop, "PairStream", stream)
     run(tmp_path, recipe=small_recipe(stages=[stage("a", 1), stage("b", 1) | {"wide_share": 0.25}]))
     assert shares == 2 * [0.0, 0.25]  # once to see whether it can be had
+
+
+def test_one_worker_makes_the_pairs_that_would_have_been_made_here(whole, tmp_path):
+    assert run(tmp_path, workers=1) == whole[1]
+    assert checkpoint(tmp_path) == checkpoint(whole[0])
+
+
+@pytest.mark.parametrize("steps", [1, 3])  # so that either worker's turn comes first
+def test_a_run_of_several_workers_goes_on_exactly(tmp_path, steps):
+    at_once = run(tmp_path / "whole", workers=2)
+    begun = run(tmp_path / "cut", workers=2, cut_after=steps)
+    assert begun[: steps - 1] + run(tmp_path / "cut", workers=2, resume=True) == at_once
+    assert checkpoint(tmp_path / "cut") == checkpoint(tmp_path / "whole")
+
+
+def test_workers_are_as_many_as_they_were(tmp_path):
+    run(tmp_path, workers=2, cut_after=3)
+    with pytest.raises(BadInput, match="--resume: expected pairs of 2 streams, got 3"):
+        run(tmp_path, workers=3, resume=True)
+
+
+def test_what_a_worker_meets_is_told_as_it_is(tmp_path, monkeypatch):
+    def damaged(*_, **__):
+        raise BadInput("scene 3", expected="a picture", got="half of one")
+
+    monkeypatch.setattr(loop.PairStream, "batch", damaged)
+    with pytest.raises(BadInput, match="scene 3: expected a picture, got half of one"):
+        run(tmp_path, workers=2)

@@ -11,7 +11,7 @@ import pytest
 import torch
 import training_runs
 from torch import nn
-from training_runs import BATCH, small_recipe, small_stream, small_textures, stage
+from training_runs import BATCH, small_pool, small_recipe, small_textures, stage
 
 from flightdepth.errors import BadInput
 from flightdepth.training import learner, loop
@@ -53,7 +53,7 @@ def two_accumulation_steps(tmp_path_factory):
     folder = tmp_path_factory.mktemp("one") / "small"
     losses = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(loop, "PairStream", small_stream)
+        patch.setattr(loop, "pool_scenes", small_pool)
         patch.setattr(learner, "mixed_precision", lambda _: "no")  # as in the processes
         recipe, textures = small_recipe(accumulate=2), small_textures()
         train(recipe, textures, folder, resume=False, report=lambda step: losses.append(step.loss_m))
@@ -106,7 +106,7 @@ def test_processes_agree_on_their_precision():
 
 
 def test_parts_see_other_pairs_than_the_whole(two_accumulation_steps, tmp_path, monkeypatch):
-    monkeypatch.setattr(loop, "PairStream", small_stream)
+    monkeypatch.setattr(loop, "pool_scenes", small_pool)
     losses = []
     recipe = small_recipe(stages=[stage("a", 1)])
     train(recipe, small_textures(), tmp_path, resume=False, report=lambda step: losses.append(step.loss_m))

@@ -51,14 +51,18 @@ def small_textures(seed: int = 1) -> Textures:
     return Textures.procedural(2, seed)
 
 
-# Eight scenes in the pool instead of 192: nothing else of a stream depends on it.
-small_stream = partial(PairStream, pool_scenes=8)
+SMALL_POOL = 8  # scenes, instead of 192: nothing else of a stream depends on it
+small_stream = partial(PairStream, pool_scenes=SMALL_POOL)
+
+
+def small_pool(_: int) -> int:
+    return SMALL_POOL
 
 
 def main() -> None:
     folder, *rest = sys.argv[1:]
     torch.set_num_threads(1)  # as in the other runs: the number of threads decides how sums are rounded
-    loop.PairStream = small_stream  # type: ignore[misc, assignment]
+    loop.pool_scenes = small_pool
     if rest:
         steps, computed_in = rest  # two processes that time the processor may decide differently
         learner.mixed_precision = lambda _=None: computed_in  # type: ignore[assignment, return-value]

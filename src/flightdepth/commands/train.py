@@ -48,6 +48,14 @@ def train(
         list[Path] | None,
         typer.Option("--set", metavar="DIR", help="Learn from a stored set, one for each picture width."),
     ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            help="Processes that make pairs ahead of time: with a GPU the free cores, without one none.",
+        ),
+    ] = None,
     runs: Annotated[Path, typer.Option(metavar="DIR", help="The run is kept in DIR/NAME-OF-RECIPE.")] = Path(
         "runs"
     ),
@@ -95,7 +103,7 @@ def train(
             )
         stored = opened_sets(sets or [], wanted)
         dressed = Textures.from_images([]) if stored else gathered_textures(textures, procedural)
-        run(wanted, dressed, folder, resume=resume, shipped=start, sets=stored)
+        run(wanted, dressed, folder, resume=resume, shipped=start, sets=stored, workers=workers)
         conclude(wanted, folder)
 
 
@@ -107,6 +115,7 @@ def run(
     resume: bool,
     shipped: StoredNetwork | None = None,
     sets: dict[int, StoredSet] | None = None,
+    workers: int | None = None,
 ) -> None:
     """Train with a progress bar, until the end, Ctrl-C or SIGTERM."""
     from flightdepth.stillbox.engines import usable_cores
@@ -115,8 +124,12 @@ def run(
     from flightdepth.training.processes import this_process
 
     state = this_process()
-    if state.device.type == "cpu":
+    on_cpu = state.device.type == "cpu"
+    if on_cpu:
         keep_freed_memory()
+    cores = max(1, usable_cores() // state.num_processes)
+    if workers is None:
+        workers = 0 if on_cpu else max(1, cores - 1)
     # The launcher of several processes passes on what the terminal has told them already.
     alone = state.num_processes == 1
     with stop_request(SAVING if alone else None, insist=alone) as stop, ExitStack() as stack:
@@ -133,7 +146,8 @@ def run(
             shipped=shipped,
             sets=sets,
             stop=stop.is_set,
-            threads=max(1, usable_cores() // state.num_processes),
+            threads=cores,
+            workers=workers,
             **options,
         )
 

@@ -46,6 +46,8 @@ def tilted(vector: Floats, towards: Floats, angle_deg: float) -> Floats:
 
 def rotated(image: Image, camera: Camera, rotation_vector: Floats) -> Image:
     """The picture as the same camera turned by a rotation vector (3,), radians, would have seen it."""
+    if not np.any(rotation_vector):
+        return image
     turn = cv2.Rodrigues(np.asarray(rotation_vector, dtype=np.float64))[0]
     # A pixel of the turned camera looks where `turn` takes its ray.
     seen_from_new = camera.matrix @ turn @ np.linalg.inv(camera.matrix)

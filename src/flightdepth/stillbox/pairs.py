@@ -91,25 +91,22 @@ class Pair:
 
 @dataclass(frozen=True)
 class Batch:
-    """pairs uint8 [B, H, W, 6] (previous, current) of `cameras`; target_m float32 [B, H, W]; displacement [B, 3] m."""
+    """Pairs of one size, B of them; what is made of all is made when it is asked for."""
 
-    pairs: Image
-    target_m: Depth
-    displacement: Floats
-    cameras: tuple[Camera, ...]
+    each: tuple[Pair, ...]
 
-    @classmethod
-    def of(cls, pairs: list[Pair]) -> Batch:
-        """Stack pairs of one size."""
-        both = np.empty((len(pairs), *pairs[0].target_m.shape, 6), np.uint8)
-        for out, pair in zip(both, pairs, strict=True):
+    @property
+    def pairs(self) -> Image:
+        """(previous, current) of each, uint8 [B, H, W, 6]."""
+        both = np.empty((len(self.each), *self.each[0].target_m.shape, 6), np.uint8)
+        for out, pair in zip(both, self.each, strict=True):
             cv2.merge([pair.previous, pair.current], out)  # many times as fast as numpy's concatenate
-        return cls(
-            both,
-            np.stack([p.target_m for p in pairs]),
-            np.stack([p.displacement for p in pairs]),
-            tuple(p.camera for p in pairs),
-        )
+        return both
+
+    @property
+    def target_m(self) -> Depth:
+        """For each current picture, float32 [B, H, W]."""
+        return np.stack([pair.target_m for pair in self.each])
 
 
 def make_pair(

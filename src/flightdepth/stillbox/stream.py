@@ -23,6 +23,7 @@ from flightdepth.stillbox.pairs import Batch, Flown, Pair, PairRule, make_pair, 
 from flightdepth.stillbox.photometric import LARGEST_PX, Photometric
 
 CHUNK = 8
+POOL_SCENES = 192
 _SAMPLE, _CROP = 2, 3  # what a random stream is for
 
 
@@ -63,8 +64,7 @@ class Picture:
 class PairStream:
     """Pairs of a dataset (config, seed). `pairs_per_scene` is a mean; the pool holds `pool_scenes` scenes.
 
-    With `background` the next scenes are rendered while the present ones are used (good with a GPU); without
-    it they are rendered by all threads when their turn comes, so that nothing competes with a CPU that trains.
+    Scenes are rendered by all threads when their turn comes, so that nothing competes with a CPU that trains.
     """
 
     config: StillBoxConfig
@@ -75,14 +75,13 @@ class PairStream:
     photometric: bool = False
     photometric_share: float = 1.0
     noise: MotionNoise | None = None
-    pool_scenes: int = 192
+    pool_scenes: int = POOL_SCENES
     pairs_per_scene: int = 40
     threads: int = 2
-    background: bool = False
     _scenes: dict[int, Future[tuple[Flown, Rendered, Camera]]] = field(
         default_factory=dict, init=False, repr=False
     )
-    _wanted: range = field(default=range(0), init=False, repr=False)
+    _pool: range = field(default=range(0), init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.pool_scenes < CHUNK or self.pool_scenes % CHUNK:
@@ -111,7 +110,7 @@ class PairStream:
         share = -(-size // self.threads)
         shares = (drawn[first : first + share] for first in range(0, size, share))
         made = self._makers.map(lambda part: [self._make(*each) for each in part], shares)
-        return Batch.of(list(chain.from_iterable(made)))
+        return Batch(tuple(chain.from_iterable(made)))
 
     def _draw(self, index: int) -> tuple[np.random.Generator, Flown, Rendered, Camera]:
         """The sample's randomness and its scene."""
@@ -133,11 +132,10 @@ class PairStream:
         """Scene numbers in the pool when sample `index` is drawn; renders what is missing, drops the rest."""
         first = index // (CHUNK * self.pairs_per_scene) * CHUNK
         pool = range(first, first + self.pool_scenes)
-        wanted = range(first, pool.stop + CHUNK) if self.background else pool
-        if wanted != self._wanted:
+        if pool != self._pool:
             known = self._scenes
-            self._scenes = {n: known.get(n) or self._executor.submit(self._render, n) for n in wanted}
-            self._wanted = wanted
+            self._scenes = {n: known.get(n) or self._executor.submit(self._render, n) for n in pool}
+            self._pool = pool
         return pool
 
     def _render(self, number: int) -> tuple[Flown, Rendered, Camera]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
@@ -11,15 +12,34 @@ from flightdepth.sweep import stacked, sweep
 from flightdepth.training.recipe import Recipe
 
 
-def network_inputs(recipe: Recipe, batch: Batch, device: torch.device) -> tuple[Tensor, ...]:
+@dataclass(frozen=True)
+class TensorBatch:
+    """One batch as a network learns from it, on the processor, pictures still as bytes.
+
+    inputs    of a MotionNet current [B, H, W, 3], sweeps and field as `sweep.stacked` has them; of the others pairs
+              uint8 [B, H, W, 6]
+    target_m  float32 [B, H, W]
+    """
+
+    inputs: tuple[Tensor, ...]
+    target_m: Tensor
+
+    @classmethod
+    def of(cls, recipe: Recipe, batch: Batch) -> TensorBatch:
+        """Swept along the motion where the network is told that."""
+        if recipe.architecture == "MotionNet":
+            arrays = stacked(
+                sweep(pair.previous, pair.current, pair.displacement, pair.camera) for pair in batch.each
+            )
+        else:
+            arrays = (batch.pairs,)
+        return cls(tuple(map(torch.from_numpy, arrays)), torch.from_numpy(batch.target_m))
+
+
+def network_inputs(recipe: Recipe, batch: TensorBatch, device: torch.device) -> tuple[Tensor, ...]:
     """Arguments of the network's `forward`."""
-    if recipe.architecture != "MotionNet":
-        return (normalised(torch.from_numpy(batch.pairs).to(device)),)
-    swept = stacked(
-        sweep(np.ascontiguousarray(pair[..., :3]), np.ascontiguousarray(pair[..., 3:]), moved, camera)
-        for pair, moved, camera in zip(batch.pairs, batch.displacement, batch.cameras, strict=True)
-    )
-    return motion_inputs(*(torch.from_numpy(array).to(device) for array in swept))
+    moved = tuple(each.to(device, non_blocking=True) for each in batch.inputs)
+    return motion_inputs(*moved) if recipe.architecture == "MotionNet" else (normalised(*moved),)
 
 
 def normalised(pairs: Tensor) -> Tensor:

@@ -18,7 +18,6 @@ from torch import Tensor, nn, optim
 
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.files import write_json
-from flightdepth.stillbox import Batch
 from flightdepth.training.averaging import MovingAverage
 from flightdepth.training.checkpoint import (
     Progress,
@@ -27,7 +26,7 @@ from flightdepth.training.checkpoint import (
     read_weights,
     save_checkpoint,
 )
-from flightdepth.training.inputs import network_inputs
+from flightdepth.training.inputs import TensorBatch, network_inputs
 from flightdepth.training.loss import loss_m
 from flightdepth.training.muon import Muon
 from flightdepth.training.network import network_of
@@ -59,6 +58,9 @@ class Learner:
         self.accelerator = Accelerator(
             cpu=without_gpu(), mixed_precision=self.precision, kwargs_handlers=[own_statistics]
         )
+        if self.accelerator.device.type == "cuda":
+            torch.backends.cudnn.benchmark = True  # all batches of a stage are of one size
+            torch.set_float32_matmul_precision("high")
         self.share = Share.of(recipe, self.accelerator.process_index, self.accelerator.num_processes)
         torch.manual_seed(recipe.seed)
         network = network_of(recipe)
@@ -132,7 +134,7 @@ class Learner:
     def _begin_optimizer(self, name: OptimizerName) -> None:
         self._optimizer_name, self.optimizer = name, optimizer_of(self.recipe, self.network, name)
 
-    def step(self, parts: Sequence[Batch], stage: Stage, sample: int) -> float:
+    def step(self, parts: Sequence[TensorBatch], stage: Stage, sample: int) -> float:
         """One step on samples `sample` ... of a stage, of which `parts` are this process's; the loss in metres."""
         for group in self.stepper.param_groups:
             group["lr"] = learning_rate(self.recipe, stage, sample)
@@ -152,9 +154,9 @@ class Learner:
         self.average.update(sample // stage.batch)
         return float(self.accelerator.reduce(loss, "mean"))
 
-    def _learn(self, batch: Batch, parts: int) -> Tensor:
+    def _learn(self, batch: TensorBatch, parts: int) -> Tensor:
         """Add the gradient of one of `parts` parts; its loss, divided by their number."""
-        target_m = torch.from_numpy(batch.target_m).to(self.accelerator.device)
+        target_m = batch.target_m.to(self.accelerator.device, non_blocking=True)
         inputs = network_inputs(self.recipe, batch, self.accelerator.device)
         with self.accelerator.autocast():
             output = self.model(*inputs)

@@ -18,13 +18,16 @@ from flightdepth.scenes import Textures
 from flightdepth.stillbox import PairStream
 from flightdepth.stillbox.stored import StoredSet
 from flightdepth.stillbox.stored_pairs import StoredPairs
+from flightdepth.stillbox.stream import CHUNK, POOL_SCENES
 from flightdepth.training.checkpoint import Progress, read_progress
+from flightdepth.training.feed import Feed
 from flightdepth.training.learner import Learner
 from flightdepth.training.recipe import Recipe, Stage
 from flightdepth.training.run_folder import CHECKPOINT, RECIPE, keep_sets, keep_textures
 from flightdepth.training.schedule import learning_rate
 from flightdepth.weights.store import StoredNetwork
 
+LEAST_POOL_SCENES = 64  # a multiple of CHUNK
 PART_SEEDS = 10**6  # between the streams of a batch's parts
 SMOOTHING = 0.98  # of the reported loss
 
@@ -51,6 +54,7 @@ def train(
     stop: Callable[[], bool] = lambda: False,
     checkpoint_every_s: float = 120.0,
     threads: int = 2,
+    workers: int = 0,
     clock: Callable[[], float] = time.monotonic,
 ) -> Path:
     """Run a recipe to its end; the path of the last checkpoint. Each stage's end is kept under its name.
@@ -58,7 +62,8 @@ def train(
     With `resume` a checkpoint in `folder` is taken up where it was; without one, the run starts: from random
     weights, or from those of `shipped`, after the stages that its card lists. With `sets`, by their width,
     pairs come from stored scenes: each stage takes the set as wide as its full picture. `stop` is asked after every
-    step; when it says yes, the run is saved and ends there.
+    step; when it says yes, the run is saved and ends there. `threads` make pairs when it is their turn; with `workers`,
+    so many processes make them ahead of time, a thread each.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / CHECKPOINT
@@ -67,7 +72,15 @@ def train(
     progress = learner.restored(path) if goes_on else learner.started(folder, shipped)
     learner.prepare(progress.stage)
     streams = [
-        partial(stage_stream, learner, number, textures=textures, sets=sets or {}, threads=threads)
+        partial(
+            stage_stream,
+            learner,
+            number,
+            textures=textures,
+            sets=sets or {},
+            threads=threads,
+            workers=workers,
+        )
         for number in range(len(recipe.stages))
     ]
     # What a stage can't learn from is told before the stages that come first.
@@ -81,7 +94,7 @@ def train(
         learner.save(path, progress)
     with Curves(folder if learner.accelerator.is_main_process else None) as board:
         for number in range(progress.stage, len(recipe.stages)):
-            run = _Run(learner, number, streams[number], board, report, stop, clock)
+            run = _Run(learner, number, streams[number], workers, board, report, stop, clock)
             progress = run.to_end(progress, path, checkpoint_every_s)
             if learner.agreed(stop()):
                 learner.save(path, progress)
@@ -98,7 +111,8 @@ class _Run:
 
     learner: Learner
     number: int
-    stream: Callable[[int], PairStream]  # of a part
+    stream: Callable[[int], PairStream]
+    workers: int
     board: Curves
     report: Callable[[Report], None]
     stop: Callable[[], bool]
@@ -114,22 +128,20 @@ class _Run:
 
     def to_end(self, progress: Progress, path: Path, every_s: float) -> Progress:
         """Train from `progress` to the stage's last sample, or until told to stop."""
-        share = self.learner.share
-        # In another number of parts it would see some pairs again, and others never.
-        if progress.sample and progress.parts not in (0, share.parts):
-            mend = "Go on as it began: `accumulate` of the recipe, or processes, whichever is more."
+        # In another number of streams it would see some pairs again, and others never.
+        if progress.sample and progress.parts not in (0, self._streams):
+            mend = "Go on as it began: `accumulate` of the recipe or processes, whichever is more, times --workers."
             raise BadInput(
-                "--resume", expected=f"pairs in {progress.parts} parts", got=f"{share.parts}", mend=mend
+                "--resume", expected=f"pairs of {progress.parts} streams", got=f"{self._streams}", mend=mend
             )
         self.learner.begin(self.stage)
         saved = began = self.clock()
         began_at, total = progress.seen, self._total(progress)
         with ExitStack() as stack:
-            streams = [stack.enter_context(self.stream(part)) for part in share.mine]
+            first = progress.sample // self.stage.batch
+            feeds = [stack.enter_context(self._feed(part).batches(first)) for part in self.learner.share.mine]
             while progress.sample < self.stage.samples and not self.learner.agreed(self.stop()):
-                start, size = (each // share.parts for each in (progress.sample, self.stage.batch))
-                parts = [stream.batch(start, size) for stream in streams]
-                loss_m = self.learner.step(parts, self.stage, progress.sample)
+                loss_m = self.learner.step([next(feed) for feed in feeds], self.stage, progress.sample)
                 progress = self._advanced(progress, loss_m)
                 rate = (progress.seen - began_at) / max(self.clock() - began, 1e-9)
                 self.report(Report(self.stage.name, progress.seen, total, progress.loss_m))
@@ -139,12 +151,22 @@ class _Run:
                     saved = self.clock()
         return progress
 
+    @property
+    def _streams(self) -> int:
+        """Of scenes, in all."""
+        return self.learner.share.parts * max(self.workers, 1)
+
+    def _feed(self, part: int) -> Feed:
+        """What one part of each batch is made by."""
+        size, each = self.stage.batch // self.learner.share.parts, max(self.workers, 1)
+        return Feed(self.recipe, lambda number: self.stream(part * each + number), size, self.workers)
+
     def _advanced(self, before: Progress, loss_m: float) -> Progress:
         """Progress after one step more, whose loss it was."""
         smooth = before.loss_m
         smooth = loss_m if math.isnan(smooth) else SMOOTHING * smooth + (1 - SMOOTHING) * loss_m
         sample, seen = before.sample + self.stage.batch, before.seen + self.stage.batch
-        return replace(before, sample=sample, seen=seen, loss_m=smooth, parts=self.learner.share.parts)
+        return replace(before, sample=sample, seen=seen, loss_m=smooth, parts=self._streams)
 
     def _total(self, progress: Progress) -> int:
         rest = sum(stage.samples for stage in self.recipe.stages[self.number + 1 :])
@@ -164,8 +186,11 @@ def stage_stream(
     textures: Textures,
     sets: Mapping[int, StoredSet],
     threads: int,
+    workers: int = 0,
 ) -> PairStream:
-    """The pairs that one part of a stage's batches learns from, of drawn scenes or of the set of the stage's width.
+    """Pairs of stage `number`, stream `part`, of drawn scenes or of the set of the stage's width.
+
+    Of several workers each has a thread, and a smaller pool of scenes.
 
     Raises:
         BadInput: the set is not one that the stage can learn from.
@@ -182,9 +207,14 @@ def stage_stream(
         photometric_share=stage.photometric_share,
         noise=stage.noise,
         pairs_per_scene=recipe.pairs_per_scene,
-        threads=threads,
-        background=learner.accelerator.device.type != "cpu",
+        threads=1 if workers else threads,
+        pool_scenes=pool_scenes(workers),
     )
+
+
+def pool_scenes(workers: int) -> int:
+    """Scenes that a stream draws pairs from; about as many in all, however many workers have one."""
+    return max(LEAST_POOL_SCENES, POOL_SCENES // max(workers, 1) // CHUNK * CHUNK)
 
 
 class Curves:

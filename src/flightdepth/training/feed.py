@@ -1,0 +1,98 @@
+"""A stage's batches, one after the other: made where they are learnt from, or ahead of time by worker processes, so
+that a GPU need not wait for its processor.
+
+Each worker has a stream of scenes of its own, and batch number b of a stage is worker b % workers's: what is learnt
+follows from the seed and the number of workers, not from which of them is faster.
+"""
+
+from __future__ import annotations
+
+import signal
+import warnings
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import count
+
+import cv2
+import torch
+from torch.utils.data import DataLoader, IterableDataset, get_worker_info
+
+from flightdepth.errors import FlightDepthError
+from flightdepth.stillbox import PairStream
+from flightdepth.training.freed_memory import keep_freed_memory
+from flightdepth.training.inputs import TensorBatch
+from flightdepth.training.recipe import Recipe
+
+BATCHES_AHEAD = 3  # of each worker, while new scenes are rendered
+START = "fork"  # so that workers see the textures, and compiled code, where they lie
+
+
+@dataclass(frozen=True)
+class Feed:
+    """Batches of `size` pairs for `recipe`; `stream(n)` opens stream number n: one is enough without workers."""
+
+    recipe: Recipe
+    stream: Callable[[int], PairStream]
+    size: int
+    workers: int = 0
+
+    @contextmanager
+    def batches(self, first: int) -> Generator[Iterator[TensorBatch]]:
+        """Batches number `first`, `first` + 1 ... without end; an error in making one surfaces when it is due."""
+        if not self.workers:
+            with self.stream(0) as stream:
+                yield (self.made(stream, number) for number in count(first))
+            return
+        with (
+            warnings.catch_warnings()
+        ):  # a run goes on with the workers that it began with, on fewer cores too
+            warnings.filterwarnings("ignore", "This DataLoader will create", UserWarning)
+            loader = DataLoader(
+                _WorkersBatches(self, first),
+                batch_size=None,
+                num_workers=self.workers,
+                prefetch_factor=BATCHES_AHEAD,
+                pin_memory=torch.cuda.is_available(),
+                worker_init_fn=_quiet_worker,
+                multiprocessing_context=START,
+            )
+            made = iter(loader)
+        yield map(_raised, made)
+
+    def made(self, stream: PairStream, number: int) -> TensorBatch:
+        """Batch number `number` of a stream."""
+        return TensorBatch.of(self.recipe, stream.batch(number * self.size, self.size))
+
+
+@dataclass
+class _WorkersBatches(IterableDataset[TensorBatch | FlightDepthError]):
+    """What one worker makes: torch takes a batch of each in turn, the first worker's first."""
+
+    feed: Feed
+    first: int
+
+    def __iter__(self) -> Iterator[TensorBatch | FlightDepthError]:
+        worker, workers = get_worker_info(), self.feed.workers
+        assert worker is not None
+        begin = self.first + worker.id
+        try:
+            with self.feed.stream(begin % workers) as stream:
+                for number in count(begin // workers):
+                    yield self.feed.made(stream, number)
+        except FlightDepthError as error:  # as it is: torch would make it a page of another
+            yield error
+
+
+def _raised(made: TensorBatch | FlightDepthError) -> TensorBatch:
+    if isinstance(made, FlightDepthError):
+        raise made
+    return made
+
+
+def _quiet_worker(_: int) -> None:
+    """One thread; whoever stops a run stops its first process, which ends the workers."""
+    cv2.setNumThreads(0)
+    keep_freed_memory()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
