@@ -52,6 +52,14 @@ def test_the_page_holds_the_figures(network, result):
     assert "![Input, truth, error and prediction](x.jpg)" in text
 
 
+def test_the_page_tells_the_command_and_the_seed(network, result):
+    of_a_seed, of_files = (page_text(network.card, dict(result, seed=seed), "x.jpg") for seed in (3, None))
+    assert f"`flightdepth evaluate network {CARD.name} --report DIR`" in of_a_seed
+    assert of_a_seed.endswith(", seed 3.\n")
+    assert f"`flightdepth evaluate network {CARD.name} --set DIR --report DIR`" in of_files
+    assert "seed" not in of_files
+
+
 def test_every_table_has_as_many_cells_in_each_row(network, result):
     for table in re.findall(r"(?:^\|.*\n?)+", page_text(network.card, result, "x.jpg"), re.MULTILINE):
         assert len({line.count("|") for line in table.strip().splitlines()}) == 1

@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -467,4 +468,12 @@ def test_what_a_worker_meets_is_told_as_it_is(tmp_path, monkeypatch):
 
     monkeypatch.setattr(loop.PairStream, "batch", damaged)
     with pytest.raises(BadInput, match="scene 3: expected a picture, got half of one"):
+        run(tmp_path, workers=2)
+
+
+def test_a_worker_that_dies_is_told_in_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(loop.PairStream, "batch", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+    with pytest.raises(
+        FlightDepthError, match="a process that makes pairs has died, of too little memory perhaps"
+    ):
         run(tmp_path, workers=2)

@@ -157,10 +157,11 @@ def pictures_text(card: NetworkCard, picture: str) -> str:
 
 
 def written_by(card: NetworkCard, result: Mapping[str, Any]) -> str:
-    """Where the figures come from."""
+    """Where the figures come from; a set on the disk has no seed of ours."""
+    which, seed = (" --set DIR", "") if result["seed"] is None else ("", f", seed {result['seed']}")
     return (
-        f"Written by `flightdepth evaluate network {card.name} --report DIR`: {result['runtime']},"
-        f" weights {result['weights_sha256'][:16]}, commit {short(result['commit'])}, seed {result['seed']}."
+        f"Written by `flightdepth evaluate network {card.name}{which} --report DIR`: {result['runtime']},"
+        f" weights {result['weights_sha256'][:16]}, commit {short(result['commit'])}{seed}."
     )
 
 

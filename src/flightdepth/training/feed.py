@@ -25,6 +25,7 @@ from flightdepth.training.inputs import TensorBatch
 from flightdepth.training.recipe import Recipe
 
 BATCHES_AHEAD = 3  # of each worker, while new scenes are rendered
+WORKER_DIED = "DataLoader worker (pid"  # as torch tells it
 START = "fork"  # so that workers see the textures, and compiled code, where they lie
 
 
@@ -44,9 +45,11 @@ class Feed:
             with self.stream(0) as stream:
                 yield (self.made(stream, number) for number in count(first))
             return
-        with (
-            warnings.catch_warnings()
-        ):  # a run goes on with the workers that it began with, on fewer cores too
+        yield self._made_by_workers(first)
+
+    def _made_by_workers(self, first: int) -> Iterator[TensorBatch]:
+        with warnings.catch_warnings():
+            # A run goes on with the workers that it began with, on fewer cores too.
             warnings.filterwarnings("ignore", "This DataLoader will create", UserWarning)
             loader = DataLoader(
                 _WorkersBatches(self, first),
@@ -57,8 +60,20 @@ class Feed:
                 worker_init_fn=_quiet_worker,
                 multiprocessing_context=START,
             )
-            made = iter(loader)
-        yield map(_raised, made)
+            batches = iter(loader)
+        while True:
+            try:
+                made = next(batches)
+            except RuntimeError as error:
+                if not str(error).startswith(WORKER_DIED):
+                    raise
+                raise FlightDepthError(
+                    "a process that makes pairs has died, of too little memory perhaps; the last checkpoint stands."
+                    " Go on with --resume, or train elsewhere with fewer --workers"
+                ) from error
+            if isinstance(made, FlightDepthError):
+                raise made
+            yield made
 
     def made(self, stream: PairStream, number: int) -> TensorBatch:
         """Batch number `number` of a stream."""
@@ -82,12 +97,6 @@ class _WorkersBatches(IterableDataset[TensorBatch | FlightDepthError]):
                     yield self.feed.made(stream, number)
         except FlightDepthError as error:  # as it is: torch would make it a page of another
             yield error
-
-
-def _raised(made: TensorBatch | FlightDepthError) -> TensorBatch:
-    if isinstance(made, FlightDepthError):
-        raise made
-    return made
 
 
 def _quiet_worker(_: int) -> None:
