@@ -64,7 +64,8 @@ class Picture:
 class PairStream:
     """Pairs of a dataset (config, seed). `pairs_per_scene` is a mean; the pool holds `pool_scenes` scenes.
 
-    Scenes are rendered by all threads when their turn comes, so that nothing competes with a CPU that trains.
+    Scenes are rendered by all threads when their turn comes, and the pairs after them, so that nothing competes with a
+    CPU that trains.
     """
 
     config: StillBoxConfig
@@ -91,8 +92,7 @@ class PairStream:
             raise BadInput(
                 "pictures with camera effects", expected=f"at most {LARGEST_PX} px", got=f"{larger_px} px"
             )
-        self._executor = ThreadPoolExecutor(self.threads, thread_name_prefix="render")
-        self._makers = ThreadPoolExecutor(self.threads, thread_name_prefix="pairs")
+        self._executor = ThreadPoolExecutor(self.threads, thread_name_prefix="pairs")
         self._effects = Photometric() if self.photometric else None
 
     def __enter__(self) -> PairStream:
@@ -101,15 +101,14 @@ class PairStream:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for executor in (self._executor, self._makers):
-            executor.shutdown(wait=True, cancel_futures=True)
+        self._executor.shutdown(wait=True, cancel_futures=True)
 
     def batch(self, start: int, size: int) -> Batch:
         """Samples start .. start + size - 1, made by all threads; rendering errors surface here."""
         drawn = [self._draw(index) for index in range(start, start + size)]
         share = -(-size // self.threads)
         shares = (drawn[first : first + share] for first in range(0, size, share))
-        made = self._makers.map(lambda part: [self._make(*each) for each in part], shares)
+        made = self._executor.map(lambda part: [self._make(*each) for each in part], shares)
         return Batch(tuple(chain.from_iterable(made)))
 
     def _draw(self, index: int) -> tuple[np.random.Generator, Flown, Rendered, Camera]:
