@@ -3,7 +3,7 @@ import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.stillbox.pairs import Pair
-from flightdepth.stillbox.photometric import Photometric, _through_jpeg
+from flightdepth.stillbox.photometric import Photometric, through_jpeg
 
 EFFECTS = Photometric()
 
@@ -77,5 +77,5 @@ def test_jpeg_keeps_the_brightness_of_fine_red_stripes():
     """Its chroma is coarse, its luma fine: 0.299 of red (Rec. 601), and only 0.114 if red were taken for blue."""
     stripes = np.full((32, 32, 3), 60, np.uint8)
     stripes[:, ::2, 0] = 220
-    luma = _through_jpeg(stripes, 95) @ np.array([0.299, 0.587, 0.114])
+    luma = through_jpeg(stripes, 95) @ np.array([0.299, 0.587, 0.114])
     assert np.ptp(luma[4, 4:20]) == pytest.approx(0.299 * 160, abs=3)

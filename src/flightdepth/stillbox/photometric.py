@@ -37,7 +37,7 @@ class Photometric:
             seen = np.asarray(cv2.LUT(image, _tone_curve(tint * 2.0**stops, gamma, lift)), np.uint8)
             seen = np.asarray(cv2.GaussianBlur(seen, (0, 0), sigma_px), np.uint8) if sigma_px else seen
             seen = self._with_noise(rng, seen, noise) if noise else seen
-            images.append(_through_jpeg(seen, quality) if quality else seen)
+            images.append(through_jpeg(seen, quality) if quality else seen)
         return replace(pair, previous=images[0], current=images[1])
 
     def _with_noise(self, rng: np.random.Generator, image: Image, sigma: float) -> Image:
@@ -57,7 +57,8 @@ def _tone_curve(gain: NDArray[np.float64], gamma: float, lift: float) -> Image:
     return np.rint(curve * 255).astype(np.uint8)[:, None, :]
 
 
-def _through_jpeg(image: Image, quality: int) -> Image:
+def through_jpeg(image: Image, quality: int) -> Image:
+    """The picture, uint8 RGB, as a JPEG of that quality (0..100) shows it."""
     bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), dtype=np.uint8)
