@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -132,7 +133,7 @@ def test_a_stage_goes_on_in_as_many_parts_as_it_began(tmp_path, monkeypatch):
     """With another number of processes it saw some pairs again, and others never."""
     run(tmp_path, cut_after=3)
     monkeypatch.setattr(Share, "of", lambda *given: Share(2, range(2)))
-    with pytest.raises(BadInput, match="--resume: expected pairs of 1 streams, got 2"):
+    with pytest.raises(BadInput, match="--resume: expected pairs in 1 parts, got 2"):
         run(tmp_path, resume=True)
 
 
@@ -448,7 +449,7 @@ def test_one_worker_makes_the_pairs_that_would_have_been_made_here(whole, tmp_pa
     assert checkpoint(tmp_path) == checkpoint(whole[0])
 
 
-@pytest.mark.parametrize("steps", [1, 3])  # so that either worker's turn comes first
+@pytest.mark.parametrize("steps", [2, 3])  # so that either worker's turn comes first
 def test_a_run_of_several_workers_goes_on_exactly(tmp_path, steps):
     at_once = run(tmp_path / "whole", workers=2)
     begun = run(tmp_path / "cut", workers=2, cut_after=steps)
@@ -458,8 +459,14 @@ def test_a_run_of_several_workers_goes_on_exactly(tmp_path, steps):
 
 def test_workers_are_as_many_as_they_were(tmp_path):
     run(tmp_path, workers=2, cut_after=3)
-    with pytest.raises(BadInput, match="--resume: expected pairs of 2 streams, got 3"):
+    with pytest.raises(BadInput, match="--resume: expected --workers 2, as it began, got 3"):
         run(tmp_path, workers=3, resume=True)
+    run(tmp_path, resume=True)  # unasked, with as many
+
+
+def test_several_workers_have_smaller_pools(monkeypatch):
+    monkeypatch.undo()
+    assert [loop.pool_scenes(workers) for workers in (0, 1, 2, 3, 15)] == [192, 192, 96, 64, 64]
 
 
 def test_what_a_worker_meets_is_told_as_it_is(tmp_path, monkeypatch):
@@ -473,7 +480,21 @@ def test_what_a_worker_meets_is_told_as_it_is(tmp_path, monkeypatch):
 
 def test_a_worker_that_dies_is_told_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr(loop.PairStream, "batch", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
-    with pytest.raises(
-        FlightDepthError, match="a process that makes pairs has died, of too little memory perhaps"
-    ):
+    with pytest.raises(FlightDepthError, match="a process that makes pairs has died"):
         run(tmp_path, workers=2)
+
+
+def test_what_stops_a_run_leaves_its_workers_to_it(tmp_path):
+    """A batch system tells all of a run's processes at once; the first one saves."""
+    of_others, mine = set(multiprocessing.active_children()), set()
+
+    def told() -> bool:
+        mine.update(set(multiprocessing.active_children()) - of_others)
+        for worker in mine:
+            if worker.is_alive():
+                os.kill(worker.pid, signal.SIGTERM)
+        return False
+
+    assert len(run(tmp_path, workers=2, stop=told)) == STEPS
+    assert len(mine) == 4  # two a stage
+    assert not any(worker.is_alive() for worker in mine)

@@ -1,6 +1,7 @@
 """Muon: PyTorch's own, which knows matrices only, gives the same steps; what is no kernel goes AdamW's way."""
 
 import copy
+from itertools import pairwise, starmap
 
 import pytest
 import torch
@@ -75,15 +76,22 @@ def test_the_rest_goes_as_adamw_moves_it(network):
     assert same == {"0.bias", "1.weight", "1.bias", "3.weight", "3.bias"}
 
 
-@pytest.mark.parametrize("layer", [nn.Conv2d(3, 130, 7), nn.ConvTranspose2d(130, 3, 7)])
-def test_many_channels_move_in_even_blocks(layer):
-    """130 channels: 44, 43 and 43, each along an orthogonal matrix of its own."""
+@pytest.mark.parametrize(
+    ("layer", "edges"),
+    [
+        (nn.Conv2d(3, 130, 7), (0, 44, 87, 130)),
+        (nn.ConvTranspose2d(130, 3, 7), (0, 44, 87, 130)),
+        (nn.Conv2d(3, 128, 7), (0, 64, 128)),
+    ],
+)
+def test_many_channels_move_in_even_blocks(layer, edges):
+    """Each along an orthogonal matrix of its own, whether blocks are as large as one another or not."""
     before = layer.weight.detach().clone()
     optimizer = Muon(layer, lr=1.0, weight_decay=0.0)
     ((gradient, _),) = gradients(layer, steps=1)
     weights, _ = stepped(list(layer.parameters()), optimizer, gradients(layer, steps=1))
     moved, wide = (before - weights).flatten(1) / (0.2 * 147**0.5), gradient.flatten(1)
-    for rows in (slice(0, 44), slice(44, 87), slice(87, 130)):
+    for rows in starmap(slice, pairwise(edges)):
         assert torch.allclose(moved[rows], orthogonal(wide[rows]), atol=1e-5)
     assert not torch.allclose(moved, orthogonal(wide), atol=0.01)
 

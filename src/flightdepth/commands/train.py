@@ -53,7 +53,7 @@ def train(
         typer.Option(
             metavar="N",
             min=0,
-            help="Processes that make pairs ahead of time: with a GPU the free cores, without one none.",
+            help="Processes that make pairs ahead of time: a free core each beside a GPU, none without one.",
         ),
     ] = None,
     runs: Annotated[Path, typer.Option(metavar="DIR", help="The run is kept in DIR/NAME-OF-RECIPE.")] = Path(
@@ -124,12 +124,8 @@ def run(
     from flightdepth.training.processes import this_process
 
     state = this_process()
-    on_cpu = state.device.type == "cpu"
-    if on_cpu:
+    if state.device.type == "cpu":
         keep_freed_memory()
-    cores = max(1, usable_cores() // state.num_processes)
-    if workers is None:
-        workers = 0 if on_cpu else max(1, cores - 1)
     # The launcher of several processes passes on what the terminal has told them already.
     alone = state.num_processes == 1
     with stop_request(SAVING if alone else None, insist=alone) as stop, ExitStack() as stack:
@@ -146,7 +142,7 @@ def run(
             shipped=shipped,
             sets=sets,
             stop=stop.is_set,
-            threads=cores,
+            threads=max(1, usable_cores() // state.num_processes),
             workers=workers,
             **options,
         )

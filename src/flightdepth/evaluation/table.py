@@ -19,9 +19,9 @@ from flightdepth.camera import Camera
 from flightdepth.evaluation.network_tables import number
 from flightdepth.runtimes.network import Network
 from flightdepth.scenes import Textures
-from flightdepth.stillbox import PairRule, PairStream, Picture, TestPair, TestSet
+from flightdepth.stillbox import PairRule, Picture, TestPair, TestSet
 from flightdepth.stillbox.stream import CHUNK
-from flightdepth.training.loop import stream_seed
+from flightdepth.training.loop import pool_scenes, stream_seed
 from flightdepth.training.run_folder import Trained
 from flightdepth.weights.card import NetworkCard
 
@@ -128,9 +128,9 @@ class LastScenes:
     def of(cls, trained: Trained, card: NetworkCard, textures: Textures, scenes: int) -> LastScenes:
         """`scenes` of them at most; `textures` are those of the run."""
         recipe, stage = trained.recipe, trained.progress.stage
-        parts = trained.progress.parts or recipe.accumulate
-        last = max(trained.progress.sample // parts - 1, 0)
-        drawn = last // (CHUNK * recipe.pairs_per_scene) * CHUNK + PairStream.pool_scenes
+        parts, workers = trained.progress.parts or recipe.accumulate, trained.progress.workers
+        last = max(trained.progress.sample // (parts * max(workers, 1)) - 1, 0)
+        drawn = last // (CHUNK * recipe.pairs_per_scene) * CHUNK + pool_scenes(workers)
         width = round(2 * card.focal_px)
         config = recipe.scenes.model_copy(update={"open_share": recipe.stages[stage].open_share})
         whole = TestSet(

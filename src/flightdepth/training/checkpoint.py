@@ -22,7 +22,8 @@ _STATE = ("step", "exp_avg", "exp_avg_sq", "momentum_buffer")  # of AdamW and SG
 class Progress:
     """Where a run stands: `sample` pairs of stage number `stage` are done, `seen` in all stages.
 
-    `parts`: streams that the stage's pairs come from, an equal share of each; 0 where none came.
+    `parts`: of each batch, an equal share of it each; 0 where none came. `workers`: processes that make a part's pairs,
+    0 where it is made by the one that learns; each has a stream of scenes of its own.
     `precision`: what it is computed in; None in checkpoints from before it was kept.
     """
 
@@ -34,6 +35,7 @@ class Progress:
     loss_m: float
     parts: int = 0
     precision: Arithmetic | None = None
+    workers: int = 0
 
 
 def save_checkpoint(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import signal
 import warnings
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import count
 
@@ -45,9 +45,18 @@ class Feed:
             with self.stream(0) as stream:
                 yield (self.made(stream, number) for number in count(first))
             return
-        yield self._made_by_workers(first)
+        with closing(self._made_by_workers(first)) as made:
+            try:
+                yield made
+            except RuntimeError as error:  # torch tells of a dead worker whatever is being done
+                if not str(error).startswith(WORKER_DIED):
+                    raise
+                raise FlightDepthError(
+                    "a process that makes pairs has died; the last checkpoint stands."
+                    " If memory is short, try fewer --workers"
+                ) from error
 
-    def _made_by_workers(self, first: int) -> Iterator[TensorBatch]:
+    def _made_by_workers(self, first: int) -> Generator[TensorBatch]:
         with warnings.catch_warnings():
             # A run goes on with the workers that it began with, on fewer cores too.
             warnings.filterwarnings("ignore", "This DataLoader will create", UserWarning)
@@ -61,16 +70,7 @@ class Feed:
                 multiprocessing_context=START,
             )
             batches = iter(loader)
-        while True:
-            try:
-                made = next(batches)
-            except RuntimeError as error:
-                if not str(error).startswith(WORKER_DIED):
-                    raise
-                raise FlightDepthError(
-                    "a process that makes pairs has died, of too little memory perhaps; the last checkpoint stands."
-                    " Go on with --resume, or train elsewhere with fewer --workers"
-                ) from error
+        for made in batches:
             if isinstance(made, FlightDepthError):
                 raise made
             yield made
@@ -100,8 +100,8 @@ class _WorkersBatches(IterableDataset[TensorBatch | FlightDepthError]):
 
 
 def _quiet_worker(_: int) -> None:
-    """One thread; whoever stops a run stops its first process, which ends the workers."""
+    """One thread; what stops a run, often all of its processes at once, is for the one that learns, which saves."""
     cv2.setNumThreads(0)
     keep_freed_memory()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(each, signal.SIG_IGN)

@@ -24,6 +24,10 @@ class TensorBatch:
     inputs: tuple[Tensor, ...]
     target_m: Tensor
 
+    def pin_memory(self) -> TensorBatch:
+        """In memory that a GPU reads by itself; a DataLoader calls this."""
+        return TensorBatch(tuple(each.pin_memory() for each in self.inputs), self.target_m.pin_memory())
+
     @classmethod
     def of(cls, recipe: Recipe, batch: Batch) -> TensorBatch:
         """Swept along the motion where the network is told that."""

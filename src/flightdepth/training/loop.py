@@ -22,13 +22,14 @@ from flightdepth.stillbox.stream import CHUNK, POOL_SCENES
 from flightdepth.training.checkpoint import Progress, read_progress
 from flightdepth.training.feed import Feed
 from flightdepth.training.learner import Learner
+from flightdepth.training.processes import without_gpu
 from flightdepth.training.recipe import Recipe, Stage
 from flightdepth.training.run_folder import CHECKPOINT, RECIPE, keep_sets, keep_textures
 from flightdepth.training.schedule import learning_rate
 from flightdepth.weights.store import StoredNetwork
 
 LEAST_POOL_SCENES = 64  # a multiple of CHUNK
-PART_SEEDS = 10**6  # between the streams of a batch's parts
+STREAM_SEEDS = 10**6  # between the streams of a stage
 SMOOTHING = 0.98  # of the reported loss
 
 
@@ -54,7 +55,7 @@ def train(
     stop: Callable[[], bool] = lambda: False,
     checkpoint_every_s: float = 120.0,
     threads: int = 2,
-    workers: int = 0,
+    workers: int | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Path:
     """Run a recipe to its end; the path of the last checkpoint. Each stage's end is kept under its name.
@@ -63,7 +64,8 @@ def train(
     weights, or from those of `shipped`, after the stages that its card lists. With `sets`, by their width,
     pairs come from stored scenes: each stage takes the set as wide as its full picture. `stop` is asked after every
     step; when it says yes, the run is saved and ends there. `threads` make pairs when it is their turn; with `workers`,
-    so many processes make them ahead of time, a thread each.
+    so many processes for each part of a batch make them ahead of time, a thread each. None: as many as the stage
+    that goes on had, else one for each free thread beside a GPU, and none without one.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / CHECKPOINT
@@ -71,6 +73,8 @@ def train(
     learner = Learner(recipe, read_progress(path).precision if goes_on else None)
     progress = learner.restored(path) if goes_on else learner.started(folder, shipped)
     learner.prepare(progress.stage)
+    if workers is None:
+        workers = progress.workers if progress.sample else usual_workers(learner, threads)
     streams = [
         partial(
             stage_stream,
@@ -129,10 +133,13 @@ class _Run:
     def to_end(self, progress: Progress, path: Path, every_s: float) -> Progress:
         """Train from `progress` to the stage's last sample, or until told to stop."""
         # In another number of streams it would see some pairs again, and others never.
-        if progress.sample and progress.parts not in (0, self._streams):
-            mend = "Go on as it began: `accumulate` of the recipe or processes, whichever is more, times --workers."
+        parts = self.learner.share.parts
+        if progress.sample and progress.parts not in (0, parts):
+            mend = "Go on as it began: `accumulate` of the recipe, or processes, whichever is more."
+            raise BadInput("--resume", expected=f"pairs in {progress.parts} parts", got=f"{parts}", mend=mend)
+        if progress.sample and progress.workers != self.workers:
             raise BadInput(
-                "--resume", expected=f"pairs of {progress.parts} streams", got=f"{self._streams}", mend=mend
+                "--resume", expected=f"--workers {progress.workers}, as it began", got=f"{self.workers}"
             )
         self.learner.begin(self.stage)
         saved = began = self.clock()
@@ -151,11 +158,6 @@ class _Run:
                     saved = self.clock()
         return progress
 
-    @property
-    def _streams(self) -> int:
-        """Of scenes, in all."""
-        return self.learner.share.parts * max(self.workers, 1)
-
     def _feed(self, part: int) -> Feed:
         """What one part of each batch is made by."""
         size, each = self.stage.batch // self.learner.share.parts, max(self.workers, 1)
@@ -166,7 +168,8 @@ class _Run:
         smooth = before.loss_m
         smooth = loss_m if math.isnan(smooth) else SMOOTHING * smooth + (1 - SMOOTHING) * loss_m
         sample, seen = before.sample + self.stage.batch, before.seen + self.stage.batch
-        return replace(before, sample=sample, seen=seen, loss_m=smooth, parts=self._streams)
+        done = replace(before, sample=sample, seen=seen, loss_m=smooth)
+        return replace(done, parts=self.learner.share.parts, workers=self.workers)
 
     def _total(self, progress: Progress) -> int:
         rest = sum(stage.samples for stage in self.recipe.stages[self.number + 1 :])
@@ -181,14 +184,14 @@ class _Run:
 def stage_stream(
     learner: Learner,
     number: int,
-    part: int,
+    stream: int,
     *,
     textures: Textures,
     sets: Mapping[int, StoredSet],
     threads: int,
     workers: int = 0,
 ) -> PairStream:
-    """Pairs of stage `number`, stream `part`, of drawn scenes or of the set of the stage's width.
+    """Pairs of stage `number` from stream number `stream`, of drawn scenes or of the set of the stage's width.
 
     Of several workers each has a thread, and a smaller pool of scenes.
 
@@ -196,13 +199,13 @@ def stage_stream(
         BadInput: the set is not one that the stage can learn from.
     """
     recipe, stage = learner.recipe, learner.recipe.stages[number]
-    stream = partial(StoredPairs, stored=sets[stage.full_width]) if sets else PairStream
-    return stream(
+    opened = partial(StoredPairs, stored=sets[stage.full_width]) if sets else PairStream
+    return opened(
         config=recipe.scenes.model_copy(update={"open_share": stage.open_share}),
         textures=textures,
         picture=stage.picture,
         rule=replace(recipe.rule, wide_share=stage.wide_share),
-        seed=stream_seed(recipe, number, part),
+        seed=stream_seed(recipe, number, stream),
         photometric=stage.photometric,
         photometric_share=stage.photometric_share,
         noise=stage.noise,
@@ -212,8 +215,13 @@ def stage_stream(
     )
 
 
+def usual_workers(learner: Learner, cores: int) -> int:
+    """For each part of a batch that this process learns from, of the cores that it has."""
+    return 0 if without_gpu() else max(1, (cores - 1) // len(learner.share.mine))
+
+
 def pool_scenes(workers: int) -> int:
-    """Scenes that a stream draws pairs from; about as many in all, however many workers have one."""
+    """Scenes that a stream draws pairs from: of several workers' each fewer, but enough for a batch of its own."""
     return max(LEAST_POOL_SCENES, POOL_SCENES // max(workers, 1) // CHUNK * CHUNK)
 
 
@@ -237,6 +245,6 @@ class Curves:
                 self._writer.add_scalar(f"train/{name}", value, seen)
 
 
-def stream_seed(recipe: Recipe, stage: int, part: int = 0) -> int:
-    """Seed of the scenes that one part of a stage's batches learns from."""
-    return 1000 * recipe.seed + stage + PART_SEEDS * part
+def stream_seed(recipe: Recipe, stage: int, stream: int = 0) -> int:
+    """Seed of the scenes of one of a stage's streams."""
+    return 1000 * recipe.seed + stage + STREAM_SEEDS * stream
