@@ -1,7 +1,7 @@
 """Training speed with rendering included and with data ready in memory: `python benchmarks/train.py [--json FILE]`.
 
 Each round trains on as many pairs as one exchange of scenes in the pool pays for, first rendered as in a
-real run, then from batches that are ready; figures are medians over rounds, so both see the same machine.
+real run on a CPU, then from batches that are ready; figures are medians over rounds, so both see the same machine.
 """
 
 from __future__ import annotations
