@@ -1,19 +1,17 @@
 """What compressed pictures cost: `python benchmarks/compression.py [--networks NAME ...] [--times N] [--scenes N]`.
 
 The first rooms of each network's fixed test set: as they were drawn, as JPEGs of several qualities, and as two frames
-of an H.264 video of several qualities (x264's constant rate factor: 23 unless told otherwise, more is worse). With
+of an H.264 video of several qualities (x264's constant rate factor: 23 where nobody says, more is worse). With
 `--times` they are compressed so many times as large and then scaled down, as the pictures of a flight are.
 """
 
 from __future__ import annotations
 
 import argparse
-import io
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 
-import av
 import cv2
 import numpy as np
 from rich.console import Console
@@ -25,6 +23,7 @@ from flightdepth.evaluation.network import evaluate_network
 from flightdepth.evaluation.provenance import origin_of
 from flightdepth.runtimes.network import load_network
 from flightdepth.stillbox import Picture, TestPair, TestSet
+from flightdepth.stillbox.h264 import through_h264
 from flightdepth.stillbox.pairs import Image
 from flightdepth.stillbox.photometric import through_jpeg
 from flightdepth.weights.card import NetworkCard
@@ -40,23 +39,9 @@ def by_jpeg(pictures: Pictures, quality: int) -> Iterable[Image]:
     return (through_jpeg(picture, quality) for picture in pictures)
 
 
-def by_h264(pictures: Pictures, rate_factor: int) -> Iterator[Image]:
-    file = io.BytesIO()
-    height, width = pictures[0].shape[:2]
-    with av.open(file, "w", format="mp4") as video:
-        stream = video.add_stream("libx264", rate=30, options={"crf": str(rate_factor)})
-        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        for picture in pictures:
-            video.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        video.mux(stream.encode(None))
-    file.seek(0)
-    with av.open(file, "r") as video:
-        yield from (np.asarray(frame.to_ndarray(format="rgb24")) for frame in video.decode(video=0))
-
-
 def ways() -> dict[str, Callable[[Pictures], Iterable[Image]]]:
     jpeg = {f"JPEG of quality {quality}": partial(by_jpeg, quality=quality) for quality in JPEG_QUALITIES}
-    video = {f"H.264, factor {factor}": partial(by_h264, rate_factor=factor) for factor in RATE_FACTORS}
+    video = {f"H.264, factor {factor}": partial(through_h264, rate_factor=factor) for factor in RATE_FACTORS}
     return {"as drawn": iter} | jpeg | video
 
 

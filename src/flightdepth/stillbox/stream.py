@@ -18,6 +18,7 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.renderers.raycast import Rendered, render
 from flightdepth.scenes import StillBoxConfig, Textures, chance, draw_scene
+from flightdepth.stillbox.h264 import filmed
 from flightdepth.stillbox.motion_noise import MotionNoise
 from flightdepth.stillbox.pairs import Batch, Flown, Pair, PairRule, make_pair, turned
 from flightdepth.stillbox.photometric import LARGEST_PX, Photometric
@@ -75,6 +76,7 @@ class PairStream:
     seed: int
     photometric: bool = False
     photometric_share: float = 1.0
+    h264_share: float = 0.0
     noise: MotionNoise | None = None
     pool_scenes: int = POOL_SCENES
     pairs_per_scene: int = 40
@@ -123,9 +125,9 @@ class PairStream:
         turns = int(rng.integers(4)) if square else 2 * int(rng.integers(2))
         pair = turned(pair, quarter_turns=turns, mirror=bool(rng.integers(2)))
         pair = self.noise(rng, pair) if self.noise else pair
-        if self._effects is None or (self.photometric_share < 1 and rng.random() >= self.photometric_share):
-            return pair
-        return self._effects(rng, pair)
+        if self._effects and (self.photometric_share == 1 or rng.random() < self.photometric_share):
+            pair = self._effects(rng, pair)
+        return filmed(rng, pair) if self.h264_share and rng.random() < self.h264_share else pair
 
     def _pool_at(self, index: int) -> range:
         """Scene numbers in the pool when sample `index` is drawn; renders what is missing, drops the rest."""

@@ -208,6 +208,7 @@ def stage_stream(
         seed=stream_seed(recipe, number, stream),
         photometric=stage.photometric,
         photometric_share=stage.photometric_share,
+        h264_share=stage.h264_share,
         noise=stage.noise,
         pairs_per_scene=recipe.pairs_per_scene,
         threads=1 if workers else threads,

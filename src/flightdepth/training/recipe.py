@@ -35,6 +35,7 @@ class Stage(_Strict):
     learning_rate: float = Field(gt=0, description="peak, after the warm-up")
     photometric: bool = False
     photometric_share: float = Field(default=1.0, gt=0, le=1, description="of the pairs, with camera effects")
+    h264_share: float = Field(default=0.0, ge=0, le=1, description="of the pairs, as two frames of a video")
     wide_share: float = Field(
         default=0.0, ge=0, le=1, description="of the pairs, with a shift of up to a whole scene"
     )

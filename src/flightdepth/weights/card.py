@@ -24,6 +24,7 @@ class Stage(BaseModel):
     learning_rate: float
     photometric: bool
     photometric_share: float = Field(default=1.0, description="of the pairs, with camera effects")
+    h264_share: float = Field(default=0.0, description="of the pairs, as two frames of a video")
     wide_share: float = Field(default=0.0, description="of the pairs, with a shift of up to a whole scene")
     only_last_look: bool = Field(default=False, description="all but the thorough last look stayed")
     open_share: float = Field(default=0.0, ge=0, le=1, description="share of scenes in the open")
