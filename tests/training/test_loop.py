@@ -498,3 +498,9 @@ def test_what_stops_a_run_leaves_its_workers_to_it(tmp_path):
     assert len(run(tmp_path, workers=2, stop=told)) == STEPS
     assert len(mine) == 4  # two a stage
     assert not any(worker.is_alive() for worker in mine)
+
+
+def test_workers_are_for_linux(tmp_path, monkeypatch):
+    monkeypatch.setattr(loop.sys, "platform", "win32")
+    with pytest.raises(BadInput, match=r"--workers: expected Linux, .* got win32"):
+        run(tmp_path, workers=1)

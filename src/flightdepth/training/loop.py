@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -28,6 +29,7 @@ from flightdepth.training.run_folder import CHECKPOINT, RECIPE, keep_sets, keep_
 from flightdepth.training.schedule import learning_rate
 from flightdepth.weights.store import StoredNetwork
 
+FORKING = "linux"  # elsewhere a process can't be split in two beside a GPU
 LEAST_POOL_SCENES = 64  # a multiple of CHUNK
 STREAM_SEEDS = 10**6  # between the streams of a stage
 SMOOTHING = 0.98  # of the reported loss
@@ -75,6 +77,8 @@ def train(
     learner.prepare(progress.stage)
     if workers is None:
         workers = progress.workers if progress.sample else usual_workers(learner, threads)
+    if workers and sys.platform != FORKING:
+        raise BadInput("--workers", expected="Linux, whose processes share what is read", got=sys.platform)
     streams = [
         partial(
             stage_stream,
@@ -218,7 +222,8 @@ def stage_stream(
 
 def usual_workers(learner: Learner, cores: int) -> int:
     """For each part of a batch that this process learns from, of the cores that it has."""
-    return 0 if without_gpu() else max(1, (cores - 1) // len(learner.share.mine))
+    can_be_fed = not without_gpu() and sys.platform == FORKING
+    return max(1, (cores - 1) // len(learner.share.mine)) if can_be_fed else 0
 
 
 def pool_scenes(workers: int) -> int:
