@@ -25,6 +25,7 @@ from flightdepth.scenes import Textures
 from flightdepth.stillbox.engines import usable_cores
 from flightdepth.stillbox.stream import CHUNK
 from flightdepth.training import Recipe, Stage, load_recipe
+from flightdepth.training.feed import Feed
 from flightdepth.training.freed_memory import keep_freed_memory
 from flightdepth.training.inputs import TensorBatch
 from flightdepth.training.learner import Learner
@@ -40,12 +41,10 @@ def measured(recipe: Recipe, number: int, textures: Textures, rounds: int, threa
     learner.prepare()
     learner.begin(stage)
     drawn = stage_stream(learner, number, 0, textures=textures, sets={}, threads=threads)
-    stream = replace(drawn, pool_scenes=POOL_SCENES)
-    per_round = math.lcm(CHUNK * stream.pairs_per_scene, stage.batch)
+    per_round = math.lcm(CHUNK * recipe.pairs_per_scene, stage.batch)
+    feed = Feed(recipe, lambda _: replace(drawn, pool_scenes=POOL_SCENES), stage.batch)
     rates: dict[str, list[float]] = {"rendered": [], "ready": []}
-    with stream:
-        starts = itertools.count(0, stage.batch)
-        rendered = (TensorBatch.of(recipe, stream.batch(start, stage.batch)) for start in starts)
+    with feed.batches(0) as rendered:
         ready = itertools.cycle(list(itertools.islice(rendered, READY)))
 
         def rate(batches: Iterator[TensorBatch]) -> float:
