@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -91,6 +92,7 @@ class Camera:
         """The ideal pinhole with the same intrinsics."""
         return replace(self, distortion=(), model="pinhole")
 
+    @lru_cache  # noqa: B019 - a camera is small, and the same few are resized for each picture
     def resized(self, width: int, height: int) -> Camera:
         """The same view at another size; edges of the picture stay edges, so pixel centres move by half pixels."""
         sx, sy = width / self.width, height / self.height
@@ -139,14 +141,17 @@ class Camera:
 
     def rays(self) -> NDArray[np.float64]:
         """Direction of each pixel centre with z = 1, shape (H, W, 3), for an ideal pinhole."""
+        rays_hw3 = np.ones((self.height, self.width, 3))
+        rays_hw3[..., 0], rays_hw3[..., 1] = self.ray_axes()
+        return rays_hw3
+
+    def ray_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Those rays' x, which a column shares, shape (W,), and their y, which a row shares, (H, 1)."""
         if self.distortion or self.model == "fisheye":
             raise BadInput("rays of a distorted camera", mend="Undistort first: camera.without_distortion().")
-        x = (np.arange(self.width) - self.cx) / self.fx
-        y = (np.arange(self.height) - self.cy) / self.fy
-        rays_hw3 = np.ones((self.height, self.width, 3))
-        rays_hw3[..., 0] = x
-        rays_hw3[..., 1] = y[:, None]
-        return rays_hw3
+        x = np.asarray((np.arange(self.width) - self.cx) / self.fx, np.float64)
+        y = np.asarray((np.arange(self.height) - self.cy) / self.fy, np.float64)
+        return x, y[:, None]
 
 
 def fisheye_angle_rad(radius: float, distortion: tuple[float, ...] = ()) -> float:

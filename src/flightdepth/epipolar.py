@@ -40,6 +40,12 @@ def lines(now: Vector, before: Vector, unit: Vector, around: Vector) -> Vector:
     return rows.reshape(6, -1)
 
 
+def quick_median(values: Vector) -> float:
+    """The upper one of an even number; `np.median` takes ten times as long."""
+    middle = len(values) // 2
+    return float(np.partition(values, middle)[middle])
+
+
 def aside(unit: Vector) -> Vector:
     """Two unit vectors perpendicular to one and to each other, columns (3, 2)."""
     # d x e_k for each axis; the one farthest from d is used.

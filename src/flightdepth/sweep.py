@@ -85,8 +85,8 @@ def motion_field(direction: ArrayLike, camera: Camera) -> Field:
     dx, dy, dz = np.asarray(direction, dtype=np.float64)
     small = camera.resized(camera.width // FIELD_SCALE, camera.height // FIELD_SCALE)
     field = np.empty((2, small.height, small.width), np.float32)
-    field[0] = dx - (np.arange(small.width) - small.cx) / small.fx * dz
-    field[1] = (dy - (np.arange(small.height) - small.cy) / small.fy * dz)[:, None]
+    x, y = small.ray_axes()
+    field[0], field[1] = dx - x * dz, dy - y * dz
     return field
 
 

@@ -22,11 +22,9 @@ LEAST_DEPTH = 1e-3  # displacements
 def flow_of_depth(depth_m: Maps, displacement: ArrayLike, camera: Camera) -> Values:
     """Pixels [H, W, 2] from where a point of depth [H, W] is seen to where it was seen; an ideal pinhole."""
     dx, dy, dz = np.asarray(displacement, dtype=np.float64)
-    rays, inverse = camera.rays(), 1 / depth_m
+    (x, y), inverse = camera.ray_axes(), 1 / depth_m
     scale = inverse / np.maximum(1 + dz * inverse, LEAST_AHEAD)
-    return np.stack(
-        [camera.fx * (dx - dz * rays[..., 0]) * scale, camera.fy * (dy - dz * rays[..., 1]) * scale], axis=-1
-    )
+    return np.stack([camera.fx * (dx - dz * x) * scale, camera.fy * (dy - dz * y) * scale], axis=-1)
 
 
 def inverse_depth(flow_hw2: Maps | Values, displacement: ArrayLike, camera: Camera) -> tuple[Values, Values]:
@@ -36,9 +34,9 @@ def inverse_depth(flow_hw2: Maps | Values, displacement: ArrayLike, camera: Came
     b = f (x' - x, y' - y), the flow; so w = a.b / a.a. An ideal pinhole.
     """
     dx, dy, dz = np.asarray(displacement, dtype=np.float64)
-    rays = camera.rays()
-    a_x = camera.fx * (dx - (rays[..., 0] + flow_hw2[..., 0] / camera.fx) * dz)
-    a_y = camera.fy * (dy - (rays[..., 1] + flow_hw2[..., 1] / camera.fy) * dz)
+    x, y = camera.ray_axes()
+    a_x = camera.fx * (dx - (x + flow_hw2[..., 0] / camera.fx) * dz)
+    a_y = camera.fy * (dy - (y + flow_hw2[..., 1] / camera.fy) * dz)
     square = a_x**2 + a_y**2
     along = a_x * flow_hw2[..., 0] + a_y * flow_hw2[..., 1]
     return np.divide(along, square, out=np.zeros_like(square), where=square > 0), np.sqrt(square)
@@ -51,8 +49,7 @@ def depth_errors(depth_m: Maps, displacement_m: ArrayLike, camera: Camera) -> Ma
     more of x, y and z in the direction of the displacement (3,). An ideal pinhole, seen at any size.
     """
     height, width = depth_m.shape
-    rays = camera.resized(width, height).rays().astype(np.float32)
-    x, y = rays[..., 0], rays[..., 1]
+    x, y = (axis.astype(np.float32) for axis in camera.resized(width, height).ray_axes())
     moved_m = np.asarray(displacement_m, np.float32)
     length_m = np.linalg.norm(moved_m)
     dx, dy, dz = moved_m / max(length_m, np.float32(1e-9))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from flightdepth.epipolar import aside, lines
+from flightdepth.epipolar import aside, lines, quick_median
 from flightdepth.motion import Vector
 
 FEWEST_POINTS = 12
@@ -135,7 +135,7 @@ def _normal_equations(lines_px: Vector, step: Vector) -> tuple[Vector, Vector]:
     A point that moved against the parallax has no depth at all, and counts by how far it did.
     """
     left_px, points = lines_px[5] + step @ lines_px[:5], lines_px.shape[1] // 2
-    noise_px = max(1.4826 * _median(np.abs(left_px[:points])), LEAST_NOISE_PX)
+    noise_px = max(1.4826 * quick_median(np.abs(left_px[:points])), LEAST_NOISE_PX)
     weights = 1 / (noise_px**2 + (left_px / CAUCHY) ** 2)
     weights[points:] *= left_px[points:] < 0
     weights /= TOGETHER**2
@@ -147,12 +147,6 @@ def _prior(state: Vector, usual: Vector) -> Vector:
     """Weights (5,) of zero for a state whose deviations are `usual`; less for a turn beyond them (Cauchy)."""
     far = state[:3] / usual[:3]
     return np.asarray(usual**-2.0 / np.repeat([1 + far @ far, 1], [3, 2]))
-
-
-def _median(values: Vector) -> float:
-    """The upper one of an even number; `np.median` takes ten times as long."""
-    middle = len(values) // 2
-    return float(np.partition(values, middle)[middle])
 
 
 def _tilted(unit: Vector, around: Vector, angles: Vector) -> Vector:

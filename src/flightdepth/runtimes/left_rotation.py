@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.epipolar import aside, lines
+from flightdepth.epipolar import aside, lines, quick_median
 from flightdepth.triangulation import depth_errors, flow_of_depth
 
 Maps = NDArray[np.float32]
@@ -51,7 +51,7 @@ def left_rotation(
     mending = np.zeros(5)
     for _ in range(STEPS):
         left = off + mending @ rows
-        noise = max(1.4826 * float(np.median(np.abs(left))), LEAST_NOISE_PX / camera.fx)
+        noise = max(1.4826 * quick_median(np.abs(left)), LEAST_NOISE_PX / camera.fx)
         trusted = rows * (weights / ((TOGETHER * noise) ** 2 * (1 + (left / noise) ** 2)))
         mending = np.linalg.solve(trusted @ rows.T + prior, -trusted @ off)
     return -mending[:3]
@@ -82,7 +82,9 @@ def mended_depth(depth: Maps, rotation: Values, direction: NDArray[np.float64], 
 def _rays(flow: Maps, camera: Camera) -> tuple[Values, Values]:
     """Rays of the blocks and of where they are in the earlier picture, (3, N) each, z = 1."""
     height, width = flow.shape[:2]
-    now = camera.resized(width, height).rays().reshape(-1, 3).T
+    now = np.ones((3, height, width))
+    now[0], now[1] = camera.resized(width, height).ray_axes()
     before = now.copy()
-    before[:2] += flow.reshape(-1, 2).T / np.array([[camera.fx], [camera.fy]])
-    return now, before
+    before[0] += flow[..., 0] / camera.fx
+    before[1] += flow[..., 1] / camera.fy
+    return now.reshape(3, -1), before.reshape(3, -1)
