@@ -35,6 +35,15 @@ def deconv(inputs: int, outputs: int) -> nn.Sequential:
     )
 
 
+def beside(*maps: Tensor) -> Tensor:
+    """Maps [B, k, h, w] of one size joined along k, channels last in memory, as convolutions take them; k of 2 or more.
+
+    Joined as they come, of both layouts, they would be laid out anew by a convolution, and again for its gradient. Of
+    a single map torch can't tell the layout.
+    """
+    return torch.cat([each.contiguous(memory_format=torch.channels_last) for each in maps], dim=1)
+
+
 def predict_depth(inputs: int) -> nn.Conv2d:
     """3x3 convolution to one channel: depth in metres before the activation."""
     return nn.Conv2d(inputs, 1, 3, 1, 1)

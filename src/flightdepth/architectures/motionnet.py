@@ -20,6 +20,7 @@ from flightdepth.architectures.depthnet import (
     BATCH_NORM_EPS,
     Trunk,
     activated,
+    beside,
     conv,
     he_normal,
     predict_depth,
@@ -91,10 +92,10 @@ class MotionNet(Trunk):
             for swept, scale in ((fine, 1), (half, 2), (quarter, 4))
         )
         skip1 = self.conv1((current - 0.5) / 0.2)
-        skip2 = self.conv2(torch.cat((skip1, _cost(fine), half, corrections(fine, 0)), 1))
-        skip3 = self.conv3(torch.cat((skip2, _cost(half), quarter, field, corrections(half, 1)), 1))
+        skip2 = self.conv2(beside(skip1, _cost(fine), half, corrections(fine, 0)))
+        skip3 = self.conv3(beside(skip2, _cost(half), quarter, field, corrections(half, 1)))
         skip3 = self.conv3_1(skip3)
-        skip4 = self.conv4_1(self.conv4(torch.cat((skip3, _cost(quarter), corrections(quarter, 2)), 1)))
+        skip4 = self.conv4_1(self.conv4(beside(skip3, _cost(quarter), corrections(quarter, 2))))
         raw, features = self.decoded(skip2, skip3, skip4)
         depths = [activated(depth, "elu+1") for depth in raw]
         share = functional.softplus(self.predict_spread2(features)[:, 0].float())

@@ -18,6 +18,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from flightdepth.architectures.depthnet import beside
+
 BLOCK = 4  # pixels of the pictures across a pixel of depth
 MIDDLE = (BLOCK - 1) / 2  # of a block, where a pixel of depth lies
 STEP = math.log(1.3)  # between the hypotheses, in log of the shift
@@ -87,11 +89,9 @@ class Refinement(nn.Module):
             spread[:, None] / depth[:, None],
             difference.field,
             inside[:, 1:2],
-            self.squeeze(features),
         ]
-        if self.thorough:
-            clues += _quarters(apart, inside, block)
-        answer = self._answer(torch.cat(clues, 1))
+        quarters = _quarters(apart, inside, block) if self.thorough else []
+        answer = self._answer(beside(torch.cat(clues, 1), self.squeeze(features), *quarters))
         return self._refined(answer, torch.cat((hypotheses, shift + 2 * STEP * off), 1))
 
     def _answer(self, clues: Tensor) -> Tensor:
