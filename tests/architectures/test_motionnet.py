@@ -188,7 +188,7 @@ def test_a_correction_stays_within_two_steps():
 
 
 def test_what_convolutions_take_lies_channels_last():
-    """Else each would lay it out anew, and again for its gradient: an eighth of a step of training."""
+    """Else each would lay it out anew, and again for its gradient: a twelfth of a step of training (docs/log.md)."""
     network = MotionNet(4, looks=2, thorough_last_look=True).to(memory_format=torch.channels_last)
     taken = []
     for layer in (
