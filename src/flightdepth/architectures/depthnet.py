@@ -39,8 +39,10 @@ def beside(*maps: Tensor) -> Tensor:
     """Maps [B, k, h, w] of one size joined along k, channels last in memory, as convolutions take them; k of 2 or more.
 
     Joined as they come, of both layouts, they would be laid out anew by a convolution, and again for its gradient. Of
-    a single map torch can't tell the layout.
+    a single map torch can't tell the layout. Without gradients they are joined as they come: what was measured stays.
     """
+    if not torch.is_grad_enabled():
+        return torch.cat(maps, dim=1)
     return torch.cat([each.contiguous(memory_format=torch.channels_last) for each in maps], dim=1)
 
 
