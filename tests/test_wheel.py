@@ -32,7 +32,7 @@ def installed(wheel, tmp_path_factory):
     folder = tmp_path_factory.mktemp("alone")
     venv.create(folder, with_pip=True)
     python = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
-    call(str(python), "-m", "pip", "install", "--quiet", str(wheel))
+    call(str(python), "-m", "pip", "install", "--quiet", "--no-compile", str(wheel))
     return python
 
 

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from flightdepth.errors import BadInput
-from flightdepth.scenes import Textures, textures_from_folder
-from flightdepth.scenes.procedural import fractal_noise, texture
+from flightdepth.scenes import Textures, chance, textures_from_folder
+from flightdepth.scenes.procedural import dead_leaves, fractal_noise, texture
 from flightdepth.scenes.textures import EDGE, PYRAMID_TEXELS
 
 
@@ -81,6 +81,55 @@ def test_each_kind_has_contrast_and_detail(number):
     grey = texture(3, number, 128).astype(float).mean(axis=2)
     assert grey.std() > 4
     assert np.abs(np.diff(grey, axis=1)).mean() > 1
+
+
+def leaf_by_leaf(rng, edge):
+    """Dead leaves one at a time, with all sums of a leaf where it is drawn."""
+    centre = rng.uniform(50, 190) + rng.uniform(5, 55) * rng.uniform(-1, 1, 3)
+    spread = rng.uniform(15, 90)
+    light, tint = rng.uniform(-1, 1, (64, 1)) * spread, rng.uniform(-1, 1, (64, 3)) * spread
+    colours = np.clip(centre + light + tint * rng.uniform(0.2, 0.9), 5, 250).astype(np.float32)
+    image = np.tile(colours[0], (edge, edge, 1))
+    smallest, largest = edge / 170, edge / rng.uniform(3, 9)
+    for _ in range(int(rng.integers(1500, 4000))):
+        u = rng.random()
+        radius = 1 / np.sqrt((1 - u) / smallest**2 + u / largest**2)
+        colour = colours[rng.integers(64)].tolist()
+        centre, corners = rng.uniform(0, edge, 2), int(rng.choice([3, 4, 4, 24]))
+        angle = rng.uniform(0, 2 * np.pi) + np.arange(corners) * (2 * np.pi / corners)
+        circle = np.stack([np.cos(angle), np.sin(angle) * rng.uniform(0.35, 1.0)])
+        turn = rng.uniform(0, np.pi)
+        turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ circle
+        points = np.rint((centre + radius * turned.T) * 16).astype(np.int32)
+        cv2.fillPoly(image, [points], colour, cv2.LINE_AA if radius < 6 else cv2.LINE_8, shift=4)
+    return image
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_leaves_are_those_drawn_one_by_one(number):
+    """A seed's texture stays what it was: fixed test sets are dressed in it."""
+    found, expected = (draw(chance.stream(7, number), 128) for draw in (dead_leaves, leaf_by_leaf))
+    assert (found == expected).all(
+        axis=2
+    ).mean() > 0.9999  # corners are whole sixteenths of a pixel: a tie may fall
+
+
+def test_textures_are_in_the_order_of_their_numbers():
+    texels = Textures.procedural(9, 3).texels[:, : EDGE * EDGE]
+    for number in range(9):
+        np.testing.assert_array_equal(texels[number].reshape(EDGE, EDGE, 3), texture(3, number, EDGE))
+
+
+def test_a_texture_that_cannot_be_made_stops_all():
+    whole = np.full((8, 8, 3), 9, np.uint8)
+
+    def image(number):
+        if number == 3:
+            raise BadInput("texture 3", expected="an image", got="none")
+        return whole
+
+    with pytest.raises(BadInput, match="texture 3"):
+        Textures.made(8, image)
 
 
 @pytest.mark.parametrize("exponent", [0.7, 1.0, 1.5])

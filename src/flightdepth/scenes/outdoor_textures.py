@@ -37,11 +37,12 @@ VARIANTS = 3
 @lru_cache(maxsize=4)
 def outdoor_textures(seed: int) -> Textures:
     """Textures for `draw_outdoor`: surface s in version v is number VARIANTS * s + v; kept, 31 MB a seed."""
-    return Textures.from_images(
-        picture(surface, chance.stream(seed, surface, version))
-        for surface in Surface
-        for version in range(VARIANTS)
-    )
+
+    def made(number: int) -> Image:
+        surface, version = divmod(number, VARIANTS)
+        return picture(Surface(surface), chance.stream(seed, surface, version))
+
+    return Textures.made(len(Surface) * VARIANTS, made)
 
 
 def picture(surface: Surface, rng: np.random.Generator) -> Image:
