@@ -31,6 +31,7 @@ import cv2
 import numpy as np
 
 import flightdepth
+from flightdepth.cores import usable_cores
 from flightdepth.evaluation.network import without_nan
 from flightdepth.evaluation.provenance import network_facts, origin_of, source_commit
 from flightdepth.files import write_json
@@ -56,7 +57,6 @@ from flightdepth.ranges.plan import Planner
 from flightdepth.runtimes import network as runtimes_network
 from flightdepth.runtimes.contract import Precision
 from flightdepth.runtimes.network import Network, load_network
-from flightdepth.stillbox.engines import usable_cores
 
 SAMPLE = Path(flightdepth.__file__).parent / "sample" / "flight.mp4"
 RATE_HZ = 30

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.cores import usable_cores
 from flightdepth.evaluation.network import without_nan
 from flightdepth.evaluation.provenance import network_facts, source_commit
 from flightdepth.files import write_json
@@ -38,7 +39,6 @@ from flightdepth.runtimes.network import load_network, nearest_network
 from flightdepth.scenes.outdoor import draw_outdoor, outdoor_flight
 from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.scenes.outdoor_textures import outdoor_textures
-from flightdepth.stillbox.engines import usable_cores
 from flightdepth.weights.store import find_network, read_card
 
 # Low, so that much of what is seen stands in the corridor, at 3 to 40 m.

@@ -1,7 +1,7 @@
 """Frames per second of the ray caster: `python benchmarks/render.py [--seconds 4] [--scaling] [--json FILE]`.
 
-Beside it, where Blender is installed, Cycles at 4 samples in the same run. `--scaling` adds how the cost of a frame
-grows with objects, pixels and threads.
+Before it, how long the textures take that scenes wear; beside it, where Blender is installed, Cycles at 4 samples in
+the same run. `--scaling` adds how the cost of a frame grows with objects, pixels and threads.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from itertools import count
 from pathlib import Path
 
 from flightdepth.camera import Camera
+from flightdepth.cores import usable_cores
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.files import write_json
 from flightdepth.processor import cpu_name
@@ -21,9 +22,9 @@ from flightdepth.renderers.blender import Blender
 from flightdepth.renderers.blender_process import find_blender
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
-from flightdepth.stillbox.engines import usable_cores
 
 SEED = 5
+TEXTURES = 64
 WIDTHS = (64, 128, 256, 512)
 CYCLES_SCENES = 4  # the first of those that the ray caster renders, by Cycles
 
@@ -106,7 +107,10 @@ def main() -> None:
     parser.add_argument("--scaling", action="store_true")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    textures = Textures.procedural(64, 1)
+    began, began_cpu = time.perf_counter(), time.process_time()
+    textures = Textures.procedural(TEXTURES, 1)
+    made = {"clock": time.perf_counter() - began, "processor": time.process_time() - began_cpu}
+    print(f"{TEXTURES} textures in {made['clock']:.1f} s, {made['processor']:.1f} s of processor time")
     print(f"{VERSION}, {options.threads} threads on {cpu_name()}, frames/s")
     ours = {w: raycast_rate(w, textures, options.seconds, options.threads) for w in WIDTHS}
     theirs: dict[int, Rate] = {}
@@ -125,6 +129,7 @@ def main() -> None:
             "cpu": cpu_name(),
             "threads": options.threads,
             "seconds": options.seconds,
+            "textures_s": made,
         }
         tables = {"raycast": ours, "cycles at 4 samples": theirs} | scaling
         figures = {name: {n: vars(rate) for n, rate in table.items()} for name, table in tables.items()}

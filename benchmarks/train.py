@@ -17,12 +17,12 @@ from pathlib import Path
 
 import torch
 
+from flightdepth.cores import usable_cores
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.files import write_json
 from flightdepth.processor import cpu_name
 from flightdepth.renderers.raycast import VERSION
 from flightdepth.scenes import Textures
-from flightdepth.stillbox.engines import usable_cores
 from flightdepth.stillbox.stream import CHUNK
 from flightdepth.training import Recipe, Stage, load_recipe
 from flightdepth.training.feed import Feed

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from flightdepth import cli
+from flightdepth.evaluation import int8_ranges
 from flightdepth.training import loop, recipe_files
 from flightdepth.training.run_folder import stages_behind
 from flightdepth.weights.store import find_network, read_card
@@ -34,6 +35,7 @@ def test_every_command_runs(monkeypatch, tmp_path, capsys):
         lambda name: text.encode() if name == "tiny-clamped-256" else known(name),
     )
     monkeypatch.setattr(loop, "pool_scenes", lambda _: 8)
+    monkeypatch.setattr(int8_ranges, "SHARES", (1.0,))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "photos").mkdir()
     cv2.imwrite(str(tmp_path / "photos" / "a.jpg"), np.full((60, 80, 3), 90, np.uint8))

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from flightdepth.commands.demo import CALIBRATION, LOG, VIDEO
+from flightdepth.weights.store import shipped_networks
+
 ROOT = Path(__file__).parents[1]
 MAX_MB = 60
 
@@ -48,5 +51,18 @@ def test_the_wheel_brings_no_pytorch(installed):
 
 @pytest.mark.timeout(600)
 def test_the_demo_runs_from_the_wheel(installed, tmp_path):
-    call(str(installed.with_name("flightdepth")), "demo", cwd=tmp_path)
+    call(str(installed.with_name("flightdepth")), "demo", "--network", "motion-tiny", cwd=tmp_path)
     assert list(tmp_path.rglob("preview.mp4"))
+
+
+def test_the_default_network_runs_from_the_wheel(installed, tmp_path):
+    """On half a second: the demo above takes a quicker one."""
+    given = ("--telemetry", str(LOG), "--camera", str(CALIBRATION), "--end", "0.5", "--out", "flight")
+    said = call(str(installed.with_name("flightdepth")), "run", str(VIDEO), *given, cwd=tmp_path)
+    assert " -> motion at " in said
+    assert (tmp_path / "flight" / "preview.mp4").exists()
+
+
+def test_the_wheel_brings_every_network(installed, tmp_path):
+    listed = call(str(installed.with_name("flightdepth")), "networks", cwd=tmp_path)
+    assert all(name in listed for name in shipped_networks())

@@ -13,6 +13,7 @@ import torch
 
 from flightdepth import cli
 from flightdepth.commands.signals import stop_request
+from flightdepth.evaluation import int8_ranges
 from flightdepth.files import held
 from flightdepth.scenes.config import SET_VERSION
 from flightdepth.training import loop
@@ -45,6 +46,7 @@ def exported(tmp_path_factory):
     folder = tmp_path_factory.mktemp("exported")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(loop, "pool_scenes", lambda _: 8)
+        patch.setattr(int8_ranges, "SHARES", (1.0,))
         patch.chdir(folder)
         (folder / "small.toml").write_text(TOML)
         assert cli.main([*TRAIN]) == 0
@@ -209,6 +211,7 @@ def halfway(exported):
     """The network of a stage's end, and its mean with that of the run's end."""
     end = "runs/small/square.safetensors"
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(int8_ranges, "SHARES", (1.0,))
         patch.chdir(exported)
         command = ["export", end, "--name", "halfway", "--mean-with", "small.onnx", "--scenes", "1"]
         assert cli.main(command) == 0

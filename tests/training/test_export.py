@@ -141,7 +141,11 @@ def test_flownets_goes_the_same_way(flownets, storage):
     assert np.abs(depth_m - expected).max() < 2e-3 * expected.max()
 
 
-@pytest.fixture(scope="module", params=[(2, False, False), (2, True, True), (1, True, False)], ids=str)
+# Of `motion`, of `motion-tiny`, and of neither; tracing one takes up to a minute.
+SHAPES = [(2, True, True), (1, True, False), pytest.param((2, False, False), marks=pytest.mark.slow)]
+
+
+@pytest.fixture(scope="module", params=SHAPES, ids=str)
 def motion(request):
     torch.manual_seed(6)
     looks, thorough, residual = request.param

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.cores import usable_cores
 from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.metrics import pooled
 from flightdepth.files import file_in_progress
@@ -21,7 +22,6 @@ from flightdepth.motion import Vector
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures, chance
 from flightdepth.scenes.config import SET_VERSION
-from flightdepth.stillbox.engines import usable_cores
 from flightdepth.stillbox.sets import SceneSet, changed
 
 SEED = 51  # of the study; the test sets and training have others

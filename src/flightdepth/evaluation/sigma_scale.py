@@ -13,8 +13,7 @@ from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.evaluation.spread import sigma_scale
 from flightdepth.ranges.fusion import WORST_SIGMA, ends
 from flightdepth.runtimes.network import Network
-from flightdepth.scenes import Textures
-from flightdepth.stillbox.testset import TEXTURES, OutdoorTestSet, TestSet
+from flightdepth.stillbox.testset import OutdoorTestSet, TestSet, test_textures
 from flightdepth.weights.card import NetworkCard
 
 Values = NDArray[np.float64]
@@ -25,9 +24,7 @@ FITS = 4  # which pixels count depends on the scale a little
 
 def calibration_set(card: NetworkCard, *, scenes: int) -> TestSet:
     """Pairs like those of the fixed test set, of other rooms with other textures."""
-    return replace(
-        fixed_set(card, scenes=scenes, textures=Textures.procedural(TEXTURES, TEXTURE_SEED)), seed=SEED
-    )
+    return replace(fixed_set(card, scenes=scenes, textures=test_textures(TEXTURE_SEED)), seed=SEED)
 
 
 def outdoor_calibration_set(card: NetworkCard, *, scenes: int) -> OutdoorTestSet:

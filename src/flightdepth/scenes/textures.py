@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.cores import usable_cores
 from flightdepth.errors import BadInput
 from flightdepth.scenes import procedural
 from flightdepth.scenes.pictures import Image, read_picture
@@ -62,7 +62,7 @@ class Textures:
         def fill(number: int) -> None:
             texels[number] = _pyramid(_square(image(number)))
 
-        with ThreadPoolExecutor(os.cpu_count()) as executor:
+        with ThreadPoolExecutor(usable_cores()) as executor:
             for _ in executor.map(fill, range(count)):
                 pass
         return cls(texels)

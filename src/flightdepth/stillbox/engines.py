@@ -5,21 +5,15 @@ The bytes are the same either way: each scene follows from its number alone.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
 
 from flightdepth.cluster import ahead, cluster, failed
+from flightdepth.cores import usable_cores
 from flightdepth.scenes import Textures
 from flightdepth.stillbox.encoding import EncodedScene, Source
 
 SCENES_PER_TASK = 4
-
-
-def usable_cores() -> int:
-    """Those that this process may run on: fewer than the machine's where a container or `taskset` keeps it to some."""
-    affinity = getattr(os, "sched_getaffinity", None)  # Linux only
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def on_threads(
