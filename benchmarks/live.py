@@ -31,7 +31,6 @@ import cv2
 import numpy as np
 
 import flightdepth
-from flightdepth.cores import usable_cores
 from flightdepth.evaluation.network import without_nan
 from flightdepth.evaluation.provenance import network_facts, origin_of, source_commit
 from flightdepth.files import write_json
@@ -49,6 +48,7 @@ from flightdepth.live.status import LiveResult
 from flightdepth.live.video_address import video_address
 from flightdepth.live.video_input import VideoInput
 from flightdepth.live.video_stream import Picture
+from flightdepth.machine import usable_cores
 from flightdepth.processor import cpu_name
 from flightdepth.ranges.derotation import Derotation
 from flightdepth.ranges.direction import SeenDirections

@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.cores import usable_cores
 from flightdepth.evaluation.network import without_nan
 from flightdepth.evaluation.provenance import network_facts, source_commit
 from flightdepth.files import write_json
@@ -31,6 +30,7 @@ from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import UNKNOWN, distances_cm
 from flightdepth.live.obstacle_rays import sectors_of
 from flightdepth.live.obstacles import ObstacleSettings, Pose, Sectors, Sight
+from flightdepth.machine import usable_cores
 from flightdepth.motion import NED_FROM_CAMERA, Vector, quaternion_from_rotation
 from flightdepth.ranges import MultiRangeEstimator, RangedDepth
 from flightdepth.renderers.raycast import render

@@ -14,9 +14,9 @@ from itertools import count
 from pathlib import Path
 
 from flightdepth.camera import Camera
-from flightdepth.cores import usable_cores
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.files import write_json
+from flightdepth.machine import usable_cores
 from flightdepth.processor import cpu_name
 from flightdepth.renderers.blender import Blender
 from flightdepth.renderers.blender_process import find_blender

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import torch
 
-from flightdepth.cores import usable_cores
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.files import write_json
+from flightdepth.machine import usable_cores
 from flightdepth.processor import cpu_name
 from flightdepth.renderers.raycast import VERSION
 from flightdepth.scenes import Textures

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from flightdepth.errors import BadInput
-from flightdepth.scenes import Textures, chance, textures_from_folder
+from flightdepth.scenes import Textures, chance, textures, textures_from_folder
 from flightdepth.scenes.procedural import dead_leaves, fractal_noise, texture
 from flightdepth.scenes.textures import EDGE, PYRAMID_TEXELS
 
@@ -33,11 +33,6 @@ def test_digest_is_of_the_content():
     assert one.digest == Textures.from_images([np.full((9, 9, 3), 1, np.uint8)]).digest
 
 
-def test_joined_textures_keep_their_order():
-    one, two = (Textures.from_images([np.full((9, 9, 3), value, np.uint8)]) for value in (1, 2))
-    assert one.joined(two).texels[:, 0, 0].tolist() == [1, 2]
-
-
 def test_a_folder_is_read_in_the_order_of_names(tmp_path):
     (tmp_path / "sub").mkdir()
     for name, value in (("sub/z.png", 30), ("a.png", 10), ("b.jpg", 20)):
@@ -45,6 +40,21 @@ def test_a_folder_is_read_in_the_order_of_names(tmp_path):
     texels = textures_from_folder(tmp_path).texels
     assert texels[:, 0, 0].tolist() == [10, 20, 30]
     assert texels[0, 0].tolist() == [10, 0, 0]
+
+
+def test_made_ones_follow_the_photos(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((8, 8, 3), 40, np.uint8))
+    texels = textures_from_folder(tmp_path, made=2, seed=3).texels
+    assert texels[0, 0].tolist() == [40, 40, 40]
+    np.testing.assert_array_equal(texels[1:], Textures.procedural(2, 3).texels)
+
+
+def test_more_than_memory_holds_are_refused_before_any_is_read(tmp_path, monkeypatch):
+    for name in "ab":
+        (tmp_path / f"{name}.png").write_bytes(b"no image")
+    monkeypatch.setattr(textures, "memory_bytes", lambda: 2e6)
+    with pytest.raises(BadInput, match="at most 1: each takes 1 MB of memory, got 2"):
+        textures_from_folder(tmp_path)
 
 
 def test_a_folder_without_images_is_refused(tmp_path):

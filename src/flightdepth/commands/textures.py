@@ -26,6 +26,6 @@ def gathered_textures(folder: Path | None, procedural: int) -> Textures:
         return Textures.procedural(procedural, SEED)
     if not folder.is_dir():
         raise BadInput("--textures", expected="a folder of images", got=str(folder))
-    photos = textures_from_folder(folder)
-    say(f"textures: {len(photos)} photos from {folder}, {procedural} procedural")
-    return photos.joined(Textures.procedural(procedural, SEED))
+    textures = textures_from_folder(folder, made=procedural, seed=SEED)
+    say(f"textures: {len(textures) - procedural} photos from {folder}, {procedural} procedural")
+    return textures

@@ -118,7 +118,7 @@ def run(
     workers: int | None = None,
 ) -> None:
     """Train with a progress bar, until the end, Ctrl-C or SIGTERM."""
-    from flightdepth.cores import usable_cores
+    from flightdepth.machine import usable_cores
     from flightdepth.training.freed_memory import keep_freed_memory
     from flightdepth.training.loop import train as train_on
     from flightdepth.training.processes import this_process

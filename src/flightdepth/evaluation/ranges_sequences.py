@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.cores import usable_cores
 from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.metrics import pooled
 from flightdepth.files import file_in_progress
+from flightdepth.machine import usable_cores
 from flightdepth.motion import Vector
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures, chance

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.cores import usable_cores
 from flightdepth.errors import BadInput
+from flightdepth.machine import memory_bytes, usable_cores
 from flightdepth.scenes import procedural
 from flightdepth.scenes.pictures import Image, read_picture
 
@@ -22,6 +22,7 @@ EDGE = 512  # texels, a power of two
 LEVELS = EDGE.bit_length()  # 512, 256, ... 1
 PYRAMID_TEXELS = sum((EDGE >> level) ** 2 for level in range(LEVELS))
 LINEAR = (np.arange(256, dtype=np.float32) / 255) ** 2.2  # light of a byte, 0..1
+MEMORY_SHARE = 0.8  # of the machine's, that textures may take
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}
 
 
@@ -56,7 +57,16 @@ class Textures:
 
     @classmethod
     def made(cls, count: int, image: Callable[[int], Image]) -> Textures:
-        """Of `image(number)` for each number below `count`, as for `from_images`; several at a time, on all cores."""
+        """Of `image(number)` for each number below `count`, as for `from_images`; several at a time, on all cores.
+
+        Raises:
+            BadInput: this machine has not the memory for so many.
+        """
+        most = MEMORY_SHARE * memory_bytes() / (3 * PYRAMID_TEXELS)
+        if count > most:
+            raise BadInput(
+                "textures", expected=f"at most {int(most):,}: each takes 1 MB of memory", got=f"{count:,}"
+            )
         texels = np.empty((count, PYRAMID_TEXELS, 3), np.uint8)
 
         def fill(number: int) -> None:
@@ -67,21 +77,22 @@ class Textures:
                 pass
         return cls(texels)
 
-    def joined(self, other: Textures) -> Textures:
-        """These textures, then `other`."""
-        return Textures(np.concatenate([self.texels, other.texels]))
 
-
-def textures_from_folder(folder: Path) -> Textures:
-    """Every image below `folder`, in the order of the file names.
+def textures_from_folder(folder: Path, *, made: int = 0, seed: int = 0) -> Textures:
+    """Every image below `folder`, in the order of the file names, then as many `made` ones as `procedural(made, seed)`.
 
     Raises:
-        BadInput: there is no image, or one cannot be read.
+        BadInput: there is no image, or one cannot be read, or there are more than memory holds.
     """
     paths = sorted(p for p in folder.rglob("*") if p.suffix.lower() in IMAGE_SUFFIXES)
     if not paths:
         raise BadInput(f"texture folder {folder}", expected="at least one image", got="none")
-    return Textures.made(len(paths), lambda number: _read(paths[number]))
+
+    def image(number: int) -> Image:
+        photos = len(paths)
+        return _read(paths[number]) if number < photos else procedural.texture(seed, number - photos, EDGE)
+
+    return Textures.made(len(paths) + made, image)
 
 
 def _read(path: Path) -> Image:

@@ -9,7 +9,7 @@ from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
 
 from flightdepth.cluster import ahead, cluster, failed
-from flightdepth.cores import usable_cores
+from flightdepth.machine import usable_cores
 from flightdepth.scenes import Textures
 from flightdepth.stillbox.encoding import EncodedScene, Source
 
