@@ -43,7 +43,10 @@ class Textures:
     @property
     def digest(self) -> str:
         """SHA-256 of the content: what a dataset's config records."""
-        return hashlib.sha256(np.ascontiguousarray(self.texels[:, : EDGE * EDGE]).data).hexdigest()
+        content = hashlib.sha256()
+        for pyramid in self.texels:
+            content.update(np.ascontiguousarray(pyramid[: EDGE * EDGE]).data)
+        return content.hexdigest()
 
     @classmethod
     def from_images(cls, images: Sequence[Image]) -> Textures:
