@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from flightdepth.architectures import DepthNet, MotionNet
-from flightdepth.architectures.motionnet import CORRECTED, corrections, silent_blocks
+from flightdepth.architectures.motionnet import CORRECTED, Corrections, silent_blocks
 from flightdepth.sweep import LEVELS
 
 FINE, HALF, QUARTER = (len(level.shifts_px) for level in LEVELS)
@@ -169,7 +169,7 @@ def differences(true_px, level, size=32):
 def test_a_correction_leads_from_its_hypothesis_to_the_right_shift(level, true_px):
     shifts, middle = LEVELS[level].shifts_px, CORRECTED[level]
     nearest = min(range(len(middle)), key=lambda k: abs(shifts[middle[k]] - true_px))
-    found = corrections(differences(true_px, level), level)[0]
+    found = Corrections(level)(differences(true_px, level))[0]
     chosen = middle[nearest]
     apart = shifts[chosen + 1] - shifts[chosen - 1]
     inside = found[nearest, 2:-2, 2:-2].median()
@@ -177,13 +177,13 @@ def test_a_correction_leads_from_its_hypothesis_to_the_right_shift(level, true_p
 
 
 def test_a_blank_wall_corrects_nothing_and_knows_nothing():
-    found = corrections(torch.zeros(1, FINE, 16, 16), 0)
+    found = Corrections(0)(torch.zeros(1, FINE, 16, 16))
     assert found.shape == (1, 2 * len(CORRECTED[0]), 8, 8)
     assert not found.any()
 
 
 def test_a_correction_stays_within_two_steps():
-    found = corrections(100 * torch.randn(1, HALF, 16, 16, generator=torch.Generator().manual_seed(1)), 1)
+    found = Corrections(1)(100 * torch.randn(1, HALF, 16, 16, generator=torch.Generator().manual_seed(1)))
     assert found[:, : len(CORRECTED[1])].abs().max() <= 2
 
 

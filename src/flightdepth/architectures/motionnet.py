@@ -50,6 +50,8 @@ class MotionNet(Trunk):
     residual_blocks        whether the trunk has residual blocks, from 1/8 of the size down, where they cost little
     """
 
+    grey: Tensor
+
     def __init__(
         self,
         base_width: int = 32,
@@ -67,6 +69,9 @@ class MotionNet(Trunk):
         if residual_blocks:
             for layer, widths in RESIDUAL.items():
                 self.get_submodule(layer).append(ResidualBlock(widths * base_width))  # type: ignore[operator]
+        # Kept where the weights are: a step that takes numbers from Python can't be recorded (`training.graph`).
+        self.register_buffer("grey", torch.tensor(GREY), persistent=False)
+        self.corrections = nn.ModuleList(Corrections(level) for level in range(len(LEVELS)))
         self.predict_spread2 = predict_depth(3 * base_width + 1)
         he_normal(self.predict_spread2)
         if looks > 1 or not thorough_last_look:
@@ -86,16 +91,16 @@ class MotionNet(Trunk):
         field [B, 2, H/4, W/4]. Then the spread, [B, H/4, W/4] in metres, of the first.
         """
         earlier = fine[:, 0:1]  # not shifted
-        grey = (current * current.new_tensor(GREY).view(1, 3, 1, 1)).sum(1, keepdim=True)
+        grey = (current * self.grey.view(1, 3, 1, 1)).sum(1, keepdim=True)
         fine, half, quarter = (
             (swept - functional.avg_pool2d(grey, scale) if scale > 1 else swept - grey) / CONTRAST
             for swept, scale in ((fine, 1), (half, 2), (quarter, 4))
         )
         skip1 = self.conv1((current - 0.5) / 0.2)
-        skip2 = self.conv2(beside(skip1, _cost(fine), half, corrections(fine, 0)))
-        skip3 = self.conv3(beside(skip2, _cost(half), quarter, field, corrections(half, 1)))
+        skip2 = self.conv2(beside(skip1, _cost(fine), half, self.corrections[0](fine)))
+        skip3 = self.conv3(beside(skip2, _cost(half), quarter, field, self.corrections[1](half)))
         skip3 = self.conv3_1(skip3)
-        skip4 = self.conv4_1(self.conv4(beside(skip3, _cost(quarter), corrections(quarter, 2))))
+        skip4 = self.conv4_1(self.conv4(beside(skip3, _cost(quarter), self.corrections[2](quarter))))
         raw, features = self.decoded(skip2, skip3, skip4)
         depths = [activated(depth, "elu+1") for depth in raw]
         share = functional.softplus(self.predict_spread2(features)[:, 0].float())
@@ -137,24 +142,46 @@ def silent_blocks(weights: Mapping[str, Tensor]) -> dict[str, Tensor]:
     return {name: torch.zeros_like(each) if name.endswith(last) else each for name, each in blocks.items()}
 
 
-def corrections(difference: Tensor, level: int) -> Tensor:
+class Corrections(nn.Module):
     """By how much the hypotheses CORRECTED of a level are off, and how well that is known; at half the size.
 
-    difference [B, hypotheses, h, w], warped minus present picture. Around hypothesis s the difference is
-    r + g ds with g, its change by hypothesis, from the neighbours on either side; over a window of 4x4 pixels least
-    squares gives ds = -<r g> / <g g> (Lucas and Kanade 1981, along a known line). The result, [B, 2k, h/2, w/2],
-    is ds in distances between those neighbours, then the logarithm of what it was divided by.
+    Around hypothesis s the difference is r + g ds with g, its change by hypothesis, from the neighbours on either side;
+    over a window of 4x4 pixels least squares gives ds = -<r g> / <g g> (Lucas and Kanade 1981, along a known line).
     """
-    middle = torch.tensor(CORRECTED[level], device=difference.device)
-    before, after = middle - 1, middle + 1
-    shifts = difference.new_tensor(LEVELS[level].shifts_px)
-    apart_px = (shifts[after] - shifts[before]).view(1, -1, 1, 1)
-    gradient = (difference.index_select(1, after) - difference.index_select(1, before)) / apart_px
-    square = _mean(gradient * gradient)
-    product = _mean(gradient * difference.index_select(1, middle))
-    off = -product / (square + LEAST_GRADIENT) / apart_px
-    known = 0.3 * torch.log1p(square * apart_px**2 / LEAST_GRADIENT)
-    return torch.cat((off.clamp(-LARGEST_CORRECTION, LARGEST_CORRECTION), known), 1)
+
+    before: Tensor
+    middle: Tensor
+    after: Tensor
+    apart_px: Tensor
+
+    def __init__(self, level: int) -> None:
+        super().__init__()
+        middle, shifts_px = (
+            torch.tensor(CORRECTED[level]),
+            torch.tensor(LEVELS[level].shifts_px, dtype=torch.float32),
+        )
+        before, after = middle - 1, middle + 1
+        apart_px = shifts_px[after] - shifts_px[before]
+        for name, numbers in {
+            "before": before,
+            "middle": middle,
+            "after": after,
+            "apart_px": apart_px,
+        }.items():
+            self.register_buffer(name, numbers, persistent=False)
+
+    def forward(self, difference: Tensor) -> Tensor:
+        """Warped minus present picture [B, hypotheses, h, w] to [B, 2k, h/2, w/2]: ds in distances between the
+        neighbours, then the logarithm of what it was divided by."""
+        apart_px = self.apart_px.view(1, -1, 1, 1)
+        gradient = (
+            difference.index_select(1, self.after) - difference.index_select(1, self.before)
+        ) / apart_px
+        square = _mean(gradient * gradient)
+        product = _mean(gradient * difference.index_select(1, self.middle))
+        off = -product / (square + LEAST_GRADIENT) / apart_px
+        known = 0.3 * torch.log1p(square * apart_px**2 / LEAST_GRADIENT)
+        return torch.cat((off.clamp(-LARGEST_CORRECTION, LARGEST_CORRECTION), known), 1)
 
 
 def _cost(difference: Tensor) -> Tensor:

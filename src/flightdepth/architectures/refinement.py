@@ -185,7 +185,8 @@ class Difference:
         across = field.across(column)[:, :, None] * (2 / width)
         down = field.down(row[None])[:, None] * (2 / height)
         # Written as one sum over (x, y), so that no picture of coordinates is copied.
-        first, second = scale.new_tensor((1.0, 0.0)), scale.new_tensor((0.0, 1.0))
+        second = torch.arange(2, device=scale.device, dtype=scale.dtype)
+        first = 1 - second
         moves = across * first + down * second
         stands = (
             _middles(width, scale)[::every, None] * first

@@ -11,12 +11,12 @@ import numpy as np
 
 from flightdepth.stillbox.pairs import Image, Pair
 
-LEAST_FACTOR, LARGEST_FACTOR = 15.0, 30.0
+LEAST_FACTOR, LARGEST_FACTOR = 8.0, 22.0
 ENCODER = {"threads": "1"}  # the rest as x264 has it
 
 
 def filmed(rng: np.random.Generator, pair: Pair) -> Pair:
-    """The pair in a video of some quality: a constant rate factor of 15 (good) to 30 (bad), drawn."""
+    """The pair in a video of some quality: a constant rate factor of 8 (good) to 22 (bad), drawn."""
     factor = float(rng.uniform(LEAST_FACTOR, LARGEST_FACTOR))
     previous, current = through_h264((pair.previous, pair.current), factor)
     return replace(pair, previous=previous, current=current)

@@ -28,6 +28,15 @@ class TensorBatch:
         """In memory that a GPU reads by itself; a DataLoader calls this."""
         return TensorBatch(tuple(each.pin_memory() for each in self.inputs), self.target_m.pin_memory())
 
+    def to(self, device: torch.device) -> TensorBatch:
+        """A copy of it there."""
+        return TensorBatch(tuple(each.to(device) for each in self.inputs), self.target_m.to(device))
+
+    def copy_(self, other: TensorBatch) -> None:
+        """Become another of the same size, in place."""
+        for mine, new in zip((*self.inputs, self.target_m), (*other.inputs, other.target_m), strict=True):
+            mine.copy_(new, non_blocking=True)
+
     @classmethod
     def of(cls, recipe: Recipe, batch: Batch) -> TensorBatch:
         """Swept along the motion where the network is told that."""

@@ -26,6 +26,7 @@ from flightdepth.training.checkpoint import (
     read_weights,
     save_checkpoint,
 )
+from flightdepth.training.graph import StepGraph
 from flightdepth.training.inputs import TensorBatch, network_inputs
 from flightdepth.training.loss import loss_m
 from flightdepth.training.muon import Muon
@@ -66,6 +67,7 @@ class Learner:
         network = network_of(recipe)
         self.network: nn.Module = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._begin_optimizer(recipe.optimizer_in(recipe.stages[0]))
+        self._graph: StepGraph | None = None
         self.averaged = copy.deepcopy(self.network).requires_grad_(False).eval()
 
     def restored(self, path: Path) -> Progress:
@@ -130,14 +132,34 @@ class Learner:
         self.network.requires_grad_(not stage.only_last_look)
         if stage.only_last_look:
             self.network.get_submodule(LAST_LOOK).train().requires_grad_()
+        self._graph = self._recorded_step()
+
+    def _recorded_step(self) -> StepGraph | None:
+        """For one process with a GPU; a stage has a graph of its own, since its batches have their own size."""
+        if self.accelerator.device.type != "cuda" or self.accelerator.num_processes > 1:
+            return None
+        for group in self.stepper.param_groups:  # what is recorded reads the rate where it is then written
+            group["lr"] = torch.zeros((), device=self.accelerator.device)
+            group["capturable"] = True
+        return StepGraph(self._learn_all, self.accelerator.device)
 
     def _begin_optimizer(self, name: OptimizerName) -> None:
         self._optimizer_name, self.optimizer = name, optimizer_of(self.recipe, self.network, name)
 
     def step(self, parts: Sequence[TensorBatch], stage: Stage, sample: int) -> float:
         """One step on samples `sample` ... of a stage, of which `parts` are this process's; the loss in metres."""
-        for group in self.stepper.param_groups:
-            group["lr"] = learning_rate(self.recipe, stage, sample)
+        set_learning_rate(self.stepper, learning_rate(self.recipe, stage, sample))
+        loss = self._learn_all(parts) if self._graph is None else self._graph(parts)
+        if not torch.isfinite(loss):
+            raise FlightDepthError(
+                f"training diverged at sample {sample} of stage {stage.name}: loss {loss};"
+                " the last checkpoint stands. Try a lower learning_rate"
+            )
+        self.average.update(sample // stage.batch)
+        return float(self.accelerator.reduce(loss, "mean"))
+
+    def _learn_all(self, parts: Sequence[TensorBatch]) -> Tensor:
+        """Move the weights along the gradient of this process's parts; their loss."""
         self.stepper.zero_grad(set_to_none=True)
         loss = torch.zeros((), device=self.accelerator.device)
         for number, batch in enumerate(parts):
@@ -145,14 +167,8 @@ class Learner:
             is_last = number == len(parts) - 1  # which puts the gradients of all processes together
             with nullcontext() if is_last else self.accelerator.no_sync(self.model):
                 loss += self._learn(batch, len(parts))
-        if not torch.isfinite(loss):
-            raise FlightDepthError(
-                f"training diverged at sample {sample} of stage {stage.name}: loss {loss};"
-                " the last checkpoint stands. Try a lower learning_rate"
-            )
         self.stepper.step()
-        self.average.update(sample // stage.batch)
-        return float(self.accelerator.reduce(loss, "mean"))
+        return loss
 
     def _learn(self, batch: TensorBatch, parts: int) -> Tensor:
         """Add the gradient of one of `parts` parts; its loss, divided by their number."""
@@ -187,6 +203,15 @@ class Learner:
             progress = replace(progress, precision=self.precision)
             save_checkpoint(path, progress, self.network, self.averaged, self.optimizer)
         self.accelerator.wait_for_everyone()
+
+
+def set_learning_rate(optimizer: optim.Optimizer, rate: float) -> None:
+    """Of all parameters; in place where it is a tensor."""
+    for group in optimizer.param_groups:
+        if isinstance(group["lr"], Tensor):
+            group["lr"].fill_(rate)
+        else:
+            group["lr"] = rate
 
 
 def optimizer_of(recipe: Recipe, network: nn.Module, name: OptimizerName) -> optim.Optimizer:
