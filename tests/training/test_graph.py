@@ -9,7 +9,8 @@ from training_runs import BATCH, small_recipe, small_stream, small_textures
 
 from flightdepth.training.graph import WARM_UP
 from flightdepth.training.inputs import TensorBatch
-from flightdepth.training.learner import Learner
+from flightdepth.training.learner import Learner, optimizer_of, set_learning_rate
+from flightdepth.training.network import network_of
 
 MOTION = {"architecture": "MotionNet", "looks": 2, "thorough_last_look": True, "residual_blocks": True}
 RECIPES = {
@@ -88,3 +89,24 @@ def test_a_recorded_step_learns_as_one_that_is_not(recipe):
     assert recorded._graph is not None
     plain._graph = partial(plain._learn_all)
     assert losses(recorded) == pytest.approx(losses(plain), rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["sgd", "adamw", "muon"])
+def test_a_learning_rate_in_memory_moves_weights_as_far(name):
+    """As what is recorded reads it."""
+
+    def moved(rate):
+        recipe = RECIPES["DepthNet"]
+        torch.manual_seed(1)
+        network = network_of(recipe)
+        optimizer = optimizer_of(recipe, network, name)
+        for group in optimizer.param_groups:
+            group["lr"] = rate
+        for number in range(2):
+            set_learning_rate(optimizer, 0.01 * (number + 1))
+            for weights in network.parameters():
+                weights.grad = torch.full_like(weights, 0.1) + weights.detach()
+            optimizer.step()
+        return torch.cat([weights.detach().flatten() for weights in network.parameters()])
+
+    assert torch.allclose(moved(torch.zeros(())), moved(0.0), rtol=1e-5, atol=1e-7)
