@@ -3,7 +3,8 @@
 # make test   linters, types, layers and tests, with every extra that the tests need
 #
 # PYTHON=python3.12         another interpreter, 3.11 or newer
-# JOBS=4                    processes that run the tests, 2 unless told; `pytest` by itself takes one
+# JOBS=4                    processes that run the tests, of one thread each for PyTorch; 2 unless told; `pytest` by
+#                           itself takes one
 # TORCH_INDEX=URL           where `make test` also looks for PyTorch: the CPU index that its install page names
 #                           spares the CUDA packages
 
@@ -25,7 +26,7 @@ demo: .venv-demo/installed
 	$(DEMO_BIN)/flightdepth demo
 
 test: lint
-	$(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile --max-worker-restart 0
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile --max-worker-restart 0
 
 test-slow: lint
 	$(BIN)/python -m pytest -m slow --timeout 3600
