@@ -156,27 +156,20 @@ class Corrections(nn.Module):
 
     def __init__(self, level: int) -> None:
         super().__init__()
-        middle, shifts_px = (
-            torch.tensor(CORRECTED[level]),
-            torch.tensor(LEVELS[level].shifts_px, dtype=torch.float32),
-        )
-        before, after = middle - 1, middle + 1
-        apart_px = shifts_px[after] - shifts_px[before]
-        for name, numbers in {
-            "before": before,
-            "middle": middle,
-            "after": after,
-            "apart_px": apart_px,
-        }.items():
-            self.register_buffer(name, numbers, persistent=False)
+        middle = torch.tensor(CORRECTED[level])
+        shifts_px = torch.tensor(LEVELS[level].shifts_px, dtype=torch.float32)
+        apart_px = shifts_px[middle + 1] - shifts_px[middle - 1]
+        self.register_buffer("before", middle - 1, persistent=False)
+        self.register_buffer("middle", middle, persistent=False)
+        self.register_buffer("after", middle + 1, persistent=False)
+        self.register_buffer("apart_px", apart_px, persistent=False)
 
     def forward(self, difference: Tensor) -> Tensor:
         """Warped minus present picture [B, hypotheses, h, w] to [B, 2k, h/2, w/2]: ds in distances between the
         neighbours, then the logarithm of what it was divided by."""
         apart_px = self.apart_px.view(1, -1, 1, 1)
-        gradient = (
-            difference.index_select(1, self.after) - difference.index_select(1, self.before)
-        ) / apart_px
+        around = difference.index_select(1, self.after) - difference.index_select(1, self.before)
+        gradient = around / apart_px
         square = _mean(gradient * gradient)
         product = _mean(gradient * difference.index_select(1, self.middle))
         off = -product / (square + LEAST_GRADIENT) / apart_px
