@@ -125,7 +125,9 @@ def test_the_shipped_networks_convolutions_are_on_bytes(tiny):
     assert sum(kind in {"i8", "u8"} for kind in kinds) >= 9
 
 
-@pytest.mark.parametrize("name", ["tiny-clamped-256", "tiny-clamped-512", "motion", "depthnet-256"])
+@pytest.mark.parametrize(
+    "name", ["tiny-clamped-256", "tiny-clamped-512", "motion", "motion-tiny", "depthnet-256"]
+)
 def test_what_it_costs_stands_on_the_card(name):
     card = read_network(name).card
     assert len(card.int8_ranges) >= 12

@@ -16,7 +16,7 @@ from flightdepth.weights.card import NetworkCard
 DIGITS = 4
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of all that enters a convolution: finer steps, and a few values cut
 TRIED_PAIRS = 16
-MOST_CHANGED = 0.015  # of depth, by one convolution on bytes
+MOST_CHANGED = 0.004  # of depth, by one convolution on bytes
 NEAREST_M = 0.1  # nearer depths change as this one does
 
 
