@@ -29,8 +29,9 @@ class TensorBatch:
         return TensorBatch(tuple(each.pin_memory() for each in self.inputs), self.target_m.pin_memory())
 
     def to(self, device: torch.device) -> TensorBatch:
-        """A copy of it there."""
-        return TensorBatch(tuple(each.to(device) for each in self.inputs), self.target_m.to(device))
+        """It there; from pinned memory to a GPU, once that has come so far."""
+        moved = (each.to(device, non_blocking=True) for each in self.inputs)
+        return TensorBatch(tuple(moved), self.target_m.to(device, non_blocking=True))
 
     def copy_(self, other: TensorBatch) -> None:
         """Become another of the same size, in place."""
@@ -49,10 +50,11 @@ class TensorBatch:
         return cls(tuple(map(torch.from_numpy, arrays)), torch.from_numpy(batch.target_m))
 
 
-def network_inputs(recipe: Recipe, batch: TensorBatch, device: torch.device) -> tuple[Tensor, ...]:
-    """Arguments of the network's `forward`."""
-    moved = tuple(each.to(device, non_blocking=True) for each in batch.inputs)
-    return motion_inputs(*moved) if recipe.architecture == "MotionNet" else (normalised(*moved),)
+def network_inputs(recipe: Recipe, batch: TensorBatch) -> tuple[Tensor, ...]:
+    """Arguments of the network's `forward`, where the batch is."""
+    if recipe.architecture == "MotionNet":
+        return motion_inputs(*batch.inputs)
+    return (normalised(*batch.inputs),)
 
 
 def normalised(pairs: Tensor) -> Tensor:

@@ -172,11 +172,11 @@ class Learner:
 
     def _learn(self, batch: TensorBatch, parts: int) -> Tensor:
         """Add the gradient of one of `parts` parts; its loss, divided by their number."""
-        target_m = batch.target_m.to(self.accelerator.device, non_blocking=True)
-        inputs = network_inputs(self.recipe, batch, self.accelerator.device)
+        batch = batch.to(self.accelerator.device)
+        inputs = network_inputs(self.recipe, batch)
         with self.accelerator.autocast():
             output = self.model(*inputs)
-        loss = loss_m(self.recipe, output, target_m) / parts
+        loss = loss_m(self.recipe, output, batch.target_m) / parts
         self.accelerator.backward(loss)
         return loss.detach()
 
