@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from flightdepth.epipolar import NEAREST_TO_FOCUS, aside, lines
+from flightdepth.epipolar import LEAST_REACH, aside, lines
 
 WAYS = [(1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (0.5, 0.3, 0.8)]
 COUNT = 150
@@ -37,7 +37,7 @@ def test_two_axes_stand_across_a_direction(way):
 def distances(now, before, unit):
     """By the book: from the epipolar lines d x now, and along them, away from where d points."""
     normals = np.cross(unit, now)
-    reach = np.maximum(np.hypot(normals[:, 0], normals[:, 1]), NEAREST_TO_FOCUS)
+    reach = np.maximum(np.hypot(normals[:, 0], normals[:, 1]), LEAST_REACH)
     along = np.column_stack([normals[:, 1], -normals[:, 0]])
     off = (normals * before).sum(axis=1)
     return np.concatenate([off, -((before - now)[:, :2] * along).sum(axis=1)]) / np.tile(reach, 2)
@@ -57,7 +57,7 @@ def test_rows_are_the_derivatives_of_distances_from_lines(way):
         # Bringing a ray back to z = 1 shortens it by the turn: a second order of small things.
         np.testing.assert_allclose(rows[axis, COUNT:], slope[COUNT:], atol=1e-4)
         np.testing.assert_allclose(rows[axis, :COUNT], slope[:COUNT], atol=3 * np.abs(plain[:COUNT]).max())
-    far = np.hypot(*(unit[:2, None] - now[:, :2].T * unit[2])) > NEAREST_TO_FOCUS
+    far = np.hypot(*(unit[:2, None] - now[:, :2].T * unit[2])) > LEAST_REACH
     for k in range(2):
         slope = (distances(now, before, turned_towards(unit, around @ np.eye(2)[k], step)) - plain) / step
         close = np.abs(rows[3 + k, :COUNT] - slope[:COUNT])[far]

@@ -48,7 +48,7 @@ class Camera:
             )
         if not (math.isfinite(self.cx) and math.isfinite(self.cy)):
             raise BadInput("camera principal point", expected="finite pixels", got=f"{self.cx}, {self.cy}")
-        if self.model not in DISTORTION_LENGTHS:
+        if self.model not in tuple(DISTORTION_LENGTHS):  # which anything may be compared with
             raise BadInput("camera model", expected="pinhole or fisheye", got=repr(self.model))
         if len(self.distortion) not in DISTORTION_LENGTHS[self.model]:
             expected = " or ".join(map(str, DISTORTION_LENGTHS[self.model]))

@@ -20,7 +20,7 @@ Ticket = TypeVar("Ticket")
 
 
 def ahead(work: Iterable[Work], submit: Callable[[Work], Ticket], most: int) -> Iterator[Ticket]:
-    """Tickets in the order of the work, `most` submitted ahead of the one that is taken."""
+    """Tickets in the order of the work, `most` submitted at any time, the one that is taken among them."""
     rest = iter(work)
     waiting = deque(submit(each) for each in islice(rest, most))
     while waiting:

@@ -11,7 +11,7 @@ import numpy as np
 from flightdepth.motion import Vector
 
 # Closer to the focus of expansion than this, on the plane z = 1, a line has no direction.
-NEAREST_TO_FOCUS = 0.1
+LEAST_REACH = 0.1
 
 
 def lines(now: Vector, before: Vector, unit: Vector, around: Vector) -> Vector:
@@ -23,7 +23,7 @@ def lines(now: Vector, before: Vector, unit: Vector, around: Vector) -> Vector:
     (x1, y1, _), (x2, y2, _) = now, before
     # The line d x x1, whose length on the plane is the reach: d . (x1 x x2) = x2 . (d x x1).
     along_x, along_y = unit[0] - x1 * unit[2], unit[1] - y1 * unit[2]
-    reach = np.maximum(np.sqrt(along_x * along_x + along_y * along_y), NEAREST_TO_FOCUS)
+    reach = np.maximum(np.sqrt(along_x * along_x + along_y * along_y), LEAST_REACH)
     along_x /= reach
     along_y /= reach
     across = (unit[0] * y1 - unit[1] * x1) / reach

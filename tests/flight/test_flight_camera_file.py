@@ -44,6 +44,18 @@ def test_opencvs_own_files_are_read(tmp_path, ending):
     assert read_camera(path) == CAMERA
 
 
+@pytest.mark.parametrize("text", [ROS, json.dumps(asdict(CAMERA))], ids=["yaml", "json"])
+def test_a_byte_order_mark_before_it_is_no_matter(tmp_path, text):
+    """Editors of Windows put one there."""
+    assert read(tmp_path, "\ufeff" + text) == CAMERA
+
+
+@pytest.mark.parametrize(("field", "value"), [("height", 480.5), ("model", []), ("width", "wide")])
+def test_a_field_of_another_kind_is_refused(tmp_path, field, value):
+    with pytest.raises(BadInput, match=r"pixels|model|numbers"):
+        read(tmp_path, json.dumps(asdict(CAMERA) | {field: value}))
+
+
 def test_ros_camera_info_is_read(tmp_path):
     assert read(tmp_path, ROS) == CAMERA
 

@@ -112,6 +112,16 @@ def test_digital_zoom_narrows_the_proposal(tmp_path):
     assert math.tan(math.radians(view.horizontal_deg[0] / 2)) == pytest.approx(0.8 * 21.633 / 48, rel=1e-4)
 
 
+@pytest.mark.parametrize("nominal", [True, False])
+@pytest.mark.parametrize(("last_deg", "warned"), [(40.0, True), (70.0, False)])
+def test_a_zoom_that_the_log_tells_is_not_passed_over(tmp_path, nominal, last_deg, warned):
+    """The lens given is one of those through which it flew, and nobody says which."""
+    view = ViewTrack(np.array([0, 10**8]), np.array([70.0, last_deg]), nominal=nominal)
+    log = Telemetry("log", (VelocitySample(0, [1, 0, 0]),), view=view)
+    chosen = choose(video(tmp_path), hfov_deg=70.0, log=log)
+    assert any("zooms by 1.92" in line for line in chosen.warnings) == warned
+
+
 def test_tags_of_a_known_drone_propose_its_entry(tmp_path):
     with pytest.raises(BadInput, match=r"--camera dji-mini-2 \(.*71\.6 degrees\)"):
         choose(video(tmp_path, encoder="DJI Mini 2", model="FC7303"))

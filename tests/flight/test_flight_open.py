@@ -3,15 +3,14 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from flight_files import add_gpmf, lned_payload, make_video
+from flight_files import add_gpmf, gps5_payload, lned_payload, make_video
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight import AttitudeSample, Frame, VelocitySample, flight_log, open_flight, write_csv
 from flightdepth.flight.offset import ClockOffset
 from flightdepth.flight.open import merged
-from flightdepth.flight.records import Telemetry, ViewTrack
-from flightdepth.ranges.attitude import MAX_GAP_S
+from flightdepth.flight.records import MAX_GAP_S, Telemetry, ViewTrack
 
 MS = 1_000_000
 
@@ -141,6 +140,16 @@ def test_a_log_of_the_videos_name_beside_it_is_found(video, tmp_path):
     log(tmp_path, range(0, 2100, 100)).rename(tmp_path / "v.txt")
     with pytest.raises(BadInput, match=r"beside it v\.CSV, v\.txt.*--telemetry LOG"):
         open_flight(video, hfov_deg=60)
+
+
+def test_a_track_without_a_velocity_leaves_the_log_beside_the_video(video, tmp_path):
+    """A GoPro that never had a fix, on a drone whose log has the video's name."""
+    add_gpmf(video, [gps5_payload([[48, 11, 500, 0, 0]] * 18, fix=0)] * 2)
+    with pytest.raises(BadInput, match="GPS samples without a fix"):
+        open_flight(video, hfov_deg=60)
+    log(tmp_path, range(0, 2100, 100)).rename(tmp_path / "v.csv")
+    with open_flight(video, hfov_deg=60) as flight:
+        assert "v.csv" in flight.telemetry_name
 
 
 @pytest.mark.parametrize(("inside_m_s", "doubted"), [(6.0, True), (1.0, True), (4.5, False)])

@@ -104,6 +104,33 @@ def test_a_jump_is_left_out_and_a_fast_flight_is_not():
     assert np.flatnonzero(~without_jumps(ned)).tolist() == [7]
 
 
+@pytest.mark.parametrize("count", [4, 5, 20])
+@pytest.mark.parametrize("wrong", [0, 1, 2, -2, -1])
+def test_a_jump_is_found_at_either_end_too(count, wrong):
+    _, ned = flight((30.0, -10.0, 2.0), rate=1.0, seconds=count)
+    assert without_jumps(ned).all()
+    ned[wrong, 0] += 500
+    assert np.flatnonzero(~without_jumps(ned)).tolist() == [wrong % count]
+
+
+def test_of_few_positions_none_jumps_for_sure():
+    _, ned = flight((30.0, 0.0, 0.0), rate=1.0, seconds=3)
+    assert all(without_jumps(ned[:count]).all() for count in (1, 2, 3))
+
+
+def test_a_wrong_fix_spoils_the_sigma_of_its_surroundings_only():
+    """60 m are not sure to be a jump, and are 40 times what such a receiver scatters in five minutes."""
+    stamps, ned = flight((5.0, 0.0, 0.0), seconds=300, noise=0.1)
+    right = velocities(stamps, ned, steps_m=(0.01, 0.01))
+    ned[1500, 0] += 60
+    found = velocities(stamps, ned, steps_m=(0.01, 0.01))
+    near = np.abs(found.stamps_ns - stamps[1500]) <= 0.6e9
+    assert found.sigma[~near] == pytest.approx(right.sigma[~near], rel=0.01)
+    errors = np.abs(found.velocity_ned - (5, 0, 0)).max(axis=1)
+    assert errors[near].max() > 5
+    assert (found.sigma[errors > 1] > 5).all()
+
+
 def test_slopes_of_one_fix_are_unknown():
     assert np.isnan(line_slopes(np.zeros(1), np.zeros((1, 2)), np.zeros(1), 0.1).slopes).all()
 

@@ -183,6 +183,20 @@ def test_the_best_topic_is_chosen_and_another_can_be_asked_for(tmp_path):
         read_ros(path, topic="/none")
 
 
+def test_what_a_drone_is_to_do_is_not_taken_for_what_it_does(tmp_path):
+    """Setpoints come more often than what they ask for."""
+    path = recorded(
+        tmp_path,
+        ("/mavros/local_position/pose", MADE.pose_stamped(0.0, YAW_90)),
+        *(("/mavros/setpoint_position/local", MADE.pose_stamped(k / 100, (1, 0, 0, 0))) for k in range(5)),
+        *(("/cmd_vel", MADE.twist_stamped(k / 100, (9, 0, 0), "base_link")) for k in range(5)),
+        ("/mavros/local_position/velocity_body", MADE.twist_stamped(0.05, (4, 1, 0), "base_link")),
+    )
+    [sample] = samples(path)
+    assert np.allclose(sample.velocity, (4, -1, 0))
+    assert len(samples(path, topic="/cmd_vel")) == 5
+
+
 def test_a_recording_without_velocity_names_its_topics(tmp_path):
     path = recorded(tmp_path, ("/pose", MADE.pose_stamped(0, (1, 0, 0, 0))))
     with pytest.raises(BadInput, match=r"got /pose \(geometry_msgs/msg/PoseStamped\)"):

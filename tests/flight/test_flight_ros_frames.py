@@ -53,6 +53,14 @@ def test_a_red_scene_through_each_bayer_pattern_is_red(tmp_path, encoding, row, 
     assert (frame.image[4:-4, 4:-4] == (200, 0, 0)).all()
 
 
+def test_pictures_and_telemetry_count_from_the_same_picture_though_it_cannot_be_unpacked(tmp_path):
+    data = cv2.imencode(".jpg", RED)[1].tobytes()
+    pictures = [("/image", MADE.compressed(k / 10, data[: None if k else 20])) for k in range(3)]
+    path = recorded(tmp_path, *pictures, ("/odom", MADE.odometry(0.1, (1, 0, 0))))
+    assert [frame.stamp_ns for frame in ros_frames(path)] == [100_000_000, 200_000_000]
+    assert read_ros(path).velocities[0].stamp_ns == 100_000_000
+
+
 def test_a_jpeg_is_unpacked(tmp_path):
     data = cv2.imencode(".jpg", cv2.cvtColor(RED, cv2.COLOR_RGB2BGR))[1].tobytes()
     [frame] = ros_frames(recorded(tmp_path, ("/image/compressed", MADE.compressed(0, data))))

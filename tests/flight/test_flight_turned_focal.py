@@ -28,6 +28,7 @@ from flightdepth.motion import quaternion_from_rotation
 from flightdepth.outputs import FlightFolder
 
 sys.path.append(str(Path(__file__).parent))
+from flight_files import make_video
 from gopro_files import gopro_video, settings
 from turning_videos import looking, write_video
 
@@ -223,6 +224,24 @@ def test_the_refusal_says_why_turns_do_not_help(turning_video, tmp_path):
     video, _, _ = turning_video
     write_csv(tmp_path / "log.csv", [VelocitySample(k * 10**8, [1.0, 0, 0]) for k in range(100)])
     with pytest.raises(BadInput, match="of its turns: the log does not tell how the camera turns"):
+        open_flight(video, tmp_path / "log.csv")
+
+
+def test_a_video_that_does_not_tell_its_length_is_not_asked_about_what_comes_after_it(tmp_path):
+    """The log turns most a minute after the last picture: a stream as it was written, cut or not."""
+    video = make_video(tmp_path / "v.mkv", range(0, 2000, 100), options={"live": "1"})
+    at_s = np.arange(0, 90, 0.1)
+    turned = np.sin(at_s) * (at_s > 60)
+    samples = [
+        sample
+        for at, yaw in zip(at_s, turned, strict=True)
+        for sample in (
+            VelocitySample(round(at * 1e9), [5, 0, 0]),
+            AttitudeSample(round(at * 1e9), [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]),
+        )
+    ]
+    write_csv(tmp_path / "log.csv", samples)
+    with pytest.raises(BadInput, match=r"of its turns: the camera hardly turns.*--hfov DEGREES"):
         open_flight(video, tmp_path / "log.csv")
 
 

@@ -46,6 +46,18 @@ def test_the_order_of_the_wishes_is_of_no_account(wanted: list[float]) -> None:
     ]
 
 
+@given(st.lists(st.sampled_from([0.1, 1.2]), min_size=61, max_size=61))
+def test_each_velocity_speaks_of_its_own_time(sigmas: list[float]) -> None:
+    """3 m/s stand out of 0.1 m/s, and not of 1.2: over a time of both it is their mean that counts."""
+    track = Trajectory()
+    for k, sigma in enumerate(sigmas):
+        track.add_velocity(k * STEP, (3.0, 0, 0), frame="world", sigma=sigma)
+    lines = baselines(track, frames(60), 60 * STEP, 0.3)
+    means = [np.trapezoid(sigmas[k:]) / (60 - k) for k in range(60)]
+    expected = [mean < 1 and 0.1 * (60 - k) >= 0.05 for k, mean in enumerate(means)]
+    assert lines.usable.tolist() == expected
+
+
 def test_more_than_there_is_gives_the_longest() -> None:
     assert picked([1e9])[0].previous.index == 0
 

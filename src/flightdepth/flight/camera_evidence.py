@@ -126,6 +126,14 @@ class CameraEvidence:
         return watch.focal(ideal_lenses(watch.camera))
 
     @property
+    def zoom(self) -> float:
+        """By how much longer the longest focal length of these pictures is than the shortest, by the log."""
+        if self.view is None:
+            return 1.0
+        halves = np.tan(np.radians(self.view.between(self.video.start_ns, self.video.end_ns)) / 2)
+        return float(halves.max() / halves.min())
+
+    @property
     def turns_hidden_by(self) -> str:
         """Why the pictures need not turn as the camera does; empty where nothing says so."""
         if self.view is not None:

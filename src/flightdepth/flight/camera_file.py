@@ -47,7 +47,7 @@ OWN_FIELDS = {"width", "height", "fx", "fy", "cx", "cy", "distortion", "model"}
 def read_camera(path: Path) -> Camera:
     """Read a calibration; a file without a focal length is refused."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise BadInput(f"camera {path}", expected=EXPECTED, got="a binary file") from error
     except OSError as error:
@@ -77,10 +77,17 @@ def _from_own(path: Path, fields: dict[str, Any]) -> Camera:
     try:
         fx, fy, cx, cy = (float(fields[name]) for name in ("fx", "fy", "cx", "cy"))
         distortion = tuple(float(value) for value in fields.get("distortion", ()))
-        width, height = int(fields["width"]), int(fields["height"])
+        width, height = _whole(fields["width"]), _whole(fields["height"])
     except (TypeError, ValueError, OverflowError) as error:
         raise BadInput(f"camera {path}", expected="numbers", got=str(error)) from error
     return Camera(width, height, fx, fy, cx, cy, distortion, fields.get("model", "pinhole"))
+
+
+def _whole(pixels: Any) -> int:
+    number = float(pixels)
+    if not number.is_integer():
+        raise ValueError(f"{pixels} where a side has whole pixels")
+    return int(number)
 
 
 def _from_storage(path: Path, text: str) -> Camera:
@@ -100,7 +107,7 @@ def _from_nodes(path: Path, root: Any) -> Camera:
     if matrix is None:
         raise _no_focal_length(path)
     names = SIZE_NAMES[1] if root.getNode(SIZE_NAMES[0][0]).empty() else SIZE_NAMES[0]
-    width, height = (int(_real(root.getNode(name), name)) for name in names)
+    width, height = (_whole(_real(root.getNode(name), name)) for name in names)
     if len(matrix) != 9:
         raise BadInput(f"camera {path}", expected="a 3x3 camera matrix", got=f"{len(matrix)} numbers")
     distortion = _numbers(root, DISTORTION_NAMES)

@@ -12,7 +12,14 @@ from pathlib import Path
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.flight.camera_evidence import CameraEvidence, ChosenCamera, described, fov_camera, same_shape
+from flightdepth.flight.camera_evidence import (
+    ZOOMED,
+    CameraEvidence,
+    ChosenCamera,
+    described,
+    fov_camera,
+    same_shape,
+)
 from flightdepth.flight.camera_file import read_camera
 from flightdepth.flight.lenses import CONTRADICTION, find_lens
 from flightdepth.flight.photograph import is_photograph, read_photograph
@@ -101,6 +108,11 @@ def warnings(evidence: CameraEvidence, chosen: ChosenCamera, told: ChosenCamera 
         yield f"mode {evidence.gopro.mode} of the {evidence.gopro.model} stretches the picture: depth bends"
     if evidence.gopro is not None and evidence.gopro.zoomed:
         yield f"the {evidence.gopro.model} zoomed digitally: a figure for its mode without zoom is too wide"
+    if chosen.views is None and evidence.zoom > 1 + ZOOMED:
+        yield (
+            f"the lens zooms by {evidence.zoom:.2f} meanwhile, by the log, and one focal length is taken for all: "
+            "depths will be wrong by so much; run parts of one zoom, with --start and --end"
+        )
     if told is not None and abs(chosen.camera.fx / told.camera.fx - 1) > CONTRADICTION:
         share = chosen.camera.fx / told.camera.fx
         yield (

@@ -14,8 +14,15 @@ from flightdepth.flight.gimbal import looking, with_fixed_camera
 from flightdepth.flight.gpmf_telemetry import read_gpmf
 from flightdepth.flight.offset import ClockOffset, estimate_offset
 from flightdepth.flight.recordings import at_recording, searched_s
-from flightdepth.flight.records import FASTEST_M_S, LATEST_NS, NS_PER_S, Telemetry, VelocitySample, seconds
-from flightdepth.flight.signals import GAP_S
+from flightdepth.flight.records import (
+    FASTEST_M_S,
+    LATEST_NS,
+    MAX_GAP_S,
+    NS_PER_S,
+    Telemetry,
+    VelocitySample,
+    seconds,
+)
 from flightdepth.flight.telemetry import is_log, read_telemetry
 from flightdepth.flight.video import Video
 
@@ -78,10 +85,20 @@ def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:
     """The log inside a video, or else the one beside it, and whether it is the one inside.
 
     Raises:
-        BadInput: there is none; `mend` says what to do then.
+        BadInput: there is none, or one inside without a velocity and none beside; `mend` says what to do then.
     """
-    inside = read_gpmf(video)
-    return (read_telemetry(log_beside(video, mend)), False) if inside is None else (inside, True)
+    silent = None
+    try:
+        inside = read_gpmf(video)
+    except BadInput as error:
+        inside, silent = None, error
+    if inside is not None:
+        return inside, True
+    try:
+        beside = log_beside(video, mend)
+    except BadInput as error:
+        raise silent or error from None
+    return read_telemetry(beside), False
 
 
 def log_beside(video: Path, mend: str) -> Path:
@@ -164,11 +181,11 @@ def velocities_apart_ns(log: Telemetry) -> int:
 def seldom_told(log: Telemetry) -> tuple[str, ...]:
     """A line where so much time lies between two velocities that nobody knows how the drone flew meanwhile."""
     apart_ns = velocities_apart_ns(log)
-    if apart_ns <= GAP_S * NS_PER_S:
+    if apart_ns <= MAX_GAP_S * NS_PER_S:
         return ()
     return (
         f"the log tells a velocity every {apart_ns / NS_PER_S:.1f} s only, and more than "
-        f"{GAP_S:g} s between two are not bridged: most frames will have no depth; log it more often",
+        f"{MAX_GAP_S:g} s between two are not bridged: most frames will have no depth; log it more often",
     )
 
 

@@ -28,6 +28,7 @@ from flightdepth.flight.offset import ClockOffset
 from flightdepth.flight.own_track import disagreements
 from flightdepth.flight.recordings import doubted_length
 from flightdepth.flight.records import (
+    MAX_GAP_S,
     NS_PER_S,
     AttitudeSample,
     Frame,
@@ -36,7 +37,6 @@ from flightdepth.flight.records import (
     Telemetry,
     VelocitySample,
 )
-from flightdepth.flight.signals import GAP_S
 from flightdepth.flight.steadiness import small_camera
 from flightdepth.flight.turn_verdict import doubted_by_turns
 from flightdepth.flight.turned_focal import TurnWatch
@@ -216,7 +216,7 @@ def merged(frames: Iterator[Frame], samples: tuple[Sample, ...]) -> Iterator[Fra
             given = bisect_left(samples, frame.stamp_ns - LEAD_NS, key=lambda sample: sample.stamp_ns)
         until_ns = _next(velocities, frame.stamp_ns, end_ns)
         turned_ns = _next(attitudes, frame.stamp_ns, until_ns)
-        if turned_ns - frame.stamp_ns <= GAP_S * NS_PER_S:
+        if turned_ns - frame.stamp_ns <= MAX_GAP_S * NS_PER_S:
             until_ns = max(until_ns, turned_ns)
         while given < len(samples) and samples[given].stamp_ns <= until_ns:
             yield samples[given]

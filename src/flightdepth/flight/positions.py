@@ -26,6 +26,7 @@ HALF_WINDOW_LIMIT_S = 5.0
 APART_S = 1.0  # velocities are told at least so often, where fixes are seldom seen to change
 ROUNDING_TARGET_M_S = 0.2  # the window grows until rounding costs less than this
 JUMP_M = 100.0  # off the median of its neighbours: not flown
+STANDING_OUT = 10.0  # times the median variance: of windows of three fixes one in a thousand does by chance
 DEGREE_M = 111_320.0  # of the equator: the longest
 
 Indices = NDArray[np.int64]
@@ -100,10 +101,20 @@ def local_ned(places_deg: Vector, heights_m: Vector) -> Vector:
 
 
 def without_jumps(ned: Vector) -> NDArray[np.bool_]:
-    """Which positions [n, 3] lie within JUMP_M of the median of the five around them."""
-    padded = np.pad(ned, ((2, 2), (0, 0)), mode="edge")
-    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5, axis=0), axis=-1)
-    return np.asarray(np.abs(ned - middle).max(axis=1) <= JUMP_M)
+    """Which positions [n, 3] lie within JUMP_M of the median of the five around them.
+
+    Beyond either end stands what the next three say of the end, straight on, so that it may jump too.
+    """
+    before, after = _end_foretold(ned), _end_foretold(ned[::-1])[::-1]
+    around = np.lib.stride_tricks.sliding_window_view(np.concatenate([before, ned, after]), 5, axis=0)
+    return np.asarray(np.abs(ned - np.median(around, axis=-1)).max(axis=1) <= JUMP_M)
+
+
+def _end_foretold(ned: Vector) -> Vector:
+    """The first of positions [n, 3] by the line through the third and fourth, and the second and third, [2, 3]."""
+    if len(ned) < 4:
+        return np.repeat(ned[:1], 2, axis=0)
+    return np.stack([3 * ned[2] - 2 * ned[3], 2 * ned[1] - ned[2]])
 
 
 def fixes(times_s: Vector, values: Vector) -> Indices:
@@ -161,11 +172,12 @@ def line_slopes(times_s: Vector, values: Vector, at_s: Vector, step_m: float) ->
     """Slope [n, k] of the least-squares line through `values` [m, k] around each of `at_s` [n].
 
     Its standard deviation is that of the residuals of all windows together (or of rounding to `step_m`, if that
-    is more), over the spread of the window's times. NaN where a window holds fewer than two fixes.
+    is more), over the spread of the window's times; where a window stands out, as at a fix that is wrong, that of
+    its own. NaN where a window holds fewer than two fixes.
     """
     half_s = half_window_s(times_s, step_m)
     slopes = np.full((len(at_s), values.shape[1]), np.nan)
-    spread, residual, freedom = np.full(len(at_s), np.nan), 0.0, 0
+    spread, residual, freedom = np.full(len(at_s), np.nan), np.zeros(len(at_s)), np.zeros(len(at_s))
     first = np.searchsorted(times_s, at_s - half_s - 1e-6)
     last = np.searchsorted(times_s, at_s + half_s + 1e-6)
     for index, (start, end) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
@@ -175,10 +187,20 @@ def line_slopes(times_s: Vector, values: Vector, at_s: Vector, step_m: float) ->
         x = values[start:end] - values[start:end].mean(axis=0)
         spread[index] = t @ t
         slopes[index] = t @ x / spread[index]
-        residual += float(((x - np.outer(t, slopes[index])) ** 2).sum())
-        freedom += (end - start - 2) * values.shape[1]
-    scatter = max(np.sqrt(residual / max(freedom, 1)), step_m / np.sqrt(12))
-    return Slopes(slopes, scatter / np.sqrt(spread))
+        residual[index] = ((x - np.outer(t, slopes[index])) ** 2).sum()
+        freedom[index] = (end - start - 2) * values.shape[1]
+    return Slopes(slopes, np.sqrt(_scatter(residual, freedom, step_m**2 / 12) / spread))
+
+
+def _scatter(residual: Vector, freedom: Vector, least: float) -> Vector:
+    """Variance of the values in each window, [n], from its sum of squares and degrees of freedom: that of all windows
+    together, or of its own where that stands out. At least `least`.
+    """
+    own = residual / np.maximum(freedom, 1)
+    median = np.median(own[freedom > 0]) if freedom.any() else 0.0
+    apart = own > STANDING_OUT * max(median, least)
+    usual = residual[~apart].sum() / max(freedom[~apart].sum(), 1)
+    return np.where(apart, own, max(usual, least))
 
 
 def velocities(stamps_ns: NDArray[np.int64], ned: Vector, *, steps_m: tuple[float, float]) -> Velocities:

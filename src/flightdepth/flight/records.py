@@ -22,6 +22,8 @@ from flightdepth.motion import Vector, unit_quaternion
 VelocityFrame = Literal["world", "camera"]
 NS_PER_S = 1_000_000_000
 LATEST_NS = 1 << 62  # 146 years: beyond it, times less others leave 64 bits
+# Between two samples farther apart nothing is interpolated. GPS-class logs come at 1 Hz with some jitter.
+MAX_GAP_S = 1.5
 FASTEST_M_S = 150.0  # no drone flies faster: a velocity beyond it is damage
 
 

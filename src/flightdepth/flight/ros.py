@@ -55,6 +55,7 @@ from flightdepth.motion import (
 )
 
 NEAR_NS = 100_000_000  # an orientation farther away says nothing of a velocity
+ASKED_FOR = ("setpoint", "goal", "target", "cmd")
 UNREADABLE = "messages that cannot be read"
 USED = frozenset([*VELOCITY_KINDS, *ORIENTATION_KINDS, *IMAGE_KINDS])
 
@@ -69,6 +70,11 @@ class Topic:
     first_ns: int | None = None
     twists: list[Twist] = field(default_factory=list)
     orientations: list[Orientation] = field(default_factory=list)
+
+    @property
+    def asked_for(self) -> bool:
+        """Whether its name says that it tells how the drone is to fly, not how it does."""
+        return any(word in self.name for word in ASKED_FOR)
 
 
 def looks_like_ros(head: bytes, path: Path) -> bool:
@@ -100,10 +106,12 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     return Telemetry(name, by_time(velocities, attitudes), dict(+counts), body_attitudes=tuple(bodies))
 
 
-def _knows_turns(topic: Topic, chosen: Topic) -> tuple[bool, bool, bool, int]:
-    """What ranks the topics that tell how the body is turned: the velocity's own, a pose before a mere gyroscope's."""
+def _knows_turns(topic: Topic, chosen: Topic) -> tuple[bool, bool, bool, bool, int]:
+    """What ranks the topics that tell how the body is turned: the velocity's own, one that tells how it is and not how
+    it is to be, a pose before a mere gyroscope's.
+    """
     count = sum(not turn.of_camera for turn in topic.orientations)
-    return count > 0, topic is chosen, topic.kind != IMU, count
+    return count > 0, topic is chosen, not topic.asked_for, topic.kind != IMU, count
 
 
 def _topics(path: Path, counts: Counter[str]) -> tuple[list[Topic], dict[str, str]]:
@@ -146,7 +154,7 @@ def _choose(path: Path, topics: Sequence[Topic], kinds: dict[str, str], name: st
     if fit:
 
         def rank(known: Topic) -> tuple[bool, int, int, str]:
-            last = known.name.endswith(MAVROS_GLOBAL)
+            last = known.asked_for or known.name.endswith(MAVROS_GLOBAL)
             return last, VELOCITY_KINDS.index(known.kind), -len(known.twists), known.name
 
         return min(fit, key=rank)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -59,8 +60,15 @@ def ros_frames(path: Path, topic: str | None = None, counts: Counter[str] | None
     if chosen not in known:
         got = ", ".join(known) or "no pictures"
         raise BadInput(f"recording {path}", expected=f"pictures{f' in {topic}' if topic else ''}", got=got)
-    zero_ns = next((each.stamp_ns for each in _frames(path, most, Counter(), 0)), 0)
-    return _frames(path, chosen, counts, zero_ns)
+    return _frames(path, chosen, counts, next(_stamps_ns(path, most), 0))
+
+
+def _stamps_ns(path: Path, topic: str | None) -> Iterator[int]:
+    """Of the messages whose header can be read, as `ros` counts from the first of them."""
+    for message in ros_messages(path, lambda kind: kind in IMAGE_KINDS, Counter()):
+        with suppress(DamagedError):
+            if message.topic == topic:
+                yield stamp_of(decoded(message).header, message.log_ns)
 
 
 def _frames(path: Path, topic: str | None, counts: Counter[str], zero_ns: int) -> Iterator[Frame]:

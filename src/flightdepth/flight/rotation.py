@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flightdepth.camera import Camera
-from flightdepth.epipolar import NEAREST_TO_FOCUS, aside
+from flightdepth.epipolar import LEAST_REACH, aside
 from flightdepth.motion import Vector
 from flightdepth.runtimes.lens import undistort
 
@@ -163,12 +163,12 @@ def _costs(flow: Flow, motion: _Motion, noise: float) -> Vector:
 def _left(flow: Flow, motion: _Motion) -> tuple[Vector, Vector, tuple[Vector, Vector, Vector]]:
     """What m turns leave of the flow of n points across the lines of flight, and along them, forward, each [m, n].
 
-    Then that flow itself [2, m, n], A t [2, m, n] and its length, at least NEAREST_TO_FOCUS, [m, n].
+    Then that flow itself [2, m, n], A t [2, m, n] and its length, at least LEAST_REACH, [m, n].
     """
     along_x, along_y = rotation_flow(flow.points)
     turned = np.stack([motion.turns @ along_x.T, motion.turns @ along_y.T])
     moved = flow.motions.T[:, None] - turned
-    ahead, reach = _ahead(flow.points, motion.directions, NEAREST_TO_FOCUS)
+    ahead, reach = _ahead(flow.points, motion.directions, LEAST_REACH)
     off = (ahead[0] * moved[1] - ahead[1] * moved[0]) / reach
     along = (ahead * moved).sum(axis=0) / reach
     return off, along, (moved, ahead, reach)

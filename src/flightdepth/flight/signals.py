@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.flight.records import NS_PER_S, Telemetry
+from flightdepth.flight.records import MAX_GAP_S, NS_PER_S, Telemetry
 from flightdepth.motion import Vector, rotations_from_quaternions
 
 Stamps = NDArray[np.int64]
 
 STEP_S = 0.04
-GAP_S = 1.5  # longer ones in a signal are not bridged
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +32,7 @@ class Signal:
         if len(times) < 2:
             return first, np.full((len(at_s), self.values.shape[1]), np.nan)
         after = np.searchsorted(times, at_s).clip(1, len(times) - 1)
-        inside = (at_s >= times[0]) & (at_s <= times[-1]) & (times[after] - times[after - 1] <= GAP_S)
+        inside = (at_s >= times[0]) & (at_s <= times[-1]) & (times[after] - times[after - 1] <= MAX_GAP_S)
         columns = [np.where(inside, np.interp(at_s, times, column), np.nan) for column in values.T]
         return first, np.stack(columns, axis=1)
 
@@ -69,7 +68,7 @@ def attitude_rates(stamps_ns: Stamps, quaternions_n4: Vector, *, axes: bool = Tr
     odd = steps - steps.transpose(0, 2, 1)
     vectors = np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=1) / 2  # sines: the steps are small
     span_s = np.diff(at_s)
-    sound = (span_s > 0) & (span_s <= GAP_S)
+    sound = (span_s > 0) & (span_s <= MAX_GAP_S)
     middle_s = (at_s[1:] + at_s[:-1]) / 2
     return Signal(middle_s[sound], vectors[sound] / span_s[sound, None], axes)
 

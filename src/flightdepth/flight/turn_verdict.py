@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
 from flightdepth.flight.apparent_motion import followed
 from flightdepth.flight.lenses import CERTAIN_ERROR, CONTRADICTION
 from flightdepth.flight.records import NS_PER_S, Telemetry
@@ -19,11 +20,18 @@ SIGMAS = 3.0  # of what turns tell
 
 
 def turns_of(video: Video, log: Telemetry, camera: Camera) -> TurnWatch:
-    """The part of the file in which the camera turns most, watched through `camera`, whatever part `video` shows."""
+    """The part of the file in which the camera turns most, watched through `camera`, whatever part `video` shows.
+
+    No part where the log turns most after the pictures end: a video that is cut, or streamed, need not tell its length.
+    """
     watch = TurnWatch(log, small_camera(camera))
     last_s = (video.duration_ns or math.inf) / NS_PER_S
     start_s = watch.busiest_s(0.0, last_s, WATCHED_S)
-    with Video(video.path, start_s=start_s, end_s=min(start_s + WATCHED_S, last_s)) as watched:
+    try:
+        watched = Video(video.path, start_s=start_s, end_s=min(start_s + WATCHED_S, last_s))
+    except BadInput:
+        return watch
+    with watched:
         frames = (frame for frame in watched.frames() if watch.wants(frame.stamp_ns))
         for pair in followed(frames, camera):
             watch.add(*pair)

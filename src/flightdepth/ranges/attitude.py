@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.flight.records import MAX_GAP_S
 from flightdepth.motion import Vector, mixed_quaternions, rotations_from_quaternions
 from flightdepth.ranges.timeline import Rows, Stamps
 
 Flags = NDArray[np.bool_]
 
-# Between two samples farther apart nothing is interpolated. GPS-class logs come at 1 Hz with some jitter.
-MAX_GAP_S = 1.5
 # Past the last sample its value is held this long: two periods of a 4 Hz log. A drone that brakes with
 # 2 m/s^2 meanwhile puts the position 0.25 m off.
 HOLD_S = 0.5

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.records import VelocityFrame
+from flightdepth.flight.records import MAX_GAP_S, VelocityFrame
 from flightdepth.motion import Vector, quaternion_from_rotation, unit_quaternion
-from flightdepth.ranges.attitude import MAX_GAP_S, Flags, neighbours, orientations
+from flightdepth.ranges.attitude import Flags, neighbours, orientations
 from flightdepth.ranges.pose_jumps import MAX_ACCELERATION_M_S2, PoseJumps
 from flightdepth.ranges.timeline import Rows, Stamps, Timeline
 
@@ -23,19 +23,21 @@ class States:
     """The camera at k times.
 
     position_m         [k, 3]     world frame, comparable only within one segment
+    sigma_m            [k]        standard deviation that velocities added up to; 0 for measured positions
     segment            [k]        int; -1 where the position is unknown
     world_from_camera  [k, 3, 3]  the identity where the attitude is unknown
     oriented           [k]        whether the attitude is known
     """
 
     position_m: Vector
+    sigma_m: Vector
     segment: NDArray[np.int64]
     world_from_camera: Vector
     oriented: Flags
 
 
 def integrate(stamps_ns: Stamps, velocity: Rows, at_ns: Stamps) -> tuple[Vector, NDArray[np.int64]]:
-    """Positions [k, 3] (m) and segments [k] at `at_ns`, from world velocities [m, 3] (m/s).
+    """Positions [k, c] (m) and segments [k] at `at_ns`, from velocities [m, c] (m/s).
 
     Velocity runs straight from sample to sample, so the trapezoid rule is exact between samples as well.
     A gap longer than MAX_GAP_S starts a new segment; past a segment's end its last velocity holds for HOLD_S.
@@ -43,7 +45,7 @@ def integrate(stamps_ns: Stamps, velocity: Rows, at_ns: Stamps) -> tuple[Vector,
     step_s = np.diff(stamps_ns) * 1e-9
     gap = step_s > MAX_GAP_S
     steps = np.where(gap, 0.0, step_s)[:, None] * (velocity[1:] + velocity[:-1]) / 2
-    position = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    position = np.concatenate([np.zeros((1, velocity.shape[1])), np.cumsum(steps, axis=0)])
     segment = np.concatenate([[0], np.cumsum(gap)])
     before, elapsed_s, share, known = neighbours(stamps_ns, at_ns)
     after = np.minimum(before + 1, len(velocity) - 1)
@@ -77,18 +79,18 @@ class Trajectory:
     Samples may come ahead of the frames; each must come after the one before of its kind, or it is dropped
     and counted in `dropped`, as are the oldest where more are given than a `Timeline` keeps. A velocity that
     jumps away by more than MAX_ACCELERATION_M_S2 waits for the next one: agreed with, both count; alone, it
-    is dropped. So does a pose that jumps (see `PoseJumps`); agreed with, it begins a new segment.
+    is dropped (the first of all is not asked). So does a pose that jumps (see `PoseJumps`); agreed with, it begins a
+    new segment.
     """
 
     def __init__(self) -> None:
         self.dropped: Counter[str] = Counter()
         self.frame: VelocityFrame | None = None
-        self.sigma_m_s: float = 0.0
-        self._velocities = Timeline(3)
+        self._velocities = Timeline(4)  # and standard deviation
         self._attitudes = Timeline(4)
         self._poses = Timeline(8)  # position, quaternion, segment
         self._jumps = PoseJumps(self.dropped)
-        self._suspect: tuple[int, Vector] | None = None
+        self._suspect: tuple[int, Rows] | None = None
 
     @property
     def from_poses(self) -> bool:
@@ -119,8 +121,7 @@ class Trajectory:
         if sigma is not None and not (np.isfinite(sigma) and sigma >= 0):
             raise BadInput("velocity sigma", expected="0 or more m/s", got=str(sigma))
         self.frame = frame
-        self.sigma_m_s = sigma or 0.0
-        self._take_velocity(stamp_ns, v)
+        self._take_velocity(stamp_ns, np.append(v, sigma or 0.0))
 
     def add_attitude(self, stamp_ns: int, quaternion: ArrayLike) -> None:
         """`world_from_camera` as a quaternion (w, x, y, z)."""
@@ -146,8 +147,8 @@ class Trajectory:
     def at(self, at_ns: Stamps) -> States:
         """The camera at the rising times `at_ns`, shape (k,), k >= 1."""
         first, last = int(at_ns[0]), int(at_ns[-1])
-        position, segment = self._positions(first, last, at_ns)
-        return States(position, segment, *self._orientations(first, last, at_ns))
+        position, sigma, segment = self._positions(first, last, at_ns)
+        return States(position, sigma, segment, *self._orientations(first, last, at_ns))
 
     def forget(self, before_ns: int) -> None:
         """Drop what times from `before_ns` on do not need."""
@@ -157,17 +158,20 @@ class Trajectory:
         oldest, _ = self._velocities.between(before_ns, before_ns)
         self._attitudes.forget(min([before_ns, *oldest[:1].tolist()]))
 
-    def _positions(self, first: int, last: int, at_ns: Stamps) -> tuple[Vector, NDArray[np.int64]]:
+    def _positions(self, first: int, last: int, at_ns: Stamps) -> tuple[Vector, Vector, NDArray[np.int64]]:
         if self.from_poses:
             stamps, rows = self._poses.between(first, last, spare=1)  # tells the speed past the last
-            return interpolate(stamps, rows[:, :3], rows[:, 7].astype(np.int64), at_ns)
-        stamps, velocity = self._velocities.between(first, last)
+            position, segment = interpolate(stamps, rows[:, :3], rows[:, 7].astype(np.int64), at_ns)
+            return position, np.zeros(len(at_ns)), segment
+        stamps, rows = self._velocities.between(first, last)
         if self.frame == "camera" and not self.non_rotating and len(stamps):
             turns, known = self._orientations(int(stamps[0]), int(stamps[-1]), stamps)
-            stamps, velocity = stamps[known], np.einsum("kij,kj->ki", turns[known], velocity[known])
+            stamps, rows = stamps[known], rows[known]
+            rows[:, :3] = np.einsum("kij,kj->ki", turns[known], rows[:, :3])
         if not len(stamps):
-            return np.zeros((len(at_ns), 3)), np.full(len(at_ns), -1)
-        return integrate(stamps, velocity, at_ns)
+            return np.zeros((len(at_ns), 3)), np.zeros(len(at_ns)), np.full(len(at_ns), -1)
+        flown, segment = integrate(stamps, rows, at_ns)
+        return flown[:, :3], flown[:, 3], segment
 
     def _orientations(self, first: int, last: int, at_ns: Stamps) -> tuple[Vector, Flags]:
         if self.from_poses:
@@ -175,7 +179,7 @@ class Trajectory:
             return orientations(stamps, rows[:, 3:7], at_ns)
         return orientations(*self._attitudes.between(first, last), at_ns)
 
-    def _take_velocity(self, stamp_ns: int, velocity: Vector) -> None:
+    def _take_velocity(self, stamp_ns: int, velocity: Rows) -> None:
         newest = self._suspect[0] if self._suspect else self._velocities.newest_ns
         if newest is None or stamp_ns <= newest:
             if newest is None:
@@ -204,7 +208,7 @@ class Trajectory:
         self.dropped[f"{kind} not after the one before"] += 1
 
 
-def _plausible(from_ns: int, start: Vector, to_ns: int, end: Vector) -> bool:
-    """Whether a drone can change its velocity from `start` to `end` in that time."""
+def _plausible(from_ns: int, start: Rows, to_ns: int, end: Rows) -> bool:
+    """Whether a drone can change its velocity, the first three of a row, from `start` to `end` in that time."""
     allowed = SPEED_NOISE_M_S + MAX_ACCELERATION_M_S2 * (to_ns - from_ns) * 1e-9
-    return float(np.linalg.norm(end - start)) <= allowed
+    return float(np.linalg.norm((end - start)[:3])) <= allowed

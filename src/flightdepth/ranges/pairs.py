@@ -10,7 +10,7 @@ import numpy as np
 
 from flightdepth.motion import Vector
 from flightdepth.ranges.attitude import Flags
-from flightdepth.ranges.displacement import Trajectory
+from flightdepth.ranges.displacement import States, Trajectory
 from flightdepth.ranges.network import Image
 
 MAX_FRAMES = 128
@@ -104,7 +104,7 @@ def baselines(
     connected = (states.segment[:-1] == states.segment[-1]) & (states.segment[-1] >= 0)
     steady = turn_rad <= max_turn_rad
     seconds = np.asarray((stamp_ns - stamps[:-1]) * 1e-9, dtype=np.float64)
-    moved = _moved(trajectory, length, seconds)
+    moved = length >= _least_baseline(states, seconds, measured=trajectory.from_poses)
     current = stamp_ns, int(states.segment[-1])
     reason = _reason(frames, current, length, (connected, steady, moved))
     displacement = np.where(oriented[:, None], in_camera, world)
@@ -189,10 +189,13 @@ def same_way(displacements_m: Vector, one_m: Vector) -> Flags:
     return np.asarray(displacements_m @ one_m >= np.cos(SAME_WAY_RAD) * lengths)
 
 
-def _moved(trajectory: Trajectory, length_m: Vector, seconds: Vector) -> Flags:
-    """Whether each displacement is a baseline; a measured position has no drift that grows with time."""
-    slowest = 0.0 if trajectory.from_poses else max(MIN_SPEED_M_S, SPEED_OVER_SIGMA * trajectory.sigma_m_s)
-    return np.asarray((length_m >= MIN_BASELINE_M) & (length_m >= slowest * seconds))
+def _least_baseline(states: States, seconds: Vector, *, measured: bool) -> Vector:
+    """Metres [k] that a displacement to the last state needs; a measured position has no drift that grows with time."""
+    if measured:
+        return np.full(len(seconds), MIN_BASELINE_M)
+    drift_m = states.sigma_m[-1] - states.sigma_m[:-1]
+    hidden_m = np.maximum(MIN_SPEED_M_S * seconds, SPEED_OVER_SIGMA * drift_m)
+    return np.asarray(hidden_m.clip(MIN_BASELINE_M), np.float64)
 
 
 def _reason(

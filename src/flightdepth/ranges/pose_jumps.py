@@ -6,9 +6,8 @@ from collections import Counter
 
 import numpy as np
 
-from flightdepth.flight.records import FASTEST_M_S
+from flightdepth.flight.records import FASTEST_M_S, MAX_GAP_S
 from flightdepth.motion import Vector
-from flightdepth.ranges.attitude import MAX_GAP_S
 from flightdepth.ranges.timeline import Rows
 
 # A drone hardly accelerates by more; a lone sample that jumps farther is a glitch.
