@@ -53,9 +53,11 @@ def make_folder(option: str, path: Path) -> None:
 
 
 def check_parent(option: str, path: Path | None) -> None:
-    """Refuse a file, named on the command line, whose folder is missing or closed; before the work, not after it."""
+    """Refuse, before the work, a file named on the command line whose folder is missing or closed, or that is one."""
     if path is None:
         return
+    if path.is_dir():
+        raise BadInput(option, expected="a file", got=f"the folder {path}")
     if not path.parent.is_dir():
         raise BadInput(option, expected="a file in an existing folder", got=str(path))
     if not os.access(path.parent, os.W_OK | os.X_OK):

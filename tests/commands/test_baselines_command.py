@@ -28,6 +28,17 @@ def make(tmp_path, save_difference_network):
     return call
 
 
+def test_figures_go_neither_into_a_folder_nor_over_a_log(make, tmp_path, capsys):
+    assert make("--json", tmp_path) == 2
+    assert "--json: expected a file, got the folder" in capsys.readouterr().err
+    before = (tmp_path / "log.csv").read_bytes()
+    assert make("--json", tmp_path / "log.csv") == 2
+    assert "got another file, which it would replace" in capsys.readouterr().err
+    assert (tmp_path / "log.csv").read_bytes() == before
+    assert make("--picture", tmp_path / "sheet.jpg") == 2
+    assert "expected a .png file" in capsys.readouterr().err
+
+
 def test_figures_and_picture_of_the_sample(tmp_path, capsys):
     files = ["--json", str(tmp_path / "figures.json"), "--picture", str(tmp_path / "sheet.png")]
     options = ["--network", "tiny-clamped-512", "--end", "1.2", "--every", "6", "--baselines", "2,1"]

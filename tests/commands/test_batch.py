@@ -116,6 +116,11 @@ def test_a_flight_without_any_depth_is_written_and_told_by_the_exit_code(run, wo
     assert ("2 flights: 2 without any depth" in stdout) == (len(flights) > 1)
     folder = work / "out" / ("" if len(flights) == 1 else "one")
     assert all(row.reason for row in FlightFolder(folder).rows)
+    if len(flights) > 1:
+        code, stdout, _ = run("--speed", "0")
+        assert code == 3
+        assert "one.mp4: finished before, skipped" in stdout
+        assert "2 flights: 2 finished before without any depth" in stdout
 
 
 def test_a_single_flight_is_run_again(run, work):
@@ -131,6 +136,13 @@ def test_what_a_single_flight_replaces_of_another_is_told(run):
     code, _, stderr = run(flights=("two.mp4",))
     assert code == 0
     assert "out holds the result of one.mp4, which this one replaces when it is done" in stderr
+
+
+def test_what_another_card_s_flight_of_that_name_replaces_is_told(run, work):
+    run(flights=("one.mp4",))
+    (work / "card").mkdir()
+    make_video(work / "card" / "one.mp4", frames=8)
+    assert "out holds the result of another one.mp4, which" in run(flights=("card/one.mp4",))[2]
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)

@@ -2,7 +2,13 @@
 
 from rich.table import Table
 
-from flightdepth.commands.terminal import show_table
+from flightdepth.commands.terminal import say, show_table
+
+
+def test_an_address_is_said_as_it_is(capsys):
+    """`:a:` is a picture to Rich."""
+    say("page: http://[fd00::a:5]:8080/")
+    assert capsys.readouterr().out == "page: http://[fd00::a:5]:8080/\n"
 
 
 def test_a_table_in_a_pipe_is_as_wide_as_it_is(capsys):

@@ -50,6 +50,23 @@ def test_only_its_own_older_recording_is_replaced(folder, tmp_path, capsys):
     assert [main(["view", str(folder), "--save", str(target)]) for _ in range(2)] == [0, 0]
 
 
+def test_a_damaged_flight_ends_it(tmp_path):
+    """Rerun waited for itself for ever."""
+    folder = write_flown(tmp_path / "out").folder
+    sorted((folder / "depth").iterdir())[-1].unlink()
+    command = [sys.executable, "-m", "flightdepth", "view", folder, "--save", tmp_path / "flight.rrd"]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 2
+    assert "No such file" in ended.stderr
+    assert not (tmp_path / "flight.rrd").exists()
+
+
+@pytest.mark.parametrize("option", ["--port", "--data-port"])
+def test_a_port_of_a_page_that_is_not_asked_for(folder, capsys, option):
+    assert main(["view", str(folder), "--save", "a.rrd", option, "1234"]) == 2
+    assert "expected --web beside them" in capsys.readouterr().err
+
+
 def test_web_and_save_exclude_each_other(folder, capsys):
     assert main(["view", str(folder), "--web", "--save", "a.rrd"]) == 2
     assert "one of them" in capsys.readouterr().err

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 
 import av
 import cv2
@@ -174,6 +175,24 @@ def test_a_folder_with_something_else_in_it_is_refused(tmp_path):
     (tmp_path / "holiday.jpg").write_bytes(b"precious")
     with pytest.raises(BadInput, match=r"holiday\.jpg"):
         writer(tmp_path)
+
+
+@pytest.mark.parametrize("where", [".", ".."])
+def test_the_folder_where_the_user_is_is_not_taken_away(tmp_path, monkeypatch, where):
+    """It would be renamed, and the shell be left in one that is gone."""
+    (tmp_path / "out" / "inside").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "out" / ("" if where == "." else "inside"))
+    with pytest.raises(BadInput, match=r"out, where you are\. Give one inside it"):
+        write(Path(where), [known(RAMP)])
+    write(Path("deeper"), [known(RAMP)])
+    assert FlightFolder(Path("deeper")).rows
+
+
+@pytest.mark.skipif(not Path("/proc").is_mount(), reason="Linux's")
+def test_a_mount_point_is_refused_before_the_work():
+    """No system renames one: the result would be lost at the end."""
+    with pytest.raises(BadInput, match="got a mount point"):
+        write(Path("/proc"), [known(RAMP)])
 
 
 def test_a_file_in_the_folders_place_is_refused(tmp_path):

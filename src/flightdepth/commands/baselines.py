@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flightdepth.commands.figures import JsonOption, write_figures
+from flightdepth.commands.figures import JsonOption, check_figures, write_figures
 from flightdepth.commands.flight_options import (
     CameraOption,
     EndOption,
@@ -72,8 +72,10 @@ def baselines(
     from flightdepth.runtimes.network import load_network, nearest_network
 
     lengths_m = lengths(baselines)
-    check_parent("--json", json)
+    check_figures(json)
     check_parent("--picture", picture)
+    if picture is not None and picture.suffix != ".png":
+        raise BadInput("--picture", expected="a .png file", got=str(picture))
     with open_flight(flight, telemetry, camera, hfov_deg=hfov, start_s=start, end_s=end) as opened:
         opened_networks = [load_network(n) for n in network or [nearest_network(opened.camera)]]
         result, sights, valid = studied(opened, opened_networks, lengths_m, every)

@@ -25,6 +25,7 @@ class Outcome(StrEnum):
     DONE = "done"
     EMPTY = "without any depth"
     STOOD = "finished before"
+    STOOD_EMPTY = "finished before without any depth"
     FAILED = "failed"
 
 
@@ -64,9 +65,9 @@ def run_jobs(jobs: Sequence[Job], run: Run, engine: Engine, address: str | None)
             report(attempt)
             worst = max(worst, attempt.exit_code)
         outcomes[Outcome.FAILED if isinstance(attempt, FlightDepthError) else attempt] += 1
-        if attempt is Outcome.EMPTY:
+        if attempt in (Outcome.EMPTY, Outcome.STOOD_EMPTY):
             worst = max(worst, FlightDepthError.exit_code)
-        if attempt is Outcome.STOOD:
+        if attempt in (Outcome.STOOD, Outcome.STOOD_EMPTY):
             say(f"{job.flight}: finished before, skipped; remove {job.target} to have it done again")
         elif attempt is Outcome.DONE and engine == "ray":
             say(f"{job.flight}: done, {job.target}")

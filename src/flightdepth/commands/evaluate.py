@@ -9,7 +9,7 @@ import typer
 
 from flightdepth.commands.baselines import baselines
 from flightdepth.commands.extras import extra_packages
-from flightdepth.commands.figures import JsonOption, write_figures
+from flightdepth.commands.figures import JsonOption, check_figures, write_figures
 from flightdepth.commands.noise import noise
 from flightdepth.commands.ranges import ranges
 from flightdepth.commands.renderers import renderer
@@ -17,7 +17,7 @@ from flightdepth.commands.table import paper_table
 from flightdepth.commands.terminal import counted, say, show_table
 from flightdepth.commands.tracks import tracks
 from flightdepth.errors import BadInput
-from flightdepth.files import check_parent, make_folder
+from flightdepth.files import make_folder
 
 if TYPE_CHECKING:
     from flightdepth.evaluation.fixed_set import AnySet
@@ -95,7 +95,7 @@ def evaluate_network_command(
         from flightdepth.scenes import textures_from_folder
     from flightdepth.runtimes.network import load_network
 
-    check_parent("--json", json)
+    check_figures(json)
     for option, target in (("--pictures", pictures), ("--report", report)):
         if target is not None:
             make_folder(option, target)

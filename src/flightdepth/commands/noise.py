@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flightdepth.commands.extras import extra_packages
-from flightdepth.commands.figures import JsonOption, write_figures
+from flightdepth.commands.figures import JsonOption, check_figures, write_figures
 from flightdepth.commands.terminal import counted, show_table
 
 if TYPE_CHECKING:
@@ -44,10 +44,9 @@ def noise(
         from flightdepth.evaluation.noise import SEED, noise_rows
         from flightdepth.evaluation.provenance import network_facts, source_commit
 
-    from flightdepth.files import check_parent
     from flightdepth.runtimes.network import load_network
 
-    check_parent("--json", json)
+    check_figures(json)
     opened = [load_network(name, "openvino", precision="f32") for name in networks]
     pairs = fixed_set(next((n.card for n in opened if not n.card.any_lens), opened[0].card), scenes=scenes)
     rows = noise_rows(opened, counted(pairs, "noise", "scenes"), derotate=derotate)

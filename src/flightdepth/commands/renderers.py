@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flightdepth.commands.extras import extra_packages
-from flightdepth.commands.figures import JsonOption, write_figures
+from flightdepth.commands.figures import JsonOption, check_figures, write_figures
 from flightdepth.commands.terminal import counted, say
 from flightdepth.errors import BadInput
 from flightdepth.files import check_parent, write_atomic
@@ -48,7 +48,7 @@ def renderer(
     with extra_packages("flightdepth evaluate renderer", "train"):
         from flightdepth.evaluation.renderer import MEDIAN_LIMIT, OUTDOOR_MEDIAN_LIMIT, figures
         from flightdepth.renderers.blender import FINE, Blender
-    check_parent("--json", json)
+    check_figures(json)
     check_parent("--picture", picture)
     if picture is not None and picture.suffix not in (".jpg", ".png"):
         raise BadInput("--picture", expected="a .jpg or .png file", got=str(picture))

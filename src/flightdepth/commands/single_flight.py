@@ -47,10 +47,13 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
             aligned=settings.align,
         ).finer(settings.detail)
         check_options(network, settings)
-        if resume and stands(target, source_of(path.name, flight, network, settings)):
-            return Outcome.STOOD
+        if (
+            resume
+            and (found := standing(target, source_of(path.name, flight, network, settings))) is not None
+        ):
+            return Outcome.STOOD if found.counts.frames_with_depth else Outcome.STOOD_EMPTY
         introduce(path, flight, network)
-        if (other := other_flight(target, path.name)) is not None:
+        if (other := other_flight(target, path.name, flight.video_bytes)) is not None:
             warn(f"{target} holds the result of {other}, which this one replaces when it is done")
         started = time.monotonic()
         summary = write_depth(path.name, flight, network, target, settings)
@@ -187,21 +190,24 @@ def check_options(network: Network, settings: RunSettings) -> None:
         raise BadInput("--fallback", expected=expected, got=settings.fallback)
 
 
-def stands(target: Path, source: Source) -> bool:
-    """Whether `target` holds a finished result of the same."""
+def standing(target: Path, source: Source) -> FlightRecord | None:
+    """What a finished result of the same says of itself, where `target` holds one."""
     from flightdepth import __version__
 
     record = record_in(target)
-    if record is None:
-        return False
+    if record is None or record.flightdepth != __version__:
+        return None
+    # Some warnings come up in flight only.
     known, wanted = (each.model_dump(exclude={"warnings"}) for each in (record.source, source))
-    return record.flightdepth == __version__ and known == wanted  # some warnings come up in flight only
+    return record if known == wanted else None
 
 
-def other_flight(target: Path, name: str) -> str | None:
-    """The flight whose result `target` holds, where it is another one."""
+def other_flight(target: Path, name: str, video_bytes: int) -> str | None:
+    """The flight whose result `target` holds, where it is another one: cameras begin to count anew on each card."""
     record = record_in(target)
-    return None if record is None or record.source.flight == name else record.source.flight
+    if record is None or (record.source.flight, record.source.video_bytes) == (name, video_bytes):
+        return None
+    return record.source.flight if record.source.flight != name else f"another {name}"
 
 
 def record_in(target: Path) -> FlightRecord | None:

@@ -13,12 +13,12 @@ import typer
 
 from flightdepth.commands.export import card_of, running
 from flightdepth.commands.extras import extra_packages
-from flightdepth.commands.figures import JsonOption, write_figures
+from flightdepth.commands.figures import JsonOption, check_figures, write_figures
 from flightdepth.commands.terminal import counted, say, show_table, warn
 from flightdepth.commands.textures import PROCEDURAL, gathered_textures
 from flightdepth.commands.train import run
 from flightdepth.errors import BadInput
-from flightdepth.files import check_parent, write_json
+from flightdepth.files import write_json
 
 if TYPE_CHECKING:
     from flightdepth.evaluation.table import Row
@@ -68,7 +68,7 @@ def paper_table(
 
     if samples is not None and not train:
         raise BadInput("--samples", expected="--train beside it", got="it alone")
-    check_parent("--json", json)
+    check_figures(json)
     some = train or runs.is_dir()
     dressed = gathered_textures(textures, procedural) if some else Textures.from_images([])
     if train:

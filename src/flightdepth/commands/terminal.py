@@ -84,7 +84,7 @@ class ToldProgress(Progress):
 
 def say(text: str) -> None:
     """One line of result."""
-    Console().print(text, soft_wrap=True, markup=False, highlight=False)
+    Console().print(text, soft_wrap=True, markup=False, highlight=False, emoji=False)
 
 
 def mention(text: str) -> None:

@@ -33,12 +33,18 @@ def view(
     *,
     web: Annotated[bool, typer.Option("--web", help="Serve the viewer to a browser, until Ctrl-C.")] = False,
     port: Annotated[
-        int, typer.Option(metavar="N", min=1, max=65535, help="Port of the page, with --web.")
-    ] = WEB_PORT,
+        int | None,
+        typer.Option(metavar="N", min=1, max=65535, help=f"Port of the page, with --web; {WEB_PORT}."),
+    ] = None,
     data_port: Annotated[
-        int,
-        typer.Option(metavar="N", min=1, max=65535, help="Port that the page has its data from, with --web."),
-    ] = DATA_PORT,
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            max=65535,
+            help=f"Port that the page has its data from, with --web; {DATA_PORT}.",
+        ),
+    ] = None,
     save: Annotated[
         Path | None, typer.Option(metavar="FILE.rrd", help="Write a recording for `rerun FILE.rrd` instead.")
     ] = None,
@@ -63,6 +69,8 @@ def view(
 
     if web and save is not None:
         raise BadInput("--web and --save", expected="one of them", got="both")
+    if not web and (port, data_port) != (None, None):
+        raise BadInput("--port and --data-port", expected="--web beside them", got="none")
     with extra_packages("flightdepth view", "view"):
         import rerun
     flight = FlightFolder(folder)
@@ -70,7 +78,7 @@ def view(
     if save is not None:
         write(recording, flight, save, pictures)
     elif web:
-        serve(recording, flight, pictures, port, data_port)
+        serve(recording, flight, pictures, port or WEB_PORT, data_port or DATA_PORT)
     else:
         open_window(recording, flight, pictures)
 
@@ -124,6 +132,8 @@ def send(recording: RecordingStream, flight: FlightFolder, pictures: int) -> Non
     """Everything of the flight, with a progress bar."""
     from flightdepth.outputs.viewer import every_nth, show
 
-    with progress_bar("viewer", -(-len(flight.rows) // every_nth(flight, pictures)), "frames") as bar:
-        show(recording, flight, most_pictures=pictures, on_picture=bar.step)
-    recording.flush()
+    try:
+        with progress_bar("viewer", -(-len(flight.rows) // every_nth(flight, pictures)), "frames") as bar:
+            show(recording, flight, most_pictures=pictures, on_picture=bar.step)
+    finally:
+        recording.flush()  # after an error too: Rerun never ends where a stream goes that still holds something

@@ -187,8 +187,16 @@ def npz(**maps: Map) -> bytes:
 
 
 def check_target(target: Path) -> None:
-    """Refuse to replace a folder that holds anything but an older result, and one that cannot be made."""
-    parent = next((folder for folder in target.resolve().parents if folder.exists()), target)
+    """Refuse to replace a folder that holds anything but an older result, and one that cannot be made or replaced."""
+    place = target.resolve()
+    if place.is_mount() or Path.cwd().is_relative_to(place):
+        raise BadInput(
+            f"output folder {target}",
+            expected="a folder that can be replaced",
+            got="a mount point" if place.is_mount() else f"{place}, where you are",
+            mend="Give one inside it.",
+        )
+    parent = next((folder for folder in place.parents if folder.exists()), target)
     try:
         tempfile.TemporaryDirectory(dir=parent, prefix=f".{target.name}.").cleanup()
     except OSError as error:
