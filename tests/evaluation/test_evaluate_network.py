@@ -56,6 +56,10 @@ def test_numbers_by_hand() -> None:
     assert result["constant"]["l1_m"] == pytest.approx((1 + 0 + 3) / 3, rel=1e-4)
     assert result["l1_ratios"]["constant"] == pytest.approx(5 / 4, rel=1e-3)
     assert (result["set"], result["seed"], result["pairs"], result["samples"]) == ("planes", 3, 3, 5)
+    places = {row["place"]: row for row in result["places"]}
+    assert places["flat, textured"]["share"] == 1  # planes that face the camera
+    assert places["flat, textured"]["network"]["l1_m"] == pytest.approx((2 + 1 + 2) / 3, rel=1e-4)
+    assert places["at an edge"]["network"]["l1_m"] is None
 
 
 def test_the_classical_peer_beats_a_constant_on_textured_planes() -> None:

@@ -14,6 +14,7 @@ from flightdepth.evaluation.arrays import Maps
 from flightdepth.evaluation.metrics import PERCENTILES, PictureErrors, picture_errors, pooled, summary
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.evaluation.peer import ClassicalPeer, best_constant_m, known_pixels
+from flightdepth.evaluation.places import Indices, errors_by_place, places_of
 from flightdepth.evaluation.provenance import network_facts, source_commit
 from flightdepth.evaluation.sigma_scale import believed
 from flightdepth.evaluation.spread import spread_summary
@@ -23,7 +24,10 @@ from flightdepth.weights.card import NetworkCard
 
 @dataclass(frozen=True)
 class Answers:
-    """Maps [h, w] in metres at D0 for one pair: the truth twice (see `Task`), the network's, the peer's, the spread."""
+    """Maps [h, w] in metres at D0 for one pair: the truth twice (see `Task`), the network's, the peer's, the spread.
+
+    places  [h, w] index into `places.PLACES`
+    """
 
     truth_m: Maps
     sampled_m: Maps
@@ -31,6 +35,7 @@ class Answers:
     classical_m: Maps
     displacement: NDArray[np.float64]
     sigma_m: Maps | None
+    places: Indices
 
 
 def answers(network: Network, pairs: Iterable[TruePair]) -> Iterator[Answers]:
@@ -48,6 +53,7 @@ def answers(network: Network, pairs: Iterable[TruePair]) -> Iterator[Answers]:
             pooled(classical_m, task.truth_m.shape),
             np.asarray(pair.displacement, dtype=np.float64),
             None if prediction.sigma_m is None else prediction.sigma_m[0],
+            places_of(task.apart, pair.current),
         )
 
 
@@ -62,11 +68,13 @@ def evaluate_network(
     rows = list(answers(network, pairs))
     truths = [row.truth_m for row in rows]
     constant_m = best_constant_m(truths)
-    flat = [np.full_like(truth, constant_m) for truth in truths]
+    told = {
+        "network": [row.network_m for row in rows],
+        "constant": [np.full_like(truth, constant_m) for truth in truths],
+        "classical": [row.classical_m for row in rows],
+    }
     found = {
-        "network": [picture_errors(row.network_m, row.truth_m) for row in rows],
-        "constant": [picture_errors(*maps) for maps in zip(flat, truths, strict=True)],
-        "classical": [picture_errors(row.classical_m, row.truth_m) for row in rows],
+        who: [picture_errors(*pair) for pair in zip(maps, truths, strict=True)] for who, maps in told.items()
     }
     moved = [row.displacement for row in rows]
     summaries = {name: summary(pictures, moved) for name, pictures in found.items()}
@@ -74,6 +82,7 @@ def evaluate_network(
     result = provenance(network, set_name, seed, len(rows))
     result["truth_percentiles_m"] = percentiles([row.sampled_m for row in rows])
     result |= {**summaries, "l1_ratios": l1_ratios(summaries)}
+    result["places"] = errors_by_place([row.places for row in rows], truths, told)
     if spread := spread_of(rows, network.card):
         result["spread"] = spread
     return {key: without_nan(value) for key, value in result.items()}

@@ -10,6 +10,8 @@ from rich.table import Table
 
 WHO = ("network", "classical", "constant")
 
+PLACE_COLUMNS = ("pixels", "of the network's error", "its abs rel")
+
 
 class Parts(NamedTuple):
     """What the parts of a range are called in a result of `evaluate_network`."""
@@ -61,6 +63,30 @@ def part_rows(result: Mapping[str, Any], parts: str, *, joint: str) -> list[list
     ]
 
 
+def places_table(result: Mapping[str, Any]) -> Table:
+    """Mean error in each of `places.PLACES`."""
+    table = Table(title="where the error sits, L1 in metres", box=None)
+    for name in ("", *PLACE_COLUMNS, *WHO):
+        table.add_column(name, justify="right" if name else "left")
+    for cells in place_rows(result):
+        table.add_row(*cells)
+    return table
+
+
+def place_rows(result: Mapping[str, Any]) -> list[list[str]]:
+    """A row for each of `places.PLACES`: the PLACE_COLUMNS, and the L1 of each of WHO in metres."""
+    return [
+        [
+            row["place"],
+            percent(row["share"]),
+            percent(row["network"]["of_error"]),
+            number(row["network"]["abs_rel"], 3),
+            *(number(row[who]["l1_m"], 2) for who in WHO),
+        ]
+        for row in result["places"]
+    ]
+
+
 def spread_table(result: Mapping[str, Any]) -> Table:
     """The error bar beside the error, in ten groups of rising sigma."""
     spread = result["spread"]
@@ -89,8 +115,14 @@ def tables(result: Mapping[str, Any]) -> Sequence[Table]:
         metrics_table(result),
         parts_table(result, "depth_bins", "L1 in metres per depth", "depth m"),
         parts_table(result, "travel_angles", "L1 in metres per angle of travel (0 = forward)", "degrees"),
+        places_table(result),
     )
     return (*first, spread_table(result)) if "spread" in result else first
+
+
+def percent(value: float | None) -> str:
+    """A share for a table; a dash where there is none."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.0%}"
 
 
 def number(value: float | None, digits: int) -> str:

@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 
 from flightdepth.evaluation.arrays import Image
-from flightdepth.evaluation.network_tables import PARTS, WHO, inside, number, part_rows
+from flightdepth.evaluation.network_tables import (
+    PARTS,
+    PLACE_COLUMNS,
+    WHO,
+    inside,
+    number,
+    part_rows,
+    place_rows,
+)
 from flightdepth.evaluation.pairs import TruePair
 from flightdepth.evaluation.pictures import ERROR_SHARE, answered_sheet
 from flightdepth.evaluation.sparsification import curve_svg
@@ -93,6 +101,9 @@ def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str) -> str
         parts_table(result, "depth_bins", "depth m"),
         "By the angle between the optical axis and the direction of travel (0 = forward), L1 in metres:",
         parts_table(result, "travel_angles", "degrees"),
+        "By place, L1 in metres: where depths within 4x4 px lie apart by three tenths, beside such places, and on what "
+        "is flat, with a texture or with a deviation of less than 2 of 255 grey levels:",
+        places_table(result),
         *spread(card, result),
         pictures_text(card, picture),
         written_by(card, result),
@@ -130,6 +141,11 @@ def parts_table(result: Mapping[str, Any], parts: str, heading: str) -> str:
     """L1 of the network and its peers in each of the PARTS."""
     headings = (heading, PARTS[parts].counted, *(NAMES[who] for who in WHO))
     return markdown(headings, part_rows(result, parts, joint="-"))
+
+
+def places_table(result: Mapping[str, Any]) -> str:
+    """L1 of the network and its peers by place."""
+    return markdown(("", *PLACE_COLUMNS, *(NAMES[who] for who in WHO)), place_rows(result))
 
 
 def spread(card: NetworkCard, result: Mapping[str, Any]) -> list[str]:

@@ -18,6 +18,7 @@ from flightdepth.runtimes.network import Network
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
+LEAST_M = np.float32(1e-3)
 SAME_FOCAL = 0.01  # by which share a network for one lens bears another focal length
 
 
@@ -63,6 +64,7 @@ class Task:
     truth_m  [h, w] metres at D0: depth * D0 / |displacement|, clipped to the card's range, then averaged over
              4x4 px (paper, III.B); for a nominal pair the depth itself
     sampled_m  the same, one pixel of each 4x4 instead of their mean
+    apart    [h, w] the farthest of each 4x4 over the nearest
     nominal  the displacement shortened or lengthened to D0, metres (3,)
     card     the network's at the pair's focal length
     """
@@ -70,6 +72,7 @@ class Task:
     camera: Camera
     truth_m: Maps
     sampled_m: Maps
+    apart: Maps
     nominal: NDArray[np.float64]
     card: NetworkCard
 
@@ -92,7 +95,9 @@ class Task:
         camera = Camera(width, height, pair.focal_px, pair.focal_px, (width - 1) / 2, (height - 1) / 2)
         nominal = np.asarray(pair.displacement, dtype=np.float64) / scale
         truth_m, sampled_m = pooled(at_D0, (height // 4, width // 4)), at_D0[2::4, 2::4].copy()
-        return cls(camera, truth_m, sampled_m, nominal, card)
+        blocks = at_D0.reshape(height // 4, 4, width // 4, 4)
+        apart = blocks.max(axis=(1, 3)) / np.maximum(blocks.min(axis=(1, 3)), LEAST_M)
+        return cls(camera, truth_m, sampled_m, apart, nominal, card)
 
     def ask(
         self,
