@@ -23,9 +23,10 @@ from flightdepth.evaluation.moving import with_moving_thing
 from flightdepth.evaluation.provenance import origin_of
 from flightdepth.ranges.fusion import WORST_SIGMA
 from flightdepth.runtimes.network import Network, load_network
-from flightdepth.scenes import Textures
+from flightdepth.scenes import Textures, chance
 
 SEED, TEXTURES = 21, 40
+THING = 22  # what a random stream is for; 20 and 21 are the pairs'
 EDGES_PX = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 24.0)
 LARGEST_ERROR = 2.0  # relative; more counts as this
 WHOLE = 0.95  # of a block that a thing covers
@@ -37,7 +38,7 @@ def told(network: Network, count: int) -> dict[str, np.ndarray]:
     parts: dict[str, list[np.ndarray]] = {"off_px": [], "error": [], "told": [], "held": [], "around": []}
     pairs = list(fitting_pairs(count, max(1, round(256 / network.card.focal_px)), SEED))
     for number, pair in enumerate(counted(pairs, network.card.name, "pairs")):
-        thing = with_moving_thing(pair, textures, np.random.default_rng([SEED, number]))
+        thing = with_moving_thing(pair, textures, chance.stream(SEED, number, THING))
         if thing is None:
             continue
         grid, length_m = network.grid(pair.camera), float(np.linalg.norm(pair.displacement))

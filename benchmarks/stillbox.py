@@ -13,12 +13,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from contact_sheet import GAP, contact_sheet
 
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.files import write_atomic, write_json
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures
-from flightdepth.stillbox.contact_sheet import GAP, contact_sheet
 from flightdepth.stillbox.sets import SceneSet, named_set
 from flightdepth.stillbox.testset import SEED, test_textures
 

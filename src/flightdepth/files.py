@@ -92,17 +92,19 @@ def write_json(path: Path, value: Any) -> None:
 
 
 @contextmanager
-def folder_in_progress(target: Path) -> Iterator[Path]:
+def folder_in_progress(target: Path, *, kind: str = NEW) -> Iterator[Path]:
     """Yield a new folder beside `target`; on success it takes its place, on any error it is removed, and
     so are the parents made for it.
 
     An existing `target` stays untouched until the new one stands complete. What a killed process left here is cleared.
+
+    kind  stands in the new folder's name; only those of NEW are cleared
     """
     target = target.absolute()
     new_parents = [parent for parent in target.parents if not parent.exists()]
     target.parent.mkdir(parents=True, exist_ok=True)
     _clear_up_after_the_killed(target)
-    partial = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.{NEW}-"))
+    partial = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.{kind}-"))
     partial.chmod(0o755)
     lock = _lock(partial)
     try:

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from flightdepth import cli
+from flightdepth.stillbox.stored import open_stored_set
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +27,21 @@ def test_a_network_is_measured_on_a_set_of_the_disk(rooms, tmp_path, network):
     assert found["pairs"] == 2
     assert 0 < found["network"]["l1_m"] < 0.6 * found["constant"]["l1_m"]
     assert sum(row["pixels"] for row in found["network"]["depth_bins"]) == 2 * 64 * 64
+
+
+def test_held_out_scenes_are_those_that_training_leaves(rooms, tmp_path):
+    """All scenes of the set were measured on: four fifths of them `train --set` had learnt from."""
+    figures = tmp_path / "figures.json"
+    asked = ["--set", str(rooms), "--held-out", "--json", str(figures)]
+    assert cli.main(["evaluate", "network", "motion-tiny", *asked]) == 0
+    found, held_out = json.loads(figures.read_text()), open_stored_set(rooms).split()[1]
+    assert found["pairs"] == 1
+    assert found["set"].endswith(f"held-out scenes {held_out.digest}")
+
+
+def test_only_of_a_set_is_something_held_out(capsys):
+    assert cli.main(["evaluate", "network", "motion-tiny", "--held-out"]) == 2
+    assert "--held-out: expected --set beside it, got it alone" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("beside", [["--outdoor"], ["--fov", "60"], ["--textures", "."]])

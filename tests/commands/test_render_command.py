@@ -70,6 +70,14 @@ def test_an_outdoor_set_has_its_own_textures(capsys):
     assert "procedural" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("option", "value"), [("--textures", "photos"), ("--procedural", "2")])
+def test_other_textures_for_an_outdoor_set_are_refused(option, value, capsys):
+    """`--procedural` was passed over."""
+    assert cli.main(["render", "outdoor", option, value, "--size", "16x12", "--out", "set"]) == 2
+    assert f"{option}: expected none: this set brings its own, got {value}" in capsys.readouterr().err
+    assert not Path("set").exists()
+
+
 def test_the_same_command_says_that_all_is_done(capsys):
     render("--scenes", "2")
     before = files("set")

@@ -75,9 +75,11 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(monkeypatch):
     assert ends[0] == ends[1]
 
 
-def test_photos_beside_a_set_would_dress_nothing(capsys):
-    assert cli.main([*TRAIN, "--textures", "photos"]) == 2
-    assert "--set: expected no --textures beside it" in capsys.readouterr().err
+@pytest.mark.parametrize(("option", "value"), [("--textures", "photos"), ("--procedural", "2")])
+def test_textures_beside_a_set_would_dress_nothing(option, value, capsys):
+    """`--procedural` was passed over."""
+    assert cli.main([*TRAIN, option, value]) == 2
+    assert f"--set: expected no {option} beside it, got {value}" in capsys.readouterr().err
 
 
 def test_another_set_is_another_run(capsys):

@@ -46,7 +46,7 @@ def test_unknown_depth_makes_no_tracks() -> None:
 
 def test_the_interval_holds_the_median_and_narrows_with_tracks() -> None:
     rng = np.random.default_rng(1)
-    few, many = (slopes_of(s, s, s) for s in (rng.normal(-1, 0.2, 20), rng.normal(-1, 0.2, 2000)))
+    few, many = (slopes_of(s, s) for s in (rng.normal(-1, 0.2, 20), rng.normal(-1, 0.2, 2000)))
     assert few.low <= few.median <= few.high
     assert many.high - many.low < few.high - few.low
 

@@ -1,17 +1,24 @@
 """Recordings that end before the flight does."""
 
+import errno
 import json
 import shutil
 import threading
+from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from page_flights import Flying
 
-from flightdepth.errors import BadInput
+from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.live.recorder import Recorder
 from flightdepth.outputs import FlightFolder
+from flightdepth.outputs import writer as writing
+from flightdepth.outputs.film import Film
+from flightdepth.outputs.interrupted import keep_interrupted
+from flightdepth.outputs.pictures import pictures
 from flightdepth.outputs.writer import FlightWriter
 from flightdepth.weights.store import find_network, read_card
 
@@ -86,3 +93,78 @@ def test_a_result_that_a_slow_disk_takes_at_the_end_is_whole(recorder, tmp_path,
     recorder(second)
     folder = FlightFolder(tmp_path / "recording")
     assert [folder.depth_m(row.index).ndim for row in folder.rows] == [2]
+
+
+def broken_disk(*_):
+    raise OSError(errno.EIO, "Input/output error")
+
+
+def heard(recorder, flown):
+    """What the recorder says of each result."""
+    said = Counter()
+    for result in flown:
+        try:
+            recorder(result)
+        except FlightDepthError as error:
+            said[str(error)] += 1
+    return said
+
+
+def test_a_frame_that_could_not_be_written_is_left_out_and_the_recording_goes_on(
+    recorder, tmp_path, monkeypatch
+):
+    """Found in review: its row stayed, the next frame's maps were lost and its row came twice; nobody could read it."""
+    write, wrong = Path.write_bytes, []
+
+    def flaky(path, data):
+        if path.parts[-2:] == ("depth", "000004.png") and not wrong:
+            wrong.append(path)
+            write(path, data[:10])
+            broken_disk()
+        return write(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", flaky)
+    said = heard(recorder, results(20))
+    warnings = recorder.close({})
+    assert said == {
+        f"recording {tmp_path / 'recording'}: a frame is left out: [Errno 5] Input/output error": 1
+    }
+    assert "could not be written are left out: [Errno 5] Input/output error" in warnings[0]
+    folder = FlightFolder(tmp_path / "recording")
+    told = [index for index in range(20) if index != 4]
+    assert [row.index for row in folder.rows] == told
+    assert [index for index, _ in pictures(folder)] == told  # `view` and `convert` show them
+    assert all(folder.depth_m(index).ndim == 2 for index in told)
+    assert not list(folder.folder.glob("*/000004.png"))
+    assert folder.record.counts.dropped == {"could not be written": 1}
+    assert folder.record.source.warnings == (
+        "frames that could not be written are left out: [Errno 5] Input/output error",
+    )
+
+
+def test_depth_goes_on_without_a_preview(recorder, tmp_path, monkeypatch):
+    monkeypatch.setattr(Film, "add", broken_disk)
+    assert not heard(recorder, results(8))
+    assert "no preview, which `view` and `convert` need" in recorder.close({})[0]
+    folder = FlightFolder(tmp_path / "recording")
+    assert [folder.depth_m(row.index).ndim for row in folder.rows] == [2] * 8
+    assert not (folder.folder / "preview.mp4").exists()
+
+
+def test_a_recording_that_cannot_be_finished_is_kept(recorder, tmp_path, monkeypatch):
+    """It was removed, though nobody can fly it again."""
+    heard(recorder, results(3))
+    monkeypatch.setattr(writing, "write_atomic", broken_disk)
+    place = tmp_path / "recording.interrupted-1"
+    with pytest.raises(FlightDepthError, match=f"Input/output error; what was written stands in {place}"):
+        recorder.close({})
+    assert len(list((place / "depth").iterdir())) == 3
+    assert len((place / "frames.csv").read_text().splitlines()) == 1 + 3
+    assert list(tmp_path.iterdir()) == [place]
+
+
+def test_a_recording_that_runs_is_not_taken_for_a_killed_one(recorder, tmp_path):
+    heard(recorder, results(2))
+    assert keep_interrupted(tmp_path / "recording") == []
+    recorder.close({})
+    assert len(FlightFolder(tmp_path / "recording").rows) == 2

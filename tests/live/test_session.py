@@ -1,28 +1,36 @@
 """What `flightdepth live` puts together; nothing is opened."""
 
 import shutil
+import signal
+import socket
+import subprocess
 from contextlib import ExitStack
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from live_peers import free_port
+from live_peers import free_port, live_command, until
 
 from flightdepth.commands import live_session
 from flightdepth.commands.demo import LOG, VIDEO
-from flightdepth.commands.live_session import Session, missing, recorded
+from flightdepth.commands.live_session import NOMINAL_SIZE, Session, missing, recorded
 from flightdepth.commands.live_settings import LiveSettings
-from flightdepth.errors import BadInput
+from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight import Frame, flight_log, open_flight
 from flightdepth.flight.camera_evidence import CameraEvidence
+from flightdepth.flight.lenses import known_lenses
 from flightdepth.flight.records import ViewTrack
 from flightdepth.flight.telemetry import read_telemetry
+from flightdepth.live.depth_stage import Lens
 from flightdepth.live.obstacle_messages import ObstaclePacker, in_tlog
 from flightdepth.live.obstacles import ObstacleSettings
 from flightdepth.live.status import FrameCounts, Health, LiveStatus, SinkCounts, State
 from flightdepth.live.video_address import video_address
+from flightdepth.outputs import read_depth
+from flightdepth.outputs.frame_table import rows_from_csv
 from tests_logs import tlog_flight
 
 
@@ -70,7 +78,7 @@ def test_a_recording_tells_which_log_was_found(session, tmp_path, monkeypatch):
     made = []
     monkeypatch.setattr(live_session, "Recorder", lambda *given: made.append(given) or SimpleNamespace())
     monkeypatch.setattr(played.engine, "add_sink", lambda name, sink: None)
-    played._add_sinks(SimpleNamespace(callback=lambda end: None))
+    played._add_sinks(SimpleNamespace(callback=lambda *end: None))
     assert made[0][2] == played.log.name
     assert "v.csv" in played.log.name
 
@@ -129,6 +137,58 @@ def test_a_file_whose_log_tells_a_zoom_is_seen_as_run_does(session, monkeypatch)
 def test_a_stream_needs_a_lens(session):
     with pytest.raises(BadInput, match="--camera and --hfov: expected one of them, got neither"):
         Session(replace(session.settings, hfov=None))
+
+
+@pytest.mark.parametrize("known", known_lenses(), ids=lambda known: known.name)
+def test_every_known_lens_stands_for_a_stream_s_before_its_first_picture(known):
+    """Found in review: those of 4:3 or 16:10 were asked for 16:9, and refused before the stream was opened."""
+    nominal = Lens.given(Path(known.name), None).nominal(*NOMINAL_SIZE)
+    assert nominal.horizontal_fov_deg == pytest.approx(known.horizontal_fov_deg, rel=1e-6)
+
+
+def test_a_stream_through_a_lens_of_4_to_3_is_opened(session):
+    opened = Session(replace(session.settings, hfov=None, camera=Path("raspberry-pi-2")))
+    assert opened.lens.at(640, 480).horizontal_fov_deg == pytest.approx(62.2, abs=0.5)
+
+
+def test_a_stream_without_a_picture_is_named_without_its_password(session, monkeypatch):
+    """Found in review: the last line had the address as it was given."""
+    monkeypatch.setattr(session.engine, "run", lambda stop, duration_s: None)
+    with pytest.raises(FlightDepthError, match=r"^video rtsp://127\.0\.0\.1/main: no picture came$"):
+        session.run()
+
+
+def test_an_older_dry_run_stays_where_the_page_cannot_be_served(session, tmp_path):
+    """Found in review: it was emptied before the page's port was tried."""
+    older = in_tlog(1, ObstaclePacker(ObstacleSettings()).heartbeat(usable=True))
+    (tmp_path / "old.tlog").write_bytes(older)
+    with socket.create_server(("127.0.0.1", 0)) as busy:
+        serve = f"127.0.0.1:{busy.getsockname()[1]}"
+        refused = Session(replace(session.settings, dry_run=tmp_path / "old.tlog", serve=serve))
+        with ExitStack() as stack, pytest.raises(BadInput, match=r"--serve: expected .* a free port"):
+            refused._add_sinks(stack)
+    assert (tmp_path / "old.tlog").read_bytes() == older
+
+
+def test_a_recording_that_was_killed_is_kept_by_the_next(session, tmp_path, capsys):
+    """Found in review: the next start removed it without a word, and nobody can fly it again."""
+    flown = ["--video", str(VIDEO), "--telemetry", str(LOG), "--hfov", "75", "--out", str(tmp_path / "out")]
+    command = live_command(*flown, "--network", session.settings.network)
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        until(lambda: len(list(tmp_path.glob(".out.*/depth/*.png"))) > 20, within_s=60)
+        process.kill()
+    assert process.returncode == -signal.SIGKILL
+    (tmp_path / "out.interrupted-1").mkdir()  # of an earlier day
+    with ExitStack() as stack:
+        session._add_sinks(stack)
+    kept = tmp_path / "out.interrupted-2"
+    assert f"an earlier recording was interrupted: what was written of it stands in {kept}" in " ".join(
+        capsys.readouterr().err.split()
+    )
+    rows = rows_from_csv((kept / "frames.csv").read_text())
+    assert len(rows) >= 20
+    assert all(read_depth(kept / "depth" / f"{row.index:06d}.png").ndim == 2 for row in rows)
+    assert not list(tmp_path.glob(".out.*"))
 
 
 def test_a_log_of_another_time_than_the_video_is_refused(session):

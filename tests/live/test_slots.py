@@ -60,10 +60,25 @@ def test_a_sink_that_always_fails_is_told_once_and_counted():
     sink = SinkThread("disk", broken, lambda name, error: told.append((name, str(error))))
     for i in range(3):
         sink.put(i)
-        until(lambda n=i: sink.counts.taken == n + 1)
+        until(lambda n=i: sink.counts.failed == n + 1)
     sink.close()
     assert told == [("disk", "no disk for 0")]
-    assert (sink.counts.taken, sink.counts.failed) == (3, 3)
+    assert (sink.counts.taken, sink.counts.failed) == (0, 3)
+
+
+def test_each_result_is_taken_missed_or_failed_on():
+    """Found in review: those that failed counted as taken, too."""
+
+    def choosy(result):
+        if result % 2:
+            raise ValueError(result)
+
+    sink = SinkThread("page", choosy, lambda name, error: None)
+    for i in range(5):
+        sink.put(i)
+        until(lambda n=i: sink.counts.taken + sink.counts.failed == n + 1)
+    sink.close()
+    assert (sink.counts.taken, sink.counts.missed, sink.counts.failed) == (3, 0, 2)
 
 
 def test_a_slow_sink_gets_the_newest_and_its_misses_are_counted():

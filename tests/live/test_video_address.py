@@ -31,6 +31,15 @@ def test_a_password_is_not_repeated():
         ("rtsp://pilot:p@ss@cam/main", "rtsp://cam/main"),
         ("srt://cam:9000?passphrase=secret12345&mode=caller", "srt://cam:9000?passphrase=&mode=caller"),
         ("srt://cam:9000?mode=caller&passphrase=secret12345", "srt://cam:9000?mode=caller&passphrase="),
+        ("srt://cam:9000?streamid=read:main:pilot:secret", "srt://cam:9000?streamid="),
+        (
+            "rtsp://cam:554/user=admin&password=tlJw&channel=1",
+            "rtsp://cam:554/user=admin&password=&channel=1",
+        ),
+        ("rtsp://cam/user=admin_password=tlJw_channel=1", "rtsp://cam/user=admin_password="),
+        ("rtsp://cam/main?user=admin&Password=p/w?", "rtsp://cam/main?user=admin&Password="),
+        ("rtsp://cam/main?channel=1&PWD=pw", "rtsp://cam/main?channel=1&PWD="),
+        ("rtsp://cam/main?authbasic=cGlsb3Q6c2VjcmV0&subtype=0", "rtsp://cam/main?authbasic=&subtype=0"),
     ],
 )
 def test_nor_is_one_with_an_at_sign_or_behind_the_address(text, name):

@@ -14,6 +14,12 @@ def test_items_are_done_in_order():
     assert done == list(range(100))
 
 
+def test_what_the_task_gives_can_be_waited_for():
+    background = Background(str, name="test")
+    assert [background.put(i).result(10) for i in range(3)] == ["0", "1", "2"]
+    background.finish()
+
+
 def fail(item: int) -> None:
     raise OSError(f"disk full at {item}")
 

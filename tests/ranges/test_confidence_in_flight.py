@@ -10,6 +10,7 @@ import pytest
 from flightdepth.evaluation.metrics import pooled
 from flightdepth.evaluation.ranges_confidence import Reliability, reliability
 from flightdepth.ranges import MultiRangeEstimator
+from flightdepth.renderers.raycast import render
 from flightdepth.runtimes.network import load_network
 from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.stillbox.sets import SceneSet
@@ -21,7 +22,7 @@ def test_confidence_promises_no_more_than_it_keeps() -> None:
     drawn = SceneSet(config, 256, 256, seed=77)
     counts = Reliability()
     for number in range(2):
-        _, seen = drawn.rendered(number, drawn.own_textures())
+        seen = render(drawn.scene(number, 0), drawn.own_textures(), drawn.camera)
         estimator = MultiRangeEstimator(load_network("motion", threads=1), drawn.camera)
         frames = zip(seen.images, seen.depth_m, drawn.velocity(number), strict=True)
         for frame, (image, truth_m, velocity) in enumerate(frames):

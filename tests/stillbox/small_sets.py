@@ -11,7 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from flightdepth.scenes import StillBoxConfig, Textures
+from flightdepth.renderers.raycast import Rendered, render
+from flightdepth.scenes import Scene, StillBoxConfig, Textures
 from flightdepth.stillbox import original_layout, shards
 from flightdepth.stillbox.encoding import Source
 from flightdepth.stillbox.engines import on_threads
@@ -26,6 +27,12 @@ A_FOLDER = 3  # scenes in a folder, and in a shard
 def small_source(seed: int = 1, **knobs: Any) -> Source:
     """Three frames of 16x12 px a scene."""
     return Source(SceneSet(StillBoxConfig(**({"frames": 3} | knobs)), 16, 12, seed))
+
+
+def as_rendered(source: Source, number: int) -> tuple[Scene, Rendered]:
+    """Scene `number` of a source and all its frames, as they are before anything is stored."""
+    scene = source.scenes.scene(number, len(TEXTURES))
+    return scene, render(scene, TEXTURES, source.scenes.camera)
 
 
 def render_small(

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from authors_loader import intrinsics, relative_poses, scene_of, split_scenes, training_sample
-from small_sets import A_FOLDER, TEXTURES, render_small, small_source
+from small_sets import A_FOLDER, as_rendered, render_small, small_source
 
 from flightdepth.stillbox import original_layout
 from flightdepth.stillbox.stored import open_stored_set
@@ -28,7 +28,7 @@ def root(tmp_path_factory):
 def drawn(root, scene):
     """The scene as it was drawn."""
     number = int(scene["subdir"]) * A_FOLDER + int(scene["imgs"][0].split("_")[1])
-    return SOURCE.scenes.rendered(number, TEXTURES)
+    return as_rendered(SOURCE, number)
 
 
 def test_four_fifths_train(root):

@@ -1,9 +1,18 @@
+"""The sheets that benchmarks/stillbox.py draws."""
+
+import importlib
+import sys
+from pathlib import Path
+
 import numpy as np
 
 from flightdepth.renderers.raycast import render
 from flightdepth.scenes import StillBoxConfig, Textures
-from flightdepth.stillbox.contact_sheet import GAP, coloured_depth, contact_sheet
 from flightdepth.stillbox.sets import SceneSet
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+sheets = importlib.import_module("contact_sheet")
+GAP, coloured_depth, contact_sheet = sheets.GAP, sheets.coloured_depth, sheets.contact_sheet
 
 BLANK = Textures.from_images([])
 SET = SceneSet(StillBoxConfig(), 16, 12, seed=3)

@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from small_sets import TEXTURES, small_source
+from small_sets import TEXTURES, as_rendered, small_source
 
 from flightdepth.errors import BadInput
 from flightdepth.scenes import StillBoxConfig
@@ -32,7 +32,7 @@ def written(tmp_path):
     with OriginalLayout(tmp_path, ARGUMENTS) as layout:
         for number in range(2):
             layout.add(encoded(number))
-    return tmp_path / "00", [SOURCE.scenes.rendered(n, TEXTURES)[1] for n in range(2)], metadata(tmp_path)
+    return tmp_path / "00", [as_rendered(SOURCE, n)[1] for n in range(2)], metadata(tmp_path)
 
 
 def test_the_head(written):

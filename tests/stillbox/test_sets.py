@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from flightdepth.errors import BadInput
+from flightdepth.renderers.raycast import render
 from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
 from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.scenes.outdoor_textures import VARIANTS, Surface
@@ -135,7 +136,8 @@ def test_a_file_that_is_not_there(tmp_path):
 @pytest.mark.parametrize(("width", "height"), [(48, 16), (16, 48)])
 def test_pictures_of_any_shape_keep_the_horizontal_field_of_view(width, height):
     found = SceneSet(StillBoxConfig(horizontal_fov_deg=60), width, height, seed=2)
-    scene, seen = found.rendered(1, BLANK)
+    scene = found.scene(1, 0)
+    seen = render(scene, BLANK, found.camera)
     assert seen.images.shape == (10, height, width, 3)
     assert found.camera.horizontal_fov_deg == pytest.approx(60)
     assert found.camera.fx == found.camera.fy
@@ -170,7 +172,7 @@ def test_an_outdoor_set_brings_its_textures_and_sees_the_sky():
     found = SceneSet(OutdoorConfig(frames=2, houses=(1, 1), trees=(2, 3), bushes=(4, 5)), 24, 16, seed=2)
     textures = found.own_textures()
     assert len(textures) == VARIANTS * len(Surface)
-    _, seen = found.rendered(0, textures)
+    seen = render(found.scene(0, len(textures)), textures, found.camera)
     assert np.isinf(seen.depth_m).any()
     assert np.isfinite(seen.depth_m).any()
 

@@ -8,7 +8,7 @@ import warnings
 import cv2
 import numpy as np
 import pytest
-from small_sets import A_FOLDER, SCENES, TEXTURES, render_small, small_source, tree
+from small_sets import A_FOLDER, SCENES, TEXTURES, as_rendered, render_small, small_source, tree
 
 from flightdepth.stillbox import shards
 from flightdepth.stillbox.set_on_disk import Layout
@@ -58,7 +58,7 @@ def test_webdataset_reads_them(folder):
         gc.collect()
     assert [sample["__key__"] for sample in samples] == [f"{n:06d}" for n in range(SCENES)]
     for number, sample in enumerate(samples):
-        scene, rendered = SOURCE.scenes.rendered(number, TEXTURES)
+        scene, rendered = as_rendered(SOURCE, number)
         for frame in range(scene.frames):
             assert np.array_equal(sample[f"{frame:02d}.npy"], rendered.depth_m[frame].clip(0.1, 200))
             assert np.abs(sample[f"{frame:02d}.jpg"].astype(float) - rendered.images[frame]).mean() < 6

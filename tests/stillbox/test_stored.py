@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from small_sets import A_FOLDER, SCENES, TEXTURES, render_small, small_source
+from small_sets import A_FOLDER, SCENES, as_rendered, render_small, small_source
 
 from flightdepth.errors import BadInput
 from flightdepth.stillbox import original_layout
@@ -38,7 +38,7 @@ def test_a_set_comes_back(folder):
     stored = open_stored_set(folder)
     assert (stored.width, stored.height, stored.horizontal_fov_deg) == (16, 12, 90)
     for number, scene in enumerate(stored):
-        drawn, rendered = SOURCE.scenes.rendered(number, TEXTURES)
+        drawn, rendered = as_rendered(SOURCE, number)
         assert scene.frames == 3
         assert np.array_equal(scene.depth_m, rendered.depth_m.clip(0.1, 200))
         assert np.abs(scene.images.astype(float) - rendered.images).mean() < 6

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_sets import TEXTURES, render_small, small_source
+from small_sets import TEXTURES, as_rendered, render_small, small_source
 
 from flightdepth.errors import BadInput
 from flightdepth.stillbox import PairRule, Picture
@@ -69,7 +69,7 @@ def test_a_pair_is_one_of_the_set(stored):
 
 def test_depth_is_the_scenes(stored):
     """A crop of the second frame, times 3 / shift, seen in a mirror or upside down."""
-    depths = [SOURCE.scenes.rendered(n, TEXTURES)[1].depth_m for n in range(7)]
+    depths = [as_rendered(SOURCE, n)[1].depth_m for n in range(7)]
     crop = Picture(8, 8, 16)
     with opened(stored, picture=crop) as stream:
         scene, cut, camera = stream._render(3)

@@ -446,7 +446,8 @@ def test_a_stage_says_how_many_of_its_pairs_are_wide(tmp_path, monkeypatch):
 
 def test_one_worker_makes_the_pairs_that_would_have_been_made_here(whole, tmp_path):
     assert run(tmp_path, workers=1) == whole[1]
-    assert checkpoint(tmp_path) == checkpoint(whole[0])
+    mine, others = (read_weights(folder / CHECKPOINT, "network") for folder in (tmp_path, whole[0]))
+    assert all(torch.equal(value, others[key]) for key, value in mine.items())
 
 
 @pytest.mark.parametrize("steps", [2, 3])  # so that either worker's turn comes first
@@ -462,6 +463,22 @@ def test_workers_are_as_many_as_they_were(tmp_path):
     with pytest.raises(BadInput, match="--resume: expected --workers 2, as it began, got 3"):
         run(tmp_path, workers=3, resume=True)
     run(tmp_path, resume=True)  # unasked, with as many
+
+
+@pytest.mark.parametrize("steps", [1, 5])
+def test_a_run_killed_early_in_a_stage_goes_on_with_as_many_workers(tmp_path, steps):
+    """Killed before a stage's first checkpoint it went on with as many as a fresh run has: other steps."""
+    at_once = run(tmp_path / "whole", workers=2)
+    run(tmp_path / "cut", workers=2, cut_after=steps, checkpoint_every_s=1e9)
+    assert read_progress(tmp_path / "cut" / CHECKPOINT).sample == 0
+    assert run(tmp_path / "cut", resume=True) == at_once[steps - 1 :]
+    assert checkpoint(tmp_path / "cut") == checkpoint(tmp_path / "whole")
+
+
+def test_a_stage_that_has_not_begun_may_have_other_workers(tmp_path):
+    run(tmp_path, workers=2, cut_after=5, checkpoint_every_s=1e9)
+    train(small_recipe(), small_textures(), tmp_path, resume=True, workers=1, stop=lambda: True)
+    assert read_progress(tmp_path / CHECKPOINT).workers == 1
 
 
 def test_several_workers_have_smaller_pools(monkeypatch):

@@ -64,6 +64,10 @@ def evaluate_network_command(
         Path | None,
         typer.Option("--set", metavar="DIR", help="A set on the disk, as `render` writes it, instead."),
     ] = None,
+    held_out: Annotated[
+        bool,
+        typer.Option("--held-out", help="Of --set only the fifth that `train --set` does not learn from."),
+    ] = False,
     fov: Annotated[
         float,
         typer.Option(
@@ -89,6 +93,10 @@ def evaluate_network_command(
       flightdepth render 256 --renderer blender --samples 32 --scenes 40 --out blender-256
 
       flightdepth evaluate network motion --set blender-256
+
+    A network that learnt from a set, on the scenes that were held back:
+
+      flightdepth evaluate network mine.onnx --set stillbox/256 --held-out
     """
     with extra_packages("flightdepth evaluate", "train"):
         from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set, stored_set
@@ -96,6 +104,8 @@ def evaluate_network_command(
     from flightdepth.runtimes.network import load_network
 
     check_figures(json)
+    if held_out and stored is None:
+        raise BadInput("--held-out", expected="--set beside it", got="it alone")
     for option, target in (("--pictures", pictures), ("--report", report)):
         if target is not None:
             make_folder(option, target)
@@ -105,7 +115,7 @@ def evaluate_network_command(
     count = SCENES if scenes is None else scenes
     pairs: AnySet
     if stored is not None:
-        pairs = stored_set(opened.card, stored, scenes=scenes)
+        pairs = stored_set(opened.card, stored, scenes=scenes, held_out=held_out)
     elif outdoor:
         pairs = outdoor_set(opened.card, scenes=count)
     else:

@@ -38,6 +38,7 @@ from flightdepth.live.recorder import Recorder
 from flightdepth.live.status import LiveStatus, SinkCounts
 from flightdepth.live.video_address import VideoAddress, video_address
 from flightdepth.live.video_input import VideoInput, VideoListener
+from flightdepth.outputs.interrupted import keep_interrupted
 from flightdepth.runtimes.network import Network, load_network, nearest_network
 from flightdepth.weights.card import NetworkCard
 
@@ -60,7 +61,7 @@ class Session:
             for warning in chosen.warnings:
                 warn(warning)
         self.lens = Lens.given(settings.camera, settings.hfov) if chosen is None else Lens(chosen.camera)
-        nominal = self.lens.camera or self.lens.at(*NOMINAL_SIZE)
+        nominal = self.lens.nominal(*NOMINAL_SIZE)
         self.network: Network = load_network(
             settings.network or nearest_network(nominal),
             precision=precision_of(settings.precision),
@@ -116,7 +117,7 @@ class Session:
         status = engine.status()
         say(summary(status))
         if not (stop.is_set() or status.frames.received):  # nobody stopped it
-            raise FlightDepthError(f"video {settings.video}: no picture came")
+            raise FlightDepthError(f"video {self.address.name}: no picture came")
 
     def _video(self, listener: VideoListener) -> VideoInput:
         return VideoInput(
@@ -139,7 +140,7 @@ class Session:
         return LogPlayer(self.log, self.store, epoch_ns=self.epoch_ns, on_velocity=engine.on_velocity)
 
     def _add_sinks(self, stack: ExitStack) -> None:
-        settings, obstacles = self.settings, self._add_obstacles(stack)
+        settings, obstacles = self.settings, self._add_obstacles()
         if settings.serve is not None:
             page = Page(self.engine.status, obstacles)
             server = stack.enter_context(PageServer(page, settings.serve))
@@ -149,10 +150,18 @@ class Session:
             telemetry = settings.mavlink if self.log is None else self.log.name
             facts = settings.for_record | {"video": self.address.name}
             recorder = Recorder(settings.out, self.network.card, str(telemetry), facts)
-            stack.callback(lambda: recorder.close(missing(self.engine.status())))
+            for place in keep_interrupted(settings.out):
+                warn(f"an earlier recording was interrupted: what was written of it stands in {place}")
+            stack.callback(self._end_recording, recorder)
             self.engine.add_sink("recorder", recorder)
+        if obstacles is not None:  # the last: it empties an older log
+            self.sender = stack.enter_context(ObstacleSender(obstacles, self._obstacle_writer(stack)))
 
-    def _add_obstacles(self, stack: ExitStack) -> ObstacleFeed | None:
+    def _end_recording(self, recorder: Recorder) -> None:
+        for warning in recorder.close(missing(self.engine.status())):
+            warn(warning)
+
+    def _add_obstacles(self) -> ObstacleFeed | None:
         settings = self.settings
         if not settings.obstacles and settings.dry_run is None:
             return None
@@ -160,7 +169,6 @@ class Session:
         fixed = settings.mount == "fixed"
         feed = self.obstacles = ObstacleFeed(ObstacleMap(self._sight), packer, camera_ahead=fixed)
         self.engine.add_sink("obstacles", feed.take)
-        self.sender = stack.enter_context(ObstacleSender(feed, self._obstacle_writer(stack)))
         return feed
 
     def _sight(self, camera: Camera) -> Sight:

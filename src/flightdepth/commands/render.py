@@ -57,7 +57,9 @@ def render(
     textures: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Photos to dress the scenes in, beside made ones.")
     ] = None,
-    procedural: Annotated[int, typer.Option(metavar="N", help="How many textures to make.")] = PROCEDURAL,
+    procedural: Annotated[
+        int | None, typer.Option(metavar="N", help=f"How many textures to make. Default: {PROCEDURAL}.")
+    ] = None,
     renderer: Annotated[
         Literal["raycast", "blender"],
         typer.Option(help="raycast: this package's own. blender: Cycles, where Blender is installed."),
@@ -123,12 +125,17 @@ def render(
     )
 
 
-def dressing(wanted: SceneSet, folder: Path | None, procedural: int) -> Textures:
+def dressing(wanted: SceneSet, folder: Path | None, procedural: int | None) -> Textures:
     """A set's own textures, else those of the options."""
+    from flightdepth.scenes.outdoor_config import OutdoorConfig
+
+    if isinstance(wanted.config, OutdoorConfig):  # told before its own are made, which takes a while
+        for option, value in (("--textures", folder), ("--procedural", procedural)):
+            if value is not None:
+                raise BadInput(option, expected="none: this set brings its own", got=str(value))
     own = wanted.own_textures()
-    if own is not None and folder is not None:
-        raise BadInput("--textures", expected="none: this set brings its own", got=str(folder))
-    return gathered_textures(folder, procedural) if own is None else own
+    made = PROCEDURAL if procedural is None else procedural
+    return gathered_textures(folder, made) if own is None else own
 
 
 def introduce(out: Path, rest: range, original: int) -> None:

@@ -43,7 +43,9 @@ def train(
     textures: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Photos to dress the scenes in, beside made ones.")
     ] = None,
-    procedural: Annotated[int, typer.Option(metavar="N", help="How many textures to make.")] = PROCEDURAL,
+    procedural: Annotated[
+        int | None, typer.Option(metavar="N", help=f"How many textures to make. Default: {PROCEDURAL}.")
+    ] = None,
     sets: Annotated[
         list[Path] | None,
         typer.Option("--set", metavar="DIR", help="Learn from a stored set, one for each picture width."),
@@ -97,12 +99,14 @@ def train(
             refuse_to_overwrite(folder, resume=resume)
         start = read_network(wanted.name) if shipped else None
         introduce(wanted, folder, resume=resume, shipped=start)
-        if sets and textures is not None:
-            raise BadInput(
-                "--set", expected="no --textures beside it", got=f"{textures}: its scenes are dressed"
-            )
+        for option, value in (("--textures", textures), ("--procedural", procedural)):
+            if sets and value is not None:
+                raise BadInput(
+                    "--set", expected=f"no {option} beside it", got=f"{value}: its scenes are dressed"
+                )
         stored = opened_sets(sets or [], wanted)
-        dressed = Textures.from_images([]) if stored else gathered_textures(textures, procedural)
+        made = PROCEDURAL if procedural is None else procedural
+        dressed = Textures.from_images([]) if stored else gathered_textures(textures, made)
         run(wanted, dressed, folder, resume=resume, shipped=start, sets=stored, workers=workers)
         conclude(wanted, folder)
 

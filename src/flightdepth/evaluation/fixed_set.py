@@ -50,13 +50,19 @@ def fixed_set(
     return TestSet(Picture(width, width, full), rule, scenes, textures=textures, config=config)
 
 
-def stored_set(card: NetworkCard, folder: Path, *, scenes: int | None = None) -> StoredTestSet:
+def stored_set(
+    card: NetworkCard, folder: Path, *, scenes: int | None = None, held_out: bool = False
+) -> StoredTestSet:
     """The first `scenes` of a set in a folder (None: all), the frames about the network's own displacement apart.
+
+    `held_out`: of the fifth that a network which learns from the set does not see.
 
     Raises:
         BadInput: no set, one of another focal length than that of a network for one lens, or a turning camera.
     """
     found = open_stored_set(folder)
+    if held_out:
+        found = found.split()[1]
     if scenes is not None:
         _check(scenes)
         found = replace(found, entries=found.entries[:scenes])
@@ -67,7 +73,7 @@ def stored_set(card: NetworkCard, folder: Path, *, scenes: int | None = None) ->
             expected=f"focal length {card.focal_px:g} px, {card.name}'s",
             got=f"{focal_px:g} px",
         )
-    return StoredTestSet(found, card.at_focal(focal_px).D0_m, STRIDE)
+    return StoredTestSet(found, card.at_focal(focal_px).D0_m, STRIDE, held_out)
 
 
 def _check(scenes: int) -> None:
@@ -90,7 +96,8 @@ def set_name(pairs: AnySet) -> str:
     if isinstance(pairs, StoredTestSet):
         stored = pairs.stored
         lens = f"{stored.width} px, {stored.horizontal_fov_deg:g} degrees"
-        return f"{stored.folder.name}, {lens}, by {stored.renderer}, scenes {stored.digest}"
+        part = "held-out scenes" if pairs.held_out else "scenes"
+        return f"{stored.folder.name}, {lens}, by {stored.renderer}, {part} {stored.digest}"
     if isinstance(pairs, OutdoorTestSet):
         return f"outdoor flights {pairs.width} px"
     picture = pairs.picture

@@ -36,6 +36,8 @@ TEXTURE_SETS = 3
 MOVING_SHARE, MOST_THINGS = 0.4, 3
 LEAST_OFF_PX = 1.0
 
+_PAIR, _THINGS = 20, 21  # what a random stream is for
+
 Flown = tuple[Scene, Textures, tuple[int, int]]  # and which frames are the pair
 
 
@@ -53,7 +55,7 @@ def fitting_pairs(
     """
     effects = Photometric()
     for number in range(count):
-        rng = np.random.default_rng([seed, number])
+        rng = chance.stream(seed, number, _PAIR)
         width, height = SHAPES[rng.integers(len(SHAPES))]
         camera = Camera.from_fov(width // shrunk, height // shrunk, float(rng.uniform(*FOV_DEG)))
         scene, textures, frames = (_room if rng.random() < ROOM_SHARE else _outdoors)(seed, number, rng)
@@ -61,7 +63,7 @@ def fitting_pairs(
             frames = frames[::-1]
         seen = render(scene, textures, camera, frames=frames)
         pair = Pair(seen.images[0], seen.images[1], seen.depth_m[1], scene.displacement(*frames), camera)
-        moving = np.random.default_rng([seed, number, 1])
+        moving = chance.stream(seed, number, _THINGS)
         if moving.random() < moving_share:
             pair = with_moving_things(pair, textures, moving)
         if rng.random() < EFFECTS_SHARE:

@@ -38,13 +38,11 @@ class Slopes:
 
     slopes       [T]  ideal -1 straight ahead
     first_m      [T]  depth at the start of the track, metres
-    spans_m      [T]  metres flown while the point was seen
     median, low, high   median slope and its bootstrap interval over tracks; NaN without tracks
     """
 
     slopes: Floats
     first_m: Floats
-    spans_m: Floats
     median: float
     low: float
     high: float
@@ -52,12 +50,12 @@ class Slopes:
     def between(self, near_m: float, far_m: float) -> Slopes:
         """The tracks that began between two depths."""
         keep = (self.first_m >= near_m) & (self.first_m < far_m)
-        return slopes_of(self.slopes[keep], self.first_m[keep], self.spans_m[keep])
+        return slopes_of(self.slopes[keep], self.first_m[keep])
 
 
-def slopes_of(slopes: Floats, first_m: Floats, spans_m: Floats) -> Slopes:
+def slopes_of(slopes: Floats, first_m: Floats) -> Slopes:
     """Median and interval of some tracks' slopes."""
-    return Slopes(slopes, first_m, spans_m, *with_ends(slopes, np.median))
+    return Slopes(slopes, first_m, *with_ends(slopes, np.median))
 
 
 class PathLength:
@@ -111,11 +109,11 @@ class TrackedPoints:
     def slopes(self, *, least_span_m: float) -> Slopes:
         """Fit every track that lasted `LEAST_SAMPLES` depths and `least_span_m` metres."""
         fitted = [
-            (_theil_sen(np.array(t.flown_m), np.array(t.depth_m)), t.depth_m[0], t.flown_m[-1] - t.flown_m[0])
+            (_theil_sen(np.array(t.flown_m), np.array(t.depth_m)), t.depth_m[0])
             for t in self._all
             if len(t.depth_m) >= LEAST_SAMPLES and t.flown_m[-1] - t.flown_m[0] >= least_span_m
         ]
-        columns = np.array(fitted, dtype=np.float64).reshape(-1, 3).T
+        columns = np.array(fitted, dtype=np.float64).reshape(-1, 2).T
         return slopes_of(*columns)
 
     def _replenish(self, now: Image, depth_m: Maps) -> None:

@@ -65,6 +65,12 @@ class Lens:
         assert self.hfov_deg is not None
         return Camera.from_fov(width, height, self.hfov_deg)
 
+    def nominal(self, width: int, height: int) -> Camera:
+        """The calibration as it is, else a camera of this size with the lens's field of view, whatever its shape is."""
+        if self.known is not None:
+            return Camera.from_fov(width, height, self.known.horizontal_fov_deg, model=self.known.model)
+        return self.camera or self.at(width, height)
+
 
 @dataclass(frozen=True, eq=False)
 class Staged:

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from threading import Lock
 
-from flightdepth.errors import BadInput
+from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.records import Frame
 from flightdepth.live.status import LiveResult
 from flightdepth.outputs.preview import Preview
@@ -33,11 +33,13 @@ class Recorder:
         """`telemetry`: where the velocity comes from; `settings` as they shall stand in flight.json."""
         check_target(target)  # now, not after the flight
         self._target, self._network, self._telemetry, self._settings = target, network, telemetry, settings
+        self._name = f"recording {target}"  # in what is said of it
         self._stack = ExitStack()
         self._writer: FlightWriter | None = None
         self._size = (0, 0)
         self._first_ns = 0
-        self._count = self._of_other_size = 0
+        self._count = self._of_other_size = self._lost = 0
+        self._warnings: tuple[str, ...] = ()
         self._over = False
         self._lock = Lock()  # `close` may come while a slow disk still takes a result
 
@@ -53,35 +55,39 @@ class Recorder:
         if free < LEAST_FREE_BYTES:
             self._finish({NO_ROOM: 1})
             expected = f"{LEAST_FREE_BYTES // 10**6} MB free on its disk"
-            raise BadInput(
-                f"recording {self._target}", expected=expected, got=f"{free // 10**6} MB: it ends here"
-            )
+            raise BadInput(self._name, expected=expected, got=f"{free // 10**6} MB: it ends here")
         size = (result.camera.width, result.camera.height)
         if size != self._size:
             self._of_other_size += 1
             began, other = ("x".join(map(str, each)) for each in (self._size, size))
-            raise BadInput(
-                f"recording {self._target}",
-                expected=f"pictures of {began}, as it began",
-                got=f"{other}: left out",
-            )
+            raise BadInput(self._name, expected=f"pictures of {began}, as it began", got=f"{other}: left out")
         own = None if result.camera == self._camera else result.camera  # where the lens zooms
         frame = Frame(self._count, result.stamp_ns - self._first_ns, result.image, camera=own)
+        self._count += 1  # whatever comes of it: no two frames share an index
         writer.add(frame, result.depth)
-        self._count += 1
+        if writer.lost > self._lost:  # earlier frames: their files are written meanwhile
+            self._lost = writer.lost
+            raise FlightDepthError(f"{self._name}: a frame is left out: {writer.loss}")
 
-    def close(self, dropped: dict[str, int]) -> None:
-        """Finish the folder; `dropped`: pictures that are missing from it, by reason."""
+    def close(self, dropped: dict[str, int]) -> tuple[str, ...]:
+        """Finish the folder; what the user should know of it. `dropped`: pictures missing from it, by reason."""
         with self._lock:
             if not self._over:
                 self._finish(dropped)
+            return self._warnings
 
     def _finish(self, dropped: dict[str, int]) -> None:
         self._over = True
         if self._writer is not None:
             left_out = {OTHER_SIZE: self._of_other_size} if self._of_other_size else {}
             self._writer.note_dropped(dropped | left_out)
-        self._stack.close()
+        try:
+            self._stack.close()
+        except FlightDepthError as error:
+            self._warnings = (f"{self._name}: {error}",)
+            raise
+        if self._writer is not None:
+            self._warnings = tuple(f"{self._name}: {line}" for line in self._writer.summary.warnings)
 
     def _begin(self, result: LiveResult) -> FlightWriter:
         source = Source(
@@ -93,6 +99,6 @@ class Recorder:
         )
         self._camera, self._first_ns = result.camera, result.stamp_ns
         self._size = (result.camera.width, result.camera.height)
-        writer = FlightWriter(self._target, source, Preview(*self._size))
+        writer = FlightWriter(self._target, source, Preview(*self._size), once=True)
         self._writer = self._stack.enter_context(writer)
         return self._writer

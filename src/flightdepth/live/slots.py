@@ -84,7 +84,8 @@ class SinkThread:
                 self._sink(result)
             except Exception as error:
                 self._fail(error)
-            self._counts = replace(self._counts, taken=self._counts.taken + 1)
+            else:
+                self._counts = replace(self._counts, taken=self._counts.taken + 1)
 
     def _fail(self, error: Exception) -> None:
         first = self._counts.failed == 0

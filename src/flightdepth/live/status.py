@@ -61,7 +61,7 @@ class FrameCounts:
 
 @dataclass(frozen=True)
 class SinkCounts:
-    """Results that one sink took, missed because it was busy, and failed on."""
+    """Results that one sink took, missed because it was busy, and failed on: each is one of these."""
 
     taken: int = 0
     missed: int = 0

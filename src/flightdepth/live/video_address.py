@@ -33,6 +33,11 @@ CAMERA = {
     "rate": ("framerate", r"[1-9]\d*(\.\d+|/[1-9]\d*)?"),
     "format": ("input_format", r"[a-z0-9_]+"),
 }
+# In an address: user and password before the host, and values whose names tell that they let one in, up to the next &:
+# a camera's password=, pwd=, authbasic=; SRT's passphrase=, and its streamid=, in which servers take user and password.
+SECRET = re.compile(
+    r"(?<=://)[^/?]*@|((?:pass|pwd|psw|loginpas|secret|token|auth|key|streamid)\w*=)[^&]*", re.IGNORECASE
+)
 DECODERS = {"h264": "h264", "h265": "hevc", "hevc": "hevc"}
 
 
@@ -40,7 +45,7 @@ DECODERS = {"h264": "h264", "h265": "hevc", "hevc": "hevc"}
 class VideoAddress:
     """What to open.
 
-    name        as the user gave it, without a password or SRT's passphrase: what may be written down
+    name        as the user gave it, without what lets one in (see SECRET): what may be written down
     target      for FFmpeg: an address, or the text of a session description
     format      FFmpeg's name of the format, or RTP; None lets it look
     options     FFmpeg's options
@@ -93,8 +98,8 @@ def video_address(text: str) -> VideoAddress:
 
 
 def without_secrets(text: str) -> str:
-    """An address without the user and password before its host, and without a passphrase behind it."""
-    return re.sub(r"(?<=://)[^/?]*@|(?<=[?&]passphrase=)[^&]*", "", text)
+    """An address without the user and password before its host, and without the values behind it that let one in."""
+    return SECRET.sub(r"\1", text)
 
 
 def codec_of(text: str) -> str:

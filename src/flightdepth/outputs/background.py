@@ -5,25 +5,28 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Generic, ParamSpec
+from typing import Generic, ParamSpec, TypeVar
 
 MOST_WAITING = 4
 P = ParamSpec("P")
+T = TypeVar("T")
 
 
-class Background(Generic[P]):
+class Background(Generic[P, T]):
     """Calls `task` on one thread. What it raises is raised by the next `put` or by `finish`."""
 
-    def __init__(self, task: Callable[P, None], *, name: str) -> None:
+    def __init__(self, task: Callable[P, T], *, name: str) -> None:
         self._task = task
         self._thread = ThreadPoolExecutor(1, thread_name_prefix=name)
-        self._calls: deque[Future[None]] = deque()  # the oldest may be in work, the others wait
+        self._calls: deque[Future[T]] = deque()  # the oldest may be in work, the others wait
 
-    def put(self, *args: P.args, **kwargs: P.kwargs) -> None:
-        """Queue one call; waits while MOST_WAITING others do."""
+    def put(self, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Queue one call, whose result comes later; waits while MOST_WAITING others do."""
         while self._calls and (self._calls[0].done() or len(self._calls) > MOST_WAITING):
             self._calls.popleft().result()
-        self._calls.append(self._thread.submit(self._task, *args, **kwargs))
+        call = self._thread.submit(self._task, *args, **kwargs)
+        self._calls.append(call)
+        return call
 
     def finish(self) -> None:
         """Wait until every call is done."""

@@ -8,6 +8,7 @@ stored        depth                      stored        confidence
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from typing import Any
 
@@ -89,3 +90,10 @@ def _packed(kind: str, image: NDArray[Any], settings: Sequence[int]) -> bytes:
     if not done:
         raise FlightDepthError(f"could not encode a {image.shape[1]}x{image.shape[0]} picture as {kind}")
     return data.tobytes()
+
+
+def npz(**maps: Map) -> bytes:
+    """Maps float32 [H, W] under their names, not compressed: the last bits are noise."""
+    file = io.BytesIO()
+    np.savez(file, **maps)  # type: ignore[arg-type]
+    return file.getvalue()

@@ -10,7 +10,10 @@ from pathlib import Path
 
 
 class TableFile:
-    """Writes `path` as rows come; for a folder that nobody looks into before it is complete."""
+    """Writes `path` as rows come: a killed process leaves those before.
+
+    For a folder that nobody looks into before it is complete.
+    """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
         self._file = path.open("w", encoding="utf-8", newline="")
@@ -18,8 +21,10 @@ class TableFile:
         self._writer.writerow(columns)
 
     def add(self, cells: Sequence[object]) -> None:
-        """Append one row."""
+        """Append one row; one that the disk refuses waits for the next, or for `finish`."""
         self._writer.writerow(cells)
+        with suppress(OSError):
+            self._file.flush()
 
     def finish(self) -> None:
         """Bring all rows to the disk."""

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import io
 import tempfile
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 
 import numpy as np
 
 from flightdepth import __version__
-from flightdepth.errors import BadInput
-from flightdepth.files import folder_in_progress, write_atomic
+from flightdepth.errors import BadInput, FlightDepthError
+from flightdepth.files import NEW, folder_in_progress, write_atomic
 from flightdepth.flight.records import Frame
 from flightdepth.outputs.background import Background
 from flightdepth.outputs.encoding import (
@@ -21,11 +21,13 @@ from flightdepth.outputs.encoding import (
     Map,
     bytes_from_confidence,
     centimetres_from_depth,
+    npz,
     png,
     rounded_centimetres,
 )
 from flightdepth.outputs.film import Film
 from flightdepth.outputs.frame_table import COLUMNS, FrameRow, cells_of, rows_from_csv
+from flightdepth.outputs.interrupted import RECORDING, interrupted_name
 from flightdepth.outputs.poses import COLUMNS as POSE_COLUMNS
 from flightdepth.outputs.poses import FramePose, pose_cells
 from flightdepth.outputs.preview import Preview
@@ -44,6 +46,7 @@ from flightdepth.ranges.result import RangedDepth
 DEPTH, CONFIDENCE, SIGMA = "depth", "confidence", "sigma"
 FARTHER, NEARER = "farther_than", "nearer_than"  # bounds of what has no depth
 TABLE, POSES, RECORD, PREVIEW = "frames.csv", "poses.csv", "flight.json", "preview.mp4"
+LOST = "could not be written"
 OWN_NAMES = frozenset({DEPTH, CONFIDENCE, SIGMA, FARTHER, NEARER, TABLE, POSES, RECORD, PREVIEW})
 
 
@@ -52,6 +55,10 @@ class FlightWriter:
 
     Depth files and preview are encoded on a thread each, at most a few frames behind `add`. An older result
     in `target` is replaced; a folder that holds anything else is refused.
+
+    once  the flight cannot be flown again: a frame whose maps cannot be written is left out and counted, a preview
+          that cannot be is left out, and what another error or a kill leaves is kept (see `interrupted`)
+    lost  frames left out so far; `loss` is why the last one was
     """
 
     def __init__(
@@ -61,41 +68,46 @@ class FlightWriter:
         preview: Preview,
         *,
         depth_format: DepthFormat = "png",
+        once: bool = False,
     ) -> None:
         check_target(target)
         self._target = target.resolve()  # a link stays, and what it leads to is written
         self._source, self._preview, self._format = source, preview, depth_format
+        self._once, self._filmed = once, True
+        self.lost, self.loss = 0, ""
         self._notes = ReasonTally()  # of all frames
         self._dropped: dict[str, int] = {}
         self._warnings: list[str] = []  # that came up in flight
         self._saturated_pixels = 0
 
     def __enter__(self) -> FlightWriter:
+        kind = RECORDING if self._once else NEW
         with ExitStack() as stack:
-            self._folder = stack.enter_context(folder_in_progress(self._target))
+            self._folder = stack.enter_context(folder_in_progress(self._target, kind=kind))
             for name in (DEPTH, CONFIDENCE):
                 (self._folder / name).mkdir()
             self._film = Film(self._folder / PREVIEW, *self._preview.size)
             self._rows = TableFile(self._folder / TABLE, COLUMNS)
             self._poses = TableFile(self._folder / POSES, POSE_COLUMNS)
-            self._threads = (
-                Background(self._write_maps, name="depth files"),
-                Background(self._write_picture, name="preview"),
-            )
+            self._files = Background(self._write_frame, name="depth files")
+            self._pictures = Background(self._write_picture, name="preview")
             self._stack = stack.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with self._stack:  # renames the folder, or removes it when an error passes through
-            if error is not None:
-                self._abandon()
-                raise error
+        with self._stack:  # renames the folder, or removes what stands there when an error passes through
             try:
+                if error is not None:
+                    raise error
                 self._finish()
-            except BaseException:
-                self._abandon()
+            except BaseException as failure:
+                try:
+                    self._abandon()
+                finally:
+                    if self._once:
+                        self._keep(failure)
                 raise
 
     @property
@@ -105,13 +117,8 @@ class FlightWriter:
 
     def add(self, frame: Frame, result: RangedDepth, pose: FramePose | None = None) -> None:
         """Write one frame; its arrays must not change afterwards."""
-        self._rows.add(cells_of(FrameRow.of(frame, result)))
-        if pose is not None:
-            self._poses.add(pose_cells(pose))
-        for note in result.notes if result.doubt is None else (*result.notes, result.doubt):
-            self._notes.add(note)
-        for thread in self._threads:
-            thread.put(frame, result)
+        written = self._files.put(frame, result, pose)
+        self._pictures.put(frame, result, written)
 
     def note_dropped(self, dropped: Mapping[str, int]) -> None:
         """Record how much of the input could not be used, by reason."""
@@ -120,6 +127,30 @@ class FlightWriter:
     def warn(self, line: str) -> None:
         """Record what the user should know and only the flight itself showed."""
         self._warnings.append(line)
+
+    def _write_frame(self, frame: Frame, result: RangedDepth, pose: FramePose | None) -> bool:
+        """Its maps, then its row: what has one is whole. False where it was left out."""
+        try:
+            self._write_maps(frame, result)
+        except Exception as error:
+            if not self._once:
+                raise
+            self._lose(frame, error)
+            return False
+        self._rows.add(cells_of(FrameRow.of(frame, result)))
+        if pose is not None:
+            self._poses.add(pose_cells(pose))
+        for note in result.notes if result.doubt is None else (*result.notes, result.doubt):
+            self._notes.add(note)
+        return True
+
+    def _lose(self, frame: Frame, error: Exception) -> None:
+        if self.lost == 0:
+            self.warn(f"frames that could not be written are left out: {error}")
+        self.lost, self.loss = self.lost + 1, str(error)
+        for path in self._folder.glob(f"*/{frame.index:06d}.*"):
+            with suppress(OSError):
+                path.unlink()
 
     def _write_maps(self, frame: Frame, result: RangedDepth) -> None:
         name = f"{frame.index:06d}"
@@ -132,8 +163,8 @@ class FlightWriter:
             (self._folder / DEPTH / f"{name}.npz").write_bytes(npz(depth_m=result.depth_m))
             return
         centimetres = centimetres_from_depth(result.depth_m)
-        self._saturated_pixels += int(np.count_nonzero(centimetres == FARTHEST))
         (self._folder / DEPTH / f"{name}.png").write_bytes(png(centimetres))
+        self._saturated_pixels += int(np.count_nonzero(centimetres == FARTHEST))
 
     def _write_sigma(self, name: str, sigma_m: Map | None) -> None:
         if sigma_m is None:
@@ -148,13 +179,33 @@ class FlightWriter:
             (self._folder / folder).mkdir(exist_ok=True)
             (self._folder / folder / f"{name}.png").write_bytes(png(centimetres_from_depth(bound_m)))
 
-    def _write_picture(self, frame: Frame, result: RangedDepth) -> None:
-        self._film.add(frame.stamp_ns, self._preview.draw(frame, result))
+    def _write_picture(self, frame: Frame, result: RangedDepth, written: Future[bool]) -> None:
+        if written.result() and self._filmed:
+            with self._filming():
+                self._film.add(frame.stamp_ns, self._preview.draw(frame, result))
+
+    @contextmanager
+    def _filming(self) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:
+            if not self._once:
+                raise
+            self._filmed = False
+            self.warn(f"no preview, which `view` and `convert` need: {error}")
 
     def _finish(self) -> None:
-        for thread in self._threads:
-            thread.finish()
-        self._film.close()
+        self._files.finish()
+        self._pictures.finish()
+        if self.lost:
+            self._dropped[LOST] = self.lost
+        if self._filmed:
+            with self._filming():
+                self._film.close()
+        if not self._filmed:
+            with suppress(Exception):
+                self._film.abandon()
+            (self._folder / PREVIEW).unlink(missing_ok=True)
         self._rows.finish()
         self._poses.finish()
         rows = rows_from_csv((self._folder / TABLE).read_text(encoding="utf-8"))
@@ -172,18 +223,17 @@ class FlightWriter:
         write_atomic(self._folder / RECORD, (record.model_dump_json(indent=2) + "\n").encode())
 
     def _abandon(self) -> None:
-        for thread in self._threads:
-            thread.abandon()
+        self._files.abandon()
+        self._pictures.abandon()
         self._rows.abandon()
         self._poses.abandon()
         self._film.abandon()  # the last: on a full disk it fails once more
 
-
-def npz(**maps: Map) -> bytes:
-    """Maps float32 [H, W] under their names, not compressed: the last bits are noise."""
-    file = io.BytesIO()
-    np.savez(file, **maps)  # type: ignore[arg-type]
-    return file.getvalue()
+    def _keep(self, failure: BaseException) -> None:
+        place = interrupted_name(self._target)
+        self._folder.rename(place)
+        if isinstance(failure, Exception):
+            raise FlightDepthError(f"{failure}; what was written stands in {place}") from failure
 
 
 def check_target(target: Path) -> None:

@@ -9,7 +9,11 @@ from flightdepth.scenes.scene import Floats
 
 
 def stream(*key: int) -> np.random.Generator:
-    """Random stream of a key such as (seed, scene number); a key and the same with zeros behind it are one stream."""
+    """Random stream of a key such as (seed, scene number); a key and the same with zeros behind it are one stream.
+
+    What is drawn beside scene `number` has its kind behind that number, (seed, number, kind), and a kind from 20 on
+    that nothing else has: 0 (no kind) to 8 are the scenes' own, and (seed, kind, number) is a stream of scene `kind`.
+    """
     return np.random.default_rng(np.random.SeedSequence(key))
 
 

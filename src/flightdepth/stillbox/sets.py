@@ -12,7 +12,6 @@ from pydantic import ValidationError
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.renderers.raycast import Rendered, render
 from flightdepth.scenes import Scene, StillBoxConfig, Textures, draw_scene
 from flightdepth.scenes.config import SET_VERSION
 from flightdepth.scenes.draw import stillbox_velocity
@@ -75,11 +74,6 @@ class SceneSet:
         if isinstance(self.config, OutdoorConfig):
             return outdoor_velocity(self.config, self.seed, number)
         return stillbox_velocity(self.config, self.seed, number)
-
-    def rendered(self, number: int, textures: Textures) -> tuple[Scene, Rendered]:
-        """Scene `number` and all its frames."""
-        scene = self.scene(number, len(textures))
-        return scene, render(scene, textures, self.camera)
 
 
 # Flights in any direction, 6 s at 10 pictures a second.

@@ -14,7 +14,7 @@ from flightdepth.stillbox.pairs import Flown
 from flightdepth.stillbox.stored import StoredSet, unclipped
 from flightdepth.stillbox.stream import PairStream
 
-_CROP, _ORDER = 3, 4  # what a random stream is for
+_CROP, _ORDER = 3, 4  # what a random stream is for, in the key's order of `PairStream`
 STEP_TOLERANCE = 0.01
 
 

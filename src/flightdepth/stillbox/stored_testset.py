@@ -19,7 +19,8 @@ from flightdepth.stillbox.testset import TestPair
 class StoredTestSet:
     """A pair of each scene of `stored`, its pictures cut to sides of multiples of `stride` around the middle.
 
-    D0_m  metres between the two frames, or as near to it as the scene's frames come
+    D0_m      metres between the two frames, or as near to it as the scene's frames come
+    held_out  whether the scenes are those that training on the set leaves out
 
     Raises:
         BadInput: a camera that turns, scenes of one frame, or pictures smaller than `stride`; a file that is missing
@@ -29,6 +30,7 @@ class StoredTestSet:
     stored: StoredSet
     D0_m: float
     stride: int
+    held_out: bool = False
     seed: None = None
 
     def __post_init__(self) -> None:

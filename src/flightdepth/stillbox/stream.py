@@ -25,7 +25,9 @@ from flightdepth.stillbox.photometric import LARGEST_PX, Photometric
 
 CHUNK = 8
 POOL_SCENES = 192
-_SAMPLE, _CROP = 2, 3  # what a random stream is for
+# What a random stream is for. Sample i's and scene n's crop, (seed, _SAMPLE, i) and (seed, _CROP, n), are streams of
+# scenes 2 and 3, too (`chance.stream`); they stay, since another order of the key would change all training.
+_SAMPLE, _CROP = 2, 3
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ def train(
     weights, or from those of `shipped`, after the stages that its card lists. With `sets`, by their width,
     pairs come from stored scenes: each stage takes the set as wide as its full picture. `stop` is asked after every
     step; when it says yes, the run is saved and ends there. `threads` make pairs when it is their turn; with `workers`,
-    so many processes for each part of a batch make them ahead of time, a thread each. None: as many as the stage
+    so many processes for each part of a batch make them ahead of time, a thread each. None: as many as the run
     that goes on had, else one for each free thread beside a GPU, and none without one.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -76,7 +76,7 @@ def train(
     progress = learner.restored(path) if goes_on else learner.started(folder, shipped)
     learner.prepare(progress.stage)
     if workers is None:
-        workers = progress.workers if progress.sample else usual_workers(learner, threads)
+        workers = progress.workers if goes_on else usual_workers(learner, threads)
     if workers and sys.platform != FORKING:
         raise BadInput("--workers", expected="Linux, whose processes share what is read", got=sys.platform)
     streams = [
@@ -98,6 +98,8 @@ def train(
     keep_sets(folder, sets or {})
     keep_textures(folder, textures)
     write_json(folder / RECIPE, recipe.model_dump(mode="json"))
+    if not progress.sample:  # a stage that has not begun may have others
+        progress = replace(progress, workers=workers)
     if not goes_on:  # from here on it is known what the run began from
         learner.save(path, progress)
     with Curves(folder if learner.accelerator.is_main_process else None) as board:
@@ -108,7 +110,7 @@ def train(
                 learner.save(path, progress)
                 break
             learner.save(folder / f"{recipe.stages[number].name}.safetensors", progress)
-            progress = Progress(recipe.name, recipe.digest, number + 1, 0, progress.seen, progress.loss_m)
+            progress = replace(progress, stage=number + 1, sample=0, parts=0)
             learner.save(path, progress)
     return path
 

@@ -1,0 +1,34 @@
+"""What is left of a recording that did not come to its end: it cannot be flown again, so it gets a name and stays."""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+from itertools import count
+from pathlib import Path
+
+from flightdepth.errors import BadInput
+from flightdepth.files import held
+
+RECORDING = "recording"  # in the name of the folder while it is written
+
+
+def interrupted_name(target: Path) -> Path:
+    """NAME.interrupted-N beside `target`, with the first N that is free."""
+    names = (target.with_name(f"{target.name}.interrupted-{n}") for n in count(1))
+    return next(name for name in names if not name.exists())
+
+
+def keep_interrupted(target: Path) -> list[Path]:
+    """Name what killed processes left of recordings into `target`, the oldest first; where each stands now.
+
+    One that is still being written is left as it is.
+    """
+    target = target.resolve()
+    pattern = re.compile(rf"\.{re.escape(target.name)}\.{RECORDING}-[a-z0-9_]{{8}}")
+    left = [path for path in target.parent.glob(".*") if pattern.fullmatch(path.name)]
+    kept = []
+    for folder in sorted(left, key=lambda path: path.stat().st_mtime_ns):
+        with suppress(BadInput), held(folder, "recording", "work", "give another --out"):
+            kept.append(folder.rename(interrupted_name(target)))
+    return kept
