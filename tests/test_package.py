@@ -52,7 +52,9 @@ def test_the_example_of_the_readme_uses_all_that_a_flight_tells(monkeypatch, cap
             attitudes.append(stamp_ns)
             super().add_attitude(stamp_ns, world_from_camera)
 
-    monkeypatch.setattr(fd, "open_flight", lambda path, camera: open_flight(VIDEO, LOG, camera, end_s=0.1))
+    monkeypatch.setattr(
+        fd, "open_flight", lambda path, telemetry, camera: open_flight(VIDEO, LOG, camera, end_s=0.1)
+    )
     monkeypatch.setattr(fd, "MultiRangeEstimator", Listening)
     exec(example, {})
     assert len(attitudes) >= 2

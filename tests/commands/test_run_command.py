@@ -74,7 +74,9 @@ def test_it_says_both_sizes_and_warns_of_a_narrow_input(run, work):
 
 def test_constant_speed_needs_no_log(run, work):
     assert run("--speed", "3", log=None)[0] == 0
-    assert "constant speed of 3 m/s" in FlightFolder(work / "made/out").record.source.telemetry
+    folder = FlightFolder(work / "made/out")
+    assert "constant speed of 3 m/s" in folder.record.source.telemetry
+    assert not folder.poses  # nobody knows which way
 
 
 def test_part_of_a_flight(run, work):

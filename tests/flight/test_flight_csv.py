@@ -128,6 +128,10 @@ def test_blank_lines_and_a_byte_order_mark_do_not_matter(tmp_path):
         (GOOD.replace("time_s", "stamp_ns").replace("0.5", "9" * 20), "line 3.*a time within"),
         (WORLD.replace("\n", ",sigma_m_s\n") + "0,1,2,3,-1\n", "line 2.*sigma"),
         (WORLD.replace("\n", ",qw,qx,qy,qz\n") + "0,1,2,3,0,0,0,0\n", "line 2.*quaternion"),
+        (
+            WORLD.replace("\n", ",qw,qx,qy,qz\n") + "0,1,2,3,0,-90,0,90\n",
+            "line 2.*of length 1, got 0, -90, 0, 90",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_with_its_line(tmp_path, text, said):
@@ -183,3 +187,12 @@ def test_an_attitude_without_its_velocity_cannot_be_written(tmp_path):
     samples = [VelocitySample(0, [0, 0, 1]), AttitudeSample(1, [1, 0, 0, 0])]
     with pytest.raises(BadInput, match="an attitude at each"):
         write_csv(tmp_path / "log.csv", samples)
+
+
+def test_angles_are_told_not_to_be_an_attitude(tmp_path):
+    text = "time_s,vn_m_s,ve_m_s,vd_m_s,roll_deg,note\n0,1,2,3,4,5\n1,1,2,3,4,5\n"
+    assert (
+        "ignored columns: roll_deg, note (an attitude is read from qw, qx, qy, qz)"
+        in read(tmp_path, text).name
+    )
+    assert "attitude" not in read(tmp_path, text.replace("roll_deg", "other")).name

@@ -107,6 +107,20 @@ def test_a_log_that_tells_a_velocity_seldom_is_taken_with_a_warning(video, tmp_p
         assert "a velocity every" not in " ".join(flight.warnings)
 
 
+@pytest.mark.parametrize(
+    ("first_ms", "last_ms", "told"), [(0, 2000, True), (100, 2100, True), (600, 2600, False)]
+)
+def test_a_log_of_a_part_of_the_video_is_told(video, tmp_path, first_ms, last_ms, told):
+    path = log(tmp_path, range(first_ms, last_ms, 100))
+    with open_flight(video, path, hfov_deg=60) as flight:
+        lines = [
+            line for line in flight.warnings if "the log tells of 0.600 s to 2.500 s, the pictures" in line
+        ]
+        assert bool(lines) != told
+    with open_flight(video, path, hfov_deg=60, start_s=0.7, end_s=1.5) as flight:
+        assert "the log tells of" not in " ".join(flight.warnings)
+
+
 def test_a_flight_with_its_telemetry_inside(video):
     rows = [(5000 + 250 * k, 1.0, 0.0, 0.0) for k in range(8)]
     with open_flight(

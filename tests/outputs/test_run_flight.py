@@ -39,6 +39,7 @@ class FlightOf:
     camera = Camera.from_fov(WIDTH, HEIGHT, 90)
     gyroscope = None
     turns = None
+    any_direction = False
 
     def __init__(self, *events):
         self.events = events

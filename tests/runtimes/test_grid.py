@@ -234,3 +234,10 @@ def test_a_wrong_picture_is_refused(image: np.ndarray) -> None:
 def test_a_view_smaller_than_one_cell_is_refused() -> None:
     with pytest.raises(BadInput, match="at least 4 px"):
         NetworkGrid(Camera(10, 100, 1000.0, 1000.0, 5.0, 50.0), 128)
+
+
+@pytest.mark.parametrize("lens", [Camera(640, 360, 0.65, 1.16, 0.5, 0.5), Camera.from_fov(640, 360, 179.9)])
+def test_a_lens_that_would_take_all_memory_is_refused(lens: Camera) -> None:
+    """A calibration in shares of the width, and nearly half of all that there is to see."""
+    with pytest.raises(BadInput, match=r"at most 16384 px.*in pixels"):
+        NetworkGrid(lens, 128)

@@ -149,9 +149,10 @@ def run(
 
       flightdepth run a.mp4 b.mp4 --hfov 73 --out depth
 
-    Stopped or killed? The same command skips the flights that stand. On many
-    machines that share a disk: --engine ray --address auto. A single flight
-    replaces what an earlier run left in its folder, once it is done.
+    Stopped or killed? The same command skips the flights that stand, and begins
+    anew with one that was under way: of a long one run parts, by --start and
+    --end. On many machines that share a disk: --engine ray --address auto. A
+    single flight replaces what an earlier run left in its folder, once it is done.
     """
     from flightdepth.ranges.estimator import check_ranges
 

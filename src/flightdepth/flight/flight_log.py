@@ -29,6 +29,7 @@ from flightdepth.flight.video import Video
 AUTO: Literal["auto"] = "auto"
 WATCHED_S = 120.0  # of the video, to estimate an offset
 SELDOM_NS = 5 * NS_PER_S  # between velocities: what lies in the middle of such a gap is known to nobody
+LEAST_TOLD = 0.9  # of the time shown: a log may begin a little late
 NO_TELEMETRY = "Give --telemetry LOG or --speed M_S."
 # What a log's name may end in, where its content is not known; those that are known need no ending.
 LOG_SUFFIXES = frozenset(
@@ -149,11 +150,33 @@ def clock_warnings(clock: ClockOffset | None, *, inside: bool) -> tuple[str, ...
     return ()
 
 
+def shown_until_ns(video: Video) -> int | None:
+    """When the chosen part of a video ends, None where it does not say."""
+    return min(
+        (end_ns for end_ns in (video.end_ns, video.duration_ns or None) if end_ns is not None), default=None
+    )
+
+
+def partly_told(video: Video, log: Telemetry) -> tuple[str, ...]:
+    """A line where a log tells nothing of a good part of what is shown."""
+    end_ns = shown_until_ns(video)
+    if end_ns is None or end_ns <= video.start_ns:
+        return ()
+    first_ns, last_ns = log.span_ns
+    told_ns = min(last_ns, end_ns) - max(first_ns, video.start_ns)
+    if told_ns >= LEAST_TOLD * (end_ns - video.start_ns):
+        return ()
+    return (
+        f"the log tells of {seconds(first_ns)} to {seconds(last_ns)}, the pictures are of {seconds(video.start_ns)} to "
+        f"{seconds(end_ns)}: beyond it no frame has depth; are its times in the unit that their column says, and "
+        "counted from the first picture?",
+    )
+
+
 def check_overlap(video: Video, log: Telemetry) -> None:
     """Refuse a log that says nothing about the chosen part of the video."""
     first_ns, last_ns = log.span_ns
-    ends = [end_ns for end_ns in (video.end_ns, video.duration_ns or None) if end_ns is not None]
-    end_ns = min(ends, default=None)
+    end_ns = shown_until_ns(video)
     if last_ns < video.start_ns or (end_ns is not None and first_ns > end_ns):
         end = "its end" if end_ns is None else seconds(end_ns)
         raise BadInput(

@@ -21,6 +21,7 @@ from flightdepth.flight.flight_log import (
     clock_warnings,
     forward_velocity,
     mounted,
+    partly_told,
     seldom_told,
     synchronised,
 )
@@ -100,6 +101,11 @@ class Flight:
         if self._chosen.views is None:
             return self._video.frames()
         return (replace(frame, camera=self._chosen.at(frame.stamp_ns)) for frame in self._video.frames())
+
+    @property
+    def any_direction(self) -> bool:
+        """Whether no log tells which way it flies, only how fast."""
+        return self._telemetry is None
 
     @property
     def camera_source(self) -> str:
@@ -195,7 +201,9 @@ def open_flight(
             lens = choose_camera(video, camera, hfov_deg, log).camera if given else assumed_camera(video)
             log, clock = synchronised(video, lens, log)
         chosen = choose_camera(video, camera, hfov_deg, log)
-        told = clock_warnings(clock, inside=inside) + (() if log is None else seldom_told(log))
+        told = clock_warnings(clock, inside=inside)
+        if log is not None:
+            told += seldom_told(log) + partly_told(video, log)
         if log is not None and telemetry is not None:
             told += disagreements(log, video)
         if log is not None and (not telemetry_offset_s if clock is None else clock.offset_s is None):

@@ -47,6 +47,7 @@ VELOCITY: dict[VelocityFrame, tuple[str, str, str]] = {
     "world": ("vn_m_s", "ve_m_s", "vd_m_s"),
     "camera": ("vx_camera_m_s", "vy_camera_m_s", "vz_camera_m_s"),
 }
+ANGLES = ("roll", "pitch", "yaw")
 ATTITUDE = ("qw", "qx", "qy", "qz")
 CHOICES = " or ".join(", ".join(names) for names in VELOCITY.values())
 MEND = f"The columns are {STAMP} or {TIME}, then {CHOICES}."
@@ -148,6 +149,8 @@ def _read(what: str, name: str, rows: Iterable[list[str]], counts: Counter[str])
     if len(kept) < len(read):
         counts["velocities not later than the one before"] += len(read) - len(kept)
     ignored = f", ignored columns: {', '.join(columns.ignored)}" if columns.ignored else ""
+    if not columns.attitude and any(angle in name for angle in ANGLES for name in columns.ignored):
+        ignored += " (an attitude is read from qw, qx, qy, qz)"
     samples = tuple(sample for index in kept for sample in read[index])
     return Telemetry(f"CSV {name}: {columns.frame} velocity{ignored}", samples, dict(counts))
 
@@ -165,6 +168,9 @@ def _samples(where: str, columns: Columns, cells: dict[str, str]) -> list[Sample
         raise BadInput(
             where, expected=f"at most {FASTEST_M_S:g} m/s", got=f"{speed:.0f}", mend="Velocities are in m/s."
         )
+    if columns.attitude and not 0.9 < np.linalg.norm(_numbers(where, cells, ATTITUDE)) < 1.1:
+        got = ", ".join(cells[name].strip() for name in ATTITUDE)
+        raise BadInput(where, expected="a quaternion qw, qx, qy, qz of length 1", got=got)
     sigma = _number(where, cells, SIGMA) if columns.sigma and cells[SIGMA].strip() else None
     try:
         samples: list[Sample] = [VelocitySample(stamp_ns, velocity, columns.frame, sigma)]

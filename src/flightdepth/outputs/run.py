@@ -27,7 +27,7 @@ def run_flight(
     """
     track = PoseTrack()
     for frame, result in depths(flight, estimator, on_sample=track.add):
-        writer.add(frame, result, track.at(frame, result))
+        writer.add(frame, result, None if flight.any_direction else track.at(frame, result))
         progress(frame, result)
     writer.note_dropped(Counter(flight.counts) + Counter(estimator.dropped))
     if doubt := flight.lens_doubt():

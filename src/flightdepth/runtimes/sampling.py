@@ -20,6 +20,7 @@ from flightdepth.runtimes.contract import OUTPUT_STRIDE, STRIDE
 
 # A source of 64 px multiples whose focal length is this near passes untouched: so does a grid's own camera.
 NEAR_ENOUGH = 0.01
+MOST_PX = 16384  # of a side of the grid, before it would take all memory
 
 
 @dataclass(frozen=True)
@@ -43,12 +44,20 @@ class Axis:
         """Lay `source` pixels out at about `scale`: at most 3 grid px are cut off to reach a whole cell."""
         if source % STRIDE == 0 and abs(scale - 1) < NEAR_ENOUGH:
             return cls(0, source, source, 0, source, 0, source * scale)
+        if source * scale > MOST_PX:
+            raise BadInput(
+                "camera",
+                expected=f"a view of at most {MOST_PX} px at the network's focal length",
+                got=f"{source * scale:.0f} px",
+                mend="Is its focal length in pixels, its field of view in degrees?",
+            )
         inner = int(source * scale + 0.5) // OUTPUT_STRIDE * OUTPUT_STRIDE
         if inner == 0:
             raise BadInput(
                 "camera",
                 expected=f"a view of at least {OUTPUT_STRIDE} px at the network's focal length",
                 got=f"{source * scale:.1f} px",
+                mend="Is its focal length in pixels, its field of view in degrees?",
             )
         halvings = max(0, int(math.log2(1 / scale)))
         step = 2**halvings
