@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flightdepth.flight.records import MAX_GAP_S
+from flightdepth.flight.records import HOLD_S, MAX_GAP_S
 from flightdepth.motion import (
     quaternion_from_rotation,
     rotation_angle_rad,
@@ -10,7 +10,7 @@ from flightdepth.motion import (
     rotation_from_quaternion,
     unit_quaternion,
 )
-from flightdepth.ranges.attitude import HOLD_S, orientations
+from flightdepth.ranges.attitude import orientations
 
 S = 1_000_000_000
 

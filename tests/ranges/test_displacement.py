@@ -5,9 +5,8 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.records import MAX_GAP_S
+from flightdepth.flight.records import HOLD_S, MAX_GAP_S
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
-from flightdepth.ranges.attitude import HOLD_S
 from flightdepth.ranges.displacement import Trajectory, integrate
 from flightdepth.ranges.timeline import MOST_ROWS
 

@@ -16,6 +16,7 @@ from flightdepth.flight.offset import ClockOffset, estimate_offset
 from flightdepth.flight.recordings import at_recording, searched_s
 from flightdepth.flight.records import (
     FASTEST_M_S,
+    HOLD_S,
     LATEST_NS,
     MAX_GAP_S,
     NS_PER_S,
@@ -29,7 +30,7 @@ from flightdepth.flight.video import Video
 AUTO: Literal["auto"] = "auto"
 WATCHED_S = 120.0  # of the video, to estimate an offset
 SELDOM_NS = 5 * NS_PER_S  # between velocities: what lies in the middle of such a gap is known to nobody
-LEAST_TOLD = 0.9  # of the time shown: a log may begin a little late
+MOST_UNTOLD = 0.1  # of the time shown: a log may begin a little late
 NO_TELEMETRY = "Give --telemetry LOG or --speed M_S."
 # What a log's name may end in, where its content is not known; those that are known need no ending.
 LOG_SUFFIXES = frozenset(
@@ -163,8 +164,9 @@ def partly_told(video: Video, log: Telemetry) -> tuple[str, ...]:
     if end_ns is None or end_ns <= video.start_ns:
         return ()
     first_ns, last_ns = log.span_ns
-    told_ns = min(last_ns, end_ns) - max(first_ns, video.start_ns)
-    if told_ns >= LEAST_TOLD * (end_ns - video.start_ns):
+    shown_ns = end_ns - video.start_ns
+    untold_ns = shown_ns - (min(last_ns, end_ns) - max(first_ns, video.start_ns))
+    if untold_ns <= max(MOST_UNTOLD * shown_ns, HOLD_S * NS_PER_S):
         return ()
     return (
         f"the log tells of {seconds(first_ns)} to {seconds(last_ns)}, the pictures are of {seconds(video.start_ns)} to "

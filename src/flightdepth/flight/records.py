@@ -24,6 +24,9 @@ NS_PER_S = 1_000_000_000
 LATEST_NS = 1 << 62  # 146 years: beyond it, times less others leave 64 bits
 # Between two samples farther apart nothing is interpolated. GPS-class logs come at 1 Hz with some jitter.
 MAX_GAP_S = 1.5
+# Past the last sample its value is held this long: two periods of a 4 Hz log. A drone that brakes with
+# 2 m/s^2 meanwhile puts the position 0.25 m off.
+HOLD_S = 0.5
 FASTEST_M_S = 150.0  # no drone flies faster: a velocity beyond it is damage
 
 

@@ -5,15 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.flight.records import MAX_GAP_S
+from flightdepth.flight.records import HOLD_S, MAX_GAP_S
 from flightdepth.motion import Vector, mixed_quaternions, rotations_from_quaternions
 from flightdepth.ranges.timeline import Rows, Stamps
 
 Flags = NDArray[np.bool_]
-
-# Past the last sample its value is held this long: two periods of a 4 Hz log. A drone that brakes with
-# 2 m/s^2 meanwhile puts the position 0.25 m off.
-HOLD_S = 0.5
 
 
 def neighbours(stamps_ns: Stamps, at_ns: Stamps) -> tuple[NDArray[np.intp], Vector, Vector, Flags]:
