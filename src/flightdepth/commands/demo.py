@@ -101,7 +101,8 @@ def compare(moments: list[Moment], camera: Camera, card: NetworkCard) -> tuple[F
     """Errors of the network and of the peer, and a line on how much of the sky got a depth from each."""
     import numpy as np
 
-    from flightdepth.evaluation.flight_errors import FlightErrors, percent
+    from flightdepth.evaluation.flight_errors import FlightErrors
+    from flightdepth.evaluation.network_tables import percent
     from flightdepth.outputs import read_depth
 
     errors, poses = FlightErrors(), np.loadtxt(POSES, delimiter=",", skiprows=1)

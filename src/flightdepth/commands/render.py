@@ -134,8 +134,7 @@ def dressing(wanted: SceneSet, folder: Path | None, procedural: int | None) -> T
             if value is not None:
                 raise BadInput(option, expected="none: this set brings its own", got=str(value))
     own = wanted.own_textures()
-    made = PROCEDURAL if procedural is None else procedural
-    return gathered_textures(folder, made) if own is None else own
+    return gathered_textures(folder, procedural) if own is None else own
 
 
 def introduce(out: Path, rest: range, original: int) -> None:

@@ -15,10 +15,11 @@ PROCEDURAL = 200  # textures made where nobody says how many
 SEED = 1  # of the procedural textures; the fixed test sets have others
 
 
-def gathered_textures(folder: Path | None, procedural: int) -> Textures:
-    """The photos of a folder, then `procedural` made ones; says how many of each."""
+def gathered_textures(folder: Path | None, procedural: int | None) -> Textures:
+    """The photos of a folder, then `procedural` made ones (None: PROCEDURAL); says how many of each."""
     from flightdepth.scenes import Textures, textures_from_folder
 
+    procedural = PROCEDURAL if procedural is None else procedural
     if procedural < 0 or (procedural == 0 and folder is None):
         raise BadInput("--procedural", expected="at least 1 without --textures", got=str(procedural))
     if folder is None:

@@ -105,8 +105,7 @@ def train(
                     "--set", expected=f"no {option} beside it", got=f"{value}: its scenes are dressed"
                 )
         stored = opened_sets(sets or [], wanted)
-        made = PROCEDURAL if procedural is None else procedural
-        dressed = Textures.from_images([]) if stored else gathered_textures(textures, made)
+        dressed = Textures.from_images([]) if stored else gathered_textures(textures, procedural)
         run(wanted, dressed, folder, resume=resume, shipped=start, sets=stored, workers=workers)
         conclude(wanted, folder)
 

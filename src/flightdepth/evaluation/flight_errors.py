@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from flightdepth.evaluation.arrays import Maps
-from flightdepth.evaluation.network_tables import number
+from flightdepth.evaluation.network_tables import number, percent
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,3 @@ def range_errors(sums: NDArray[np.float64]) -> RangeErrors:
 def cells_of(errors: RangeErrors) -> tuple[str, str, str]:
     """Relative error, L1 and coverage as text, dashes where there is nothing."""
     return percent(errors.abs_rel), number(errors.l1_m, 1), percent(errors.known)
-
-
-def percent(share: float) -> str:
-    """A share as a whole percentage; a dash for NaN."""
-    return f"{100 * share:.0f} %" if np.isfinite(share) else "-"

@@ -121,8 +121,8 @@ def tables(result: Mapping[str, Any]) -> Sequence[Table]:
 
 
 def percent(value: float | None) -> str:
-    """A share for a table; a dash where there is none."""
-    return "-" if value is None or not math.isfinite(value) else f"{value:.0%}"
+    """A share as a whole percentage; a dash where there is none."""
+    return "-" if value is None or not math.isfinite(value) else f"{100 * value:.0f} %"
 
 
 def number(value: float | None, digits: int) -> str:

@@ -76,7 +76,8 @@ def train(
     progress = learner.restored(path) if goes_on else learner.started(folder, shipped)
     learner.prepare(progress.stage)
     if workers is None:
-        workers = progress.workers if goes_on else usual_workers(learner, threads)
+        known = goes_on and (progress.sample or progress.workers)
+        workers = progress.workers if known else usual_workers(learner, threads)
     if workers and sys.platform != FORKING:
         raise BadInput("--workers", expected="Linux, whose processes share what is read", got=sys.platform)
     streams = [
@@ -110,7 +111,8 @@ def train(
                 learner.save(path, progress)
                 break
             learner.save(folder / f"{recipe.stages[number].name}.safetensors", progress)
-            progress = replace(progress, stage=number + 1, sample=0, parts=0)
+            ended = number + 1 == len(recipe.stages)  # a recipe that grows may go on with others
+            progress = replace(progress, stage=number + 1, sample=0, parts=0, workers=0 if ended else workers)
             learner.save(path, progress)
     return path
 
