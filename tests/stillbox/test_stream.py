@@ -155,3 +155,47 @@ def test_camera_effects_are_refused_where_the_noise_does_not_cover_the_picture()
 def test_a_crop_larger_than_the_picture_is_refused(size):
     with pytest.raises(BadInput, match="picture size"):
         Picture(*size)
+
+
+def test_scenes_in_the_open_stand_upright_where_asked():
+    def turns(**options):
+        """Numbers of open pairs whose sky is above, and elsewhere; its horizon is always far brighter than nothing."""
+        pairs = PairStream(
+            StillBoxConfig(open_share=1.0, meshes=(0, 0)),
+            TEXTURES,
+            SMALL,
+            PairRule(),
+            5,
+            pairs_per_scene=3,
+            **options,
+        )
+        above, elsewhere = 0, 0
+        with pairs:
+            for pair in pairs.batch(0, 90).each:
+                far = pair.target_m >= 99
+                above += far[0].any() and not far[-1].any()
+                elsewhere += far[-1].any() and not far[0].any()
+        return above, elsewhere
+
+    above, elsewhere = turns(upright=True)
+    assert above > 0 and elsewhere == 0
+    assert turns()[1] > 0
+
+
+def test_rooms_are_turned_as_before_where_open_scenes_stand_upright():
+    assert all(map(same, batches(0, 3), batches(0, 3, upright=True)))
+
+
+def test_objects_drawn_for_a_lens_fill_its_picture_as_they_do_through_90_degrees():
+    def covered(fov_deg, **options):
+        """Mean share of pixels whose neighbour to the right is at another depth by a tenth."""
+        picture = Picture(64, 64, 64, (fov_deg, fov_deg))
+        rule = PairRule(reference_focal_px=32.0)
+        with PairStream(StillBoxConfig(), TEXTURES, picture, rule, 5, pool_scenes=40, **options) as pairs:
+            depths = [pair.target_m for pair in pairs.batch(0, 160).each]
+        return np.mean([(abs(np.diff(np.log(each + 0.1), axis=1)) > 0.1).mean() for each in depths])
+
+    usual, narrow = covered(90.0), covered(35.0)
+    assert covered(90.0, objects_for_lens=True) == pytest.approx(usual)
+    assert narrow < 0.7 * usual
+    assert covered(35.0, objects_for_lens=True) == pytest.approx(usual, rel=0.25)

@@ -130,7 +130,7 @@ class Blender:
             name: str(self._mesh_file(name, Shape(int(shape)), float(radius), folder))
             for name, shape, radius in zip(objects, scene.shape, scene.torus_radius, strict=True)
         }
-        if np.isfinite(scene.room_half).all():
+        if not scene.is_open:
             walls = [f"wall-{part}" for part in range(6)]
             meshes |= {name: str(self._wall_file(part)) for part, name in enumerate(walls)}
             objects = objects + walls

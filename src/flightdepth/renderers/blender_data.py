@@ -48,7 +48,7 @@ def scene_arrays(scene: Scene, frames: Sequence[int], atlas: Atlas) -> Arrays:
     """Objects (walls last), lamps, sky and cameras."""
     origin = scene.camera_position[frames[0]]
     poses, worn = scene.world_from_object, scene.object_material
-    if np.isfinite(scene.room_half).all():
+    if not scene.is_open:
         room = scene.world_from_room.copy()
         room[:, :3] *= scene.room_half
         poses, worn = np.concatenate([poses, [room] * 6]), np.append(worn, scene.room_material)

@@ -86,7 +86,7 @@ class World(NamedTuple):
 def prepare_world(scene: Scene) -> World:
     """Lay out what all frames share."""
     room = scene.world_from_room.copy()
-    if np.isfinite(scene.room_half).all():
+    if not scene.is_open:
         room[:, :3] *= scene.room_half
     poses = np.concatenate([scene.world_from_object, room[None]])
     objects = len(scene.shape)
@@ -117,7 +117,7 @@ def prepare_cameras(scene: Scene, camera: Camera, frames: Sequence[int]) -> Reco
         records[name] = getattr(camera, name)
     records["wall"], records["ambient"] = scene.room_material, scene.ambient
     records["horizon"], records["zenith"] = scene.sky_colour
-    records["has_room"] = np.isfinite(scene.room_half).all()
+    records["has_room"] = not scene.is_open
     return records.view(FLAT_CAMERA)
 
 

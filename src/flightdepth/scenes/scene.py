@@ -105,6 +105,11 @@ class Scene:
         """Number of camera positions."""
         return len(self.camera_position)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether there is no room, but a sky."""
+        return not bool(np.isfinite(self.room_half).all())
+
     def displacement(self, previous: int, current: int) -> Floats:
         """Position at frame `current` minus that at `previous`, metres, in `current`'s orientation, shape (3,).
 

@@ -27,6 +27,10 @@ class Flown(Protocol):
     def frames(self) -> int:
         """Number of camera positions."""
 
+    @property
+    def is_open(self) -> bool:
+        """Whether it lies under a sky."""
+
     def displacement(self, previous: int, current: int) -> Floats:
         """Position at `current` minus that at `previous`, metres, in `current`'s orientation, shape (3,)."""
 

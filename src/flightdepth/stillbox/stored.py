@@ -45,6 +45,11 @@ class StoredScene:
         """Number of camera positions."""
         return len(self.camera_position)
 
+    @property
+    def is_open(self) -> bool:
+        """The original has closed rooms alone."""
+        return False
+
     def displacement(self, previous: int, current: int) -> Floats:
         """Position at `current` minus that at `previous`, metres, in `current`'s orientation, shape (3,)."""
         return displacement(self.camera_position, self.world_from_camera, previous, current)

@@ -7,6 +7,7 @@ from (seed, i) alone, so a stream resumed at i goes on exactly as if it had neve
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import chain
@@ -62,11 +63,25 @@ class Picture:
         fov = config.horizontal_fov_deg if self.fov_deg is None else float(rng.uniform(*self.fov_deg))
         return self.camera(fov, x, y)
 
+    def config_for(self, camera: Camera, config: StillBoxConfig) -> StillBoxConfig:
+        """`config` for the lens that `camera` is a crop of: objects stand before it, and look as large through it."""
+        half = self.full_width / 2 / camera.fx
+        narrower = half / math.tan(math.radians(config.horizontal_fov_deg) / 2)
+        smallest, largest = config.angular_size
+        return config.model_copy(
+            update={
+                "horizontal_fov_deg": 2 * math.degrees(math.atan(half)),
+                "angular_size": (smallest * narrower, largest * narrower),
+            }
+        )
+
 
 @dataclass
 class PairStream:
     """Pairs of a dataset (config, seed). `pairs_per_scene` is a mean; the pool holds `pool_scenes` scenes.
 
+    All pairs are seen in a mirror and turned by quarters by chance; `upright` leaves scenes in the open unturned.
+    `objects_for_lens` draws each scene for its own lens (`Picture.config_for`), not for the config's.
     Scenes are rendered by all threads when their turn comes, and the pairs after them, so that nothing competes with a
     CPU that trains.
     """
@@ -80,6 +95,8 @@ class PairStream:
     photometric_share: float = 1.0
     h264_share: float = 0.0
     noise: MotionNoise | None = None
+    upright: bool = False
+    objects_for_lens: bool = False
     pool_scenes: int = POOL_SCENES
     pairs_per_scene: int = 40
     threads: int = 2
@@ -125,6 +142,7 @@ class PairStream:
         pair = make_pair(scene, rendered, camera, self.rule, self.rule.draw_frames(rng, scene.frames))
         square = self.picture.width == self.picture.height
         turns = int(rng.integers(4)) if square else 2 * int(rng.integers(2))
+        turns = 0 if self.upright and scene.is_open else turns
         pair = turned(pair, quarter_turns=turns, mirror=bool(rng.integers(2)))
         pair = self.noise(rng, pair) if self.noise else pair
         if self._effects and (self.photometric_share == 1 or rng.random() < self.photometric_share):
@@ -143,5 +161,6 @@ class PairStream:
 
     def _render(self, number: int) -> tuple[Flown, Rendered, Camera]:
         camera = self.picture.draw_camera(chance.stream(self.seed, _CROP, number), self.config)
-        scene = draw_scene(self.config, len(self.textures), self.seed, number)
+        config = self.picture.config_for(camera, self.config) if self.objects_for_lens else self.config
+        scene = draw_scene(config, len(self.textures), self.seed, number)
         return scene, render(scene, self.textures, camera), camera

@@ -218,6 +218,8 @@ def stage_stream(
         photometric_share=stage.photometric_share,
         h264_share=stage.h264_share,
         noise=stage.noise,
+        upright=stage.upright,
+        objects_for_lens=stage.objects_for_lens,
         pairs_per_scene=recipe.pairs_per_scene,
         threads=1 if workers else threads,
         pool_scenes=pool_scenes(workers),

@@ -42,6 +42,8 @@ class Stage(_Strict):
     only_last_look: bool = Field(default=False, description="all but MotionNet's thorough last look stays")
     open_share: float = Field(default=0.0, ge=0, le=1, description="share of scenes in the open, under a sky")
     fov_deg: tuple[float, float] | None = Field(default=None, description="of a lens drawn for each scene")
+    upright: bool = Field(default=False, description="scenes in the open are not turned by quarters")
+    objects_for_lens: bool = Field(default=False, description="objects look as large through any lens")
     direction_noise_deg: float = Field(
         default=0.0, ge=0, description="largest error of the direction of motion"
     )
@@ -58,6 +60,10 @@ class Stage(_Strict):
             raise ValueError(f"pictures of at most {LARGEST_PX} px where there are camera effects")
         if self.photometric_share < 1 and not self.photometric:
             raise ValueError("photometric = true, of which photometric_share is a share")
+        if self.upright and not self.open_share:
+            raise ValueError("open_share, of whose scenes upright tells")
+        if self.objects_for_lens and self.fov_deg is None:
+            raise ValueError("fov_deg, for whose lenses objects are drawn with objects_for_lens")
         if self.fov_deg is not None and not 0 < self.fov_deg[0] <= self.fov_deg[1] < 180:
             raise ValueError("fov_deg of a smaller and a larger angle, between 0 and 180 degrees")
         return self

@@ -31,6 +31,8 @@ class Stage(BaseModel):
     fov_deg: tuple[float, float] | None = Field(
         default=None, description="of a lens drawn for each scene; `focal_px` is then that of 90 degrees"
     )
+    upright: bool = Field(default=False, description="scenes in the open were not turned by quarters")
+    objects_for_lens: bool = Field(default=False, description="objects looked as large through any lens")
     direction_noise_deg: float = Field(
         default=0.0, ge=0, description="largest error of the direction of motion"
     )
