@@ -42,7 +42,9 @@ def measured(recipe: Recipe, number: int, textures: Textures, rounds: int, threa
     learner.begin(stage)
     drawn = stage_stream(learner, number, 0, textures=textures, sets={}, threads=threads)
     per_round = math.lcm(CHUNK * recipe.pairs_per_scene, stage.batch)
-    feed = Feed(recipe, lambda _: replace(drawn, pool_scenes=POOL_SCENES), stage.batch)
+    feed = Feed(
+        recipe, lambda _: replace(drawn, pool_scenes=POOL_SCENES), stage.batch, sweep_later=learner.on_gpu
+    )
     rates: dict[str, list[float]] = {"rendered": [], "ready": []}
     with feed.batches(0) as rendered:
         ready = itertools.cycle(list(itertools.islice(rendered, READY)))

@@ -52,9 +52,10 @@ def begun(recipe):
     return learner
 
 
-def batches(recipe, count):
+def batches(recipe, count, sweep_later=False):
     with small_stream(recipe.scenes, small_textures(), recipe.stages[0].picture, recipe.rule, 1) as stream:
-        return [TensorBatch.of(recipe, stream.batch(BATCH * each, BATCH)) for each in range(count)]
+        pairs = [stream.batch(BATCH * each, BATCH) for each in range(count)]
+    return [TensorBatch.of(recipe, each, sweep_later=sweep_later) for each in pairs]
 
 
 def test_what_is_watched_is_seen():
@@ -65,11 +66,12 @@ def test_what_is_watched_is_seen():
     assert watched.called == [torch.Tensor.new_tensor, torch.tensor, torch.Tensor.__bool__]
 
 
+@pytest.mark.parametrize("sweep_later", [False, True])
 @pytest.mark.parametrize("recipe", RECIPES.values(), ids=RECIPES)
-def test_a_step_is_the_same_whatever_it_learns_from(recipe):
+def test_a_step_is_the_same_whatever_it_learns_from(recipe, sweep_later):
     """All of it, once the optimizer has its state: nothing comes from Python, and nothing goes there."""
     learner = begun(recipe)
-    first, second = batches(recipe, 2)
+    first, second = batches(recipe, 2, sweep_later)
     learner.step([first], recipe.stages[0], 0)
     with Watched() as watched:
         learner._learn_all([second])
@@ -79,7 +81,7 @@ def test_a_step_is_the_same_whatever_it_learns_from(recipe):
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
 @pytest.mark.parametrize("recipe", RECIPES.values(), ids=RECIPES)
 def test_a_recorded_step_learns_as_one_that_is_not(recipe):
-    made = batches(recipe, 3 * WARM_UP)
+    made = batches(recipe, 3 * WARM_UP, sweep_later=True)
 
     def losses(learner):
         steps = enumerate(made)

@@ -490,8 +490,10 @@ def test_what_a_worker_meets_is_told_as_it_is(tmp_path, monkeypatch):
         raise BadInput("scene 3", expected="a picture", got="half of one")
 
     monkeypatch.setattr(loop.PairStream, "batch", damaged)
-    with pytest.raises(BadInput, match="scene 3: expected a picture, got half of one"):
+    before = set(multiprocessing.active_children())
+    with pytest.raises(BadInput, match="scene 3: expected a picture, got half of one") as told:
         run(tmp_path, workers=2)
+    assert set(multiprocessing.active_children()) <= before, f"with {told.value} at hand workers live on"
 
 
 def test_a_worker_that_dies_is_told_in_one_line(tmp_path, monkeypatch):

@@ -31,12 +31,16 @@ START = "fork"  # so that workers see the textures, and compiled code, where the
 
 @dataclass(frozen=True)
 class Feed:
-    """Batches of `size` pairs for `recipe`; `stream(n)` opens stream number n: one is enough without workers."""
+    """Batches of `size` pairs for `recipe`; `stream(n)` opens stream number n: one is enough without workers.
+
+    `sweep_later` leaves the sweeps of a MotionNet to where it learns.
+    """
 
     recipe: Recipe
     stream: Callable[[int], PairStream]
     size: int
     workers: int = 0
+    sweep_later: bool = False
 
     @contextmanager
     def batches(self, first: int) -> Generator[Iterator[TensorBatch]]:
@@ -70,14 +74,18 @@ class Feed:
                 multiprocessing_context=START,
             )
             batches = iter(loader)
-        for made in batches:
-            if isinstance(made, FlightDepthError):
-                raise made
-            yield made
+        try:
+            for made in batches:
+                if isinstance(made, FlightDepthError):
+                    raise made
+                yield made
+        finally:  # the workers end with it, whoever keeps the error and with it this frame
+            del batches
 
     def made(self, stream: PairStream, number: int) -> TensorBatch:
         """Batch number `number` of a stream."""
-        return TensorBatch.of(self.recipe, stream.batch(number * self.size, self.size))
+        pairs = stream.batch(number * self.size, self.size)
+        return TensorBatch.of(self.recipe, pairs, sweep_later=self.sweep_later)
 
 
 @dataclass

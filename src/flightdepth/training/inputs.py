@@ -9,6 +9,7 @@ from torch import Tensor
 
 from flightdepth.stillbox import Batch
 from flightdepth.sweep import stacked, sweep
+from flightdepth.training.batch_sweep import motions, swept_batch
 from flightdepth.training.recipe import Recipe
 
 
@@ -16,8 +17,8 @@ from flightdepth.training.recipe import Recipe
 class TensorBatch:
     """One batch as a network learns from it, on the processor, pictures still as bytes.
 
-    inputs    of a MotionNet current [B, H, W, 3], sweeps and field as `sweep.stacked` has them; of the others pairs
-              uint8 [B, H, W, 6]
+    inputs    pairs uint8 [B, H, W, 6]; of a MotionNet, those and their motions, swept where it learns (`swept_batch`),
+              or current [B, H, W, 3], sweeps and field as `sweep.stacked` has them
     target_m  float32 [B, H, W]
     """
 
@@ -39,21 +40,25 @@ class TensorBatch:
             mine.copy_(new, non_blocking=True)
 
     @classmethod
-    def of(cls, recipe: Recipe, batch: Batch) -> TensorBatch:
-        """Swept along the motion where the network is told that."""
-        if recipe.architecture == "MotionNet":
+    def of(cls, recipe: Recipe, batch: Batch, *, sweep_later: bool = False) -> TensorBatch:
+        """Swept along the motion where the network is told that, unless that is left to where it learns."""
+        inputs: tuple[Tensor, ...]
+        if recipe.architecture != "MotionNet":
+            inputs = (torch.from_numpy(batch.pairs),)
+        elif sweep_later:
+            inputs = (torch.from_numpy(batch.pairs), motions(batch))
+        else:
             arrays = stacked(
                 sweep(pair.previous, pair.current, pair.displacement, pair.camera) for pair in batch.each
             )
-        else:
-            arrays = (batch.pairs,)
-        return cls(tuple(map(torch.from_numpy, arrays)), torch.from_numpy(batch.target_m))
+            inputs = tuple(map(torch.from_numpy, arrays))
+        return cls(inputs, torch.from_numpy(batch.target_m))
 
 
 def network_inputs(recipe: Recipe, batch: TensorBatch) -> tuple[Tensor, ...]:
     """Arguments of the network's `forward`, where the batch is."""
     if recipe.architecture == "MotionNet":
-        return motion_inputs(*batch.inputs)
+        return motion_inputs(*(swept_batch(*batch.inputs) if len(batch.inputs) == 2 else batch.inputs))
     return (normalised(*batch.inputs),)
 
 

@@ -59,7 +59,7 @@ class Learner:
         self.accelerator = Accelerator(
             cpu=without_gpu(), mixed_precision=self.precision, kwargs_handlers=[own_statistics]
         )
-        if self.accelerator.device.type == "cuda":
+        if self.on_gpu:
             torch.backends.cudnn.benchmark = True  # all batches of a stage are of one size
             torch.set_float32_matmul_precision("high")
         self.share = Share.of(recipe, self.accelerator.process_index, self.accelerator.num_processes)
@@ -69,6 +69,11 @@ class Learner:
         self._begin_optimizer(recipe.optimizer_in(recipe.stages[0]))
         self._graph: StepGraph | None = None
         self.averaged = copy.deepcopy(self.network).requires_grad_(False).eval()
+
+    @property
+    def on_gpu(self) -> bool:
+        """Whether it is NVIDIA's, or looks like one to PyTorch."""
+        return bool(self.accelerator.device.type == "cuda")
 
     def restored(self, path: Path) -> Progress:
         """Take up a checkpoint of the same recipe."""
@@ -136,7 +141,7 @@ class Learner:
 
     def _recorded_step(self) -> StepGraph | None:
         """For one process with a GPU; a stage has a graph of its own, since its batches have their own size."""
-        if self.accelerator.device.type != "cuda" or self.accelerator.num_processes > 1:
+        if not self.on_gpu or self.accelerator.num_processes > 1:
             return None
         for group in self.stepper.param_groups:  # what is recorded reads the rate where it is then written
             group["lr"] = torch.zeros((), device=self.accelerator.device)

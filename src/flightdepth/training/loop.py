@@ -169,7 +169,13 @@ class _Run:
     def _feed(self, part: int) -> Feed:
         """What one part of each batch is made by."""
         size, each = self.stage.batch // self.learner.share.parts, max(self.workers, 1)
-        return Feed(self.recipe, lambda number: self.stream(part * each + number), size, self.workers)
+        return Feed(
+            self.recipe,
+            lambda number: self.stream(part * each + number),
+            size,
+            self.workers,
+            sweep_later=self.learner.on_gpu,
+        )
 
     def _advanced(self, before: Progress, loss_m: float) -> Progress:
         """Progress after one step more, whose loss it was."""
