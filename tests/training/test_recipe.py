@@ -324,6 +324,8 @@ def test_two_stages_of_one_name_would_write_one_checkpoint(written):
         ),
         ("batch = 10", "batch = 10\nphotometric_share = 0.3", "stages.0: expected photometric = true"),
         ("batch = 10", "batch = 10\nfov_deg = [55.0, 120.0]", "expected reference_focal_px, since a stage"),
+        ("batch = 10", "batch = 10\nupright = true", "stages.0: expected open_share, of whose scenes"),
+        ("batch = 10", "batch = 10\nobjects_for_lens = true", "stages.0: expected fov_deg, for whose lenses"),
         ("[[stages]]", "[scenes]\nopen_share = 0.5\n[[stages]]", "expected open_share in each stage, not in"),
     ],
 )

@@ -66,12 +66,12 @@ class Picture:
     def config_for(self, camera: Camera, config: StillBoxConfig) -> StillBoxConfig:
         """`config` for the lens that `camera` is a crop of: objects stand before it, and look as large through it."""
         half = self.full_width / 2 / camera.fx
-        narrower = half / math.tan(math.radians(config.horizontal_fov_deg) / 2)
+        wider = half / math.tan(math.radians(config.horizontal_fov_deg) / 2)
         smallest, largest = config.angular_size
         return config.model_copy(
             update={
                 "horizontal_fov_deg": 2 * math.degrees(math.atan(half)),
-                "angular_size": (smallest * narrower, largest * narrower),
+                "angular_size": (smallest * wider, largest * wider),
             }
         )
 
