@@ -9,8 +9,10 @@ from flightdepth.errors import BadInput
 from flightdepth.flight.records import AttitudeSample, VelocitySample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.telemetry_csv import read_csv, write_csv
+from flightdepth.motion import rotation_from_quaternion
 
 WORLD = "time_s,vn_m_s,ve_m_s,vd_m_s\n"
+ANGLES = "camera_yaw_deg,camera_pitch_deg,camera_roll_deg"
 GOOD = WORLD + "0,1,2,3\n0.5,4,5,6\n"
 
 
@@ -117,6 +119,15 @@ def test_blank_lines_and_a_byte_order_mark_do_not_matter(tmp_path):
         ("time_s,stamp_ns,vn_m_s,ve_m_s,vd_m_s\n", "one time column"),
         ("time_s,vn_m_s,ve_m_s\n0,1,2\n", "no vd_m_s"),
         (WORLD.replace("\n", ",qw,qx,qy\n"), "no qz"),
+        (WORLD.replace("\n", ",camera_pitch_deg\n"), "no camera_yaw_deg, camera_roll_deg"),
+        (
+            WORLD.replace("\n", f",{ANGLES},qw,qx,qy,qz\n"),
+            "expected one attitude, got a quaternion and angles",
+        ),
+        (
+            WORLD.replace("\n", f",{ANGLES}\n") + "0,1,2,3,0,nan,0\n",
+            "line 2.*a finite number for camera_pitch_deg",
+        ),
         ("time_s,time_s,vn_m_s,ve_m_s,vd_m_s\n", "each column once"),
         (GOOD + "1,2,3\n", "line 4.*4 cells.*got 3"),
         (GOOD + "1,nan,3,4\n", "line 4.*finite number for vn_m_s.*'nan'"),
@@ -189,10 +200,30 @@ def test_an_attitude_without_its_velocity_cannot_be_written(tmp_path):
         write_csv(tmp_path / "log.csv", samples)
 
 
+@pytest.mark.parametrize(
+    ("angles", "right", "ahead"),
+    [
+        ("0,0,0", (0, 1, 0), (1, 0, 0)),
+        ("90,0,0", (-1, 0, 0), (0, 1, 0)),  # east is ahead, south to the right
+        ("0,-90,0", (0, 1, 0), (0, 0, 1)),  # straight down
+        ("0,0,90", (0, 0, 1), (1, 0, 0)),  # on its right side
+        ("90,-90,0", (-1, 0, 0), (0, 0, 1)),
+    ],
+)
+def test_angles_of_the_camera_say_where_it_looks(tmp_path, angles, right, ahead):
+    """Right and ahead of the picture, in north, east, down."""
+    text = WORLD.replace("\n", f",{ANGLES}\n") + f"0,1,2,3,{angles}\n0.5,1,2,3,{angles}\n"
+    log = read(tmp_path, text)
+    turn = rotation_from_quaternion(log.attitudes[0].world_from_camera)
+    assert np.allclose(turn[:, 0], right, atol=1e-12)
+    assert np.allclose(turn[:, 2], ahead, atol=1e-12)
+    assert (len(log.attitudes), "ignored" in log.name) == (2, False)
+
+
 def test_angles_are_told_not_to_be_an_attitude(tmp_path):
     text = "time_s,vn_m_s,ve_m_s,vd_m_s,roll_deg,note\n0,1,2,3,4,5\n1,1,2,3,4,5\n"
     assert (
-        "ignored columns: roll_deg, note (an attitude is read from qw, qx, qy, qz)"
-        in read(tmp_path, text).name
+        "ignored columns: roll_deg, note (an attitude is read from qw, qx, qy, qz"
+        f" or {ANGLES.replace(',', ', ')})" in read(tmp_path, text).name
     )
     assert "attitude" not in read(tmp_path, text.replace("roll_deg", "other")).name

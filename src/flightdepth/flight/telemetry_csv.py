@@ -6,7 +6,8 @@ Columns, in any order:
     vn_m_s, ve_m_s, vd_m_s                              velocity north, east, down (world), or
     vx_camera_m_s, vy_camera_m_s, vz_camera_m_s         velocity right, down, forward (camera)
     sigma_m_s                                           optional: its standard deviation
-    qw, qx, qy, qz                                      optional: attitude, world (NED) from camera
+    qw, qx, qy, qz                                      optional: attitude, world (NED) from camera, or
+    camera_yaw_deg, camera_pitch_deg, camera_roll_deg   from north clockwise, up, right side down
 
 Other columns are ignored, and the telemetry's name says which. Lines whose time is not later than the one before
 are left out and counted, and so is a last line without its end: it was cut off. Anything else that is wrong is
@@ -28,6 +29,7 @@ import numpy as np
 from flightdepth.errors import BadInput
 from flightdepth.files import write_atomic
 from flightdepth.flight.file_bytes import log_bytes
+from flightdepth.flight.gimbal import looking_along
 from flightdepth.flight.order import rising
 from flightdepth.flight.records import (
     FASTEST_M_S,
@@ -48,19 +50,23 @@ VELOCITY: dict[VelocityFrame, tuple[str, str, str]] = {
     "camera": ("vx_camera_m_s", "vy_camera_m_s", "vz_camera_m_s"),
 }
 ANGLES = ("roll", "pitch", "yaw")
-ATTITUDE = ("qw", "qx", "qy", "qz")
+AttitudeColumns = Literal["quaternion", "angles"]
+ATTITUDE: dict[AttitudeColumns, tuple[str, ...]] = {
+    "quaternion": ("qw", "qx", "qy", "qz"),
+    "angles": ("camera_yaw_deg", "camera_pitch_deg", "camera_roll_deg"),
+}
 CHOICES = " or ".join(", ".join(names) for names in VELOCITY.values())
 MEND = f"The columns are {STAMP} or {TIME}, then {CHOICES}."
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Which columns a file has, checked: one of time, one set of velocity."""
+    """Which columns a file has, checked: one of time, one set of velocity, at most one of attitude."""
 
     time: Literal["stamp_ns", "time_s"]
     frame: VelocityFrame
     sigma: bool
-    attitude: bool
+    attitude: AttitudeColumns | None
     ignored: tuple[str, ...]
 
     @classmethod
@@ -73,8 +79,11 @@ class Columns:
         if len(times) != 1 or len(frames) != 1:
             expected = "one time column and one set of velocity columns"
             raise BadInput(f"{what}, line 1", expected=expected, got=", ".join(header)[:200], mend=MEND)
-        attitude = _all_or_none(what, header, ATTITUDE)
-        known = {times[0], *VELOCITY[frames[0]], SIGMA, *ATTITUDE}
+        attitudes = [name for name, columns in ATTITUDE.items() if _all_or_none(what, header, columns)]
+        if len(attitudes) > 1:
+            raise BadInput(f"{what}, line 1", expected="one attitude", got="a quaternion and angles")
+        attitude = attitudes[0] if attitudes else None
+        known = {times[0], *VELOCITY[frames[0]], SIGMA, *(ATTITUDE[attitude] if attitude else ())}
         ignored = tuple(name for name in header if name not in known)
         return cls(
             "stamp_ns" if times[0] == STAMP else "time_s", frames[0], SIGMA in header, attitude, ignored
@@ -113,7 +122,7 @@ def write_csv(path: Path, samples: Iterable[Sample]) -> None:
     if attitudes and set(attitudes) != {velocity.stamp_ns for velocity in velocities}:
         raise BadInput(what, expected="an attitude at each velocity's stamp, or none", got="some")
     has_sigma = any(velocity.sigma is not None for velocity in velocities)
-    optional = [*([SIGMA] if has_sigma else []), *(ATTITUDE if attitudes else [])]
+    optional = [*([SIGMA] if has_sigma else []), *(ATTITUDE["quaternion"] if attitudes else [])]
     lines = [",".join([STAMP, *VELOCITY[frames.pop()], *optional])]
     lines += [_line(velocity, has_sigma, attitudes.get(velocity.stamp_ns)) for velocity in velocities]
     write_atomic(path, ("\n".join(lines) + "\n").encode())
@@ -150,7 +159,7 @@ def _read(what: str, name: str, rows: Iterable[list[str]], counts: Counter[str])
         counts["velocities not later than the one before"] += len(read) - len(kept)
     ignored = f", ignored columns: {', '.join(columns.ignored)}" if columns.ignored else ""
     if not columns.attitude and any(angle in name for angle in ANGLES for name in columns.ignored):
-        ignored += " (an attitude is read from qw, qx, qy, qz)"
+        ignored += f" (an attitude is read from {' or '.join(map(', '.join, ATTITUDE.values()))})"
     samples = tuple(sample for index in kept for sample in read[index])
     return Telemetry(f"CSV {name}: {columns.frame} velocity{ignored}", samples, dict(counts))
 
@@ -168,17 +177,23 @@ def _samples(where: str, columns: Columns, cells: dict[str, str]) -> list[Sample
         raise BadInput(
             where, expected=f"at most {FASTEST_M_S:g} m/s", got=f"{speed:.0f}", mend="Velocities are in m/s."
         )
-    if columns.attitude and not 0.9 < np.linalg.norm(_numbers(where, cells, ATTITUDE)) < 1.1:
-        got = ", ".join(cells[name].strip() for name in ATTITUDE)
-        raise BadInput(where, expected="a quaternion qw, qx, qy, qz of length 1", got=got)
     sigma = _number(where, cells, SIGMA) if columns.sigma and cells[SIGMA].strip() else None
     try:
         samples: list[Sample] = [VelocitySample(stamp_ns, velocity, columns.frame, sigma)]
         if columns.attitude:
-            samples.append(AttitudeSample(stamp_ns, _numbers(where, cells, ATTITUDE)))
+            numbers = _numbers(where, cells, ATTITUDE[columns.attitude])
+            told = columns.attitude == "angles"
+            samples.append(AttitudeSample(stamp_ns, looking_along(*numbers) if told else _unit(numbers)))
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from error
     return samples
+
+
+def _unit(quaternion: Vector) -> Vector:
+    if not 0.9 < np.linalg.norm(quaternion) < 1.1:
+        got = ", ".join(f"{number:g}" for number in quaternion)
+        raise BadInput("attitude", expected="a quaternion qw, qx, qy, qz of length 1", got=got)
+    return quaternion
 
 
 def _stamp(where: str, column: str, cells: dict[str, str]) -> int:
