@@ -79,6 +79,17 @@ def test_constant_speed_needs_no_log(run, work):
     assert not folder.poses  # nobody knows which way
 
 
+def test_a_log_of_a_speed_alone_is_flown_as_that_speed(run, work):
+    (work / "speeds.csv").write_text("time_s,speed_m_s\n0,3\n1,3\n2,3\n")
+    assert run(log="speeds.csv")[0] == 0
+    by_log = FlightFolder(work / "made/out")
+    assert "CSV speeds.csv: speed, any direction" in by_log.record.source.telemetry
+    assert not by_log.poses  # nobody knows which way
+    depth_m = by_log.depth_m(FRAMES - 1)
+    assert run("--speed", "3", log=None)[0] == 0
+    assert np.array_equal(depth_m, FlightFolder(work / "made/out").depth_m(FRAMES - 1), equal_nan=True)
+
+
 def test_part_of_a_flight(run, work):
     assert run("--start", "0.2", "--end", "0.4")[0] == 0
     rows = FlightFolder(work / "made/out").rows

@@ -128,6 +128,9 @@ def test_blank_lines_and_a_byte_order_mark_do_not_matter(tmp_path):
             WORLD.replace("\n", f",{ANGLES}\n") + "0,1,2,3,0,nan,0\n",
             "line 2.*a finite number for camera_pitch_deg",
         ),
+        ("time_s,speed_m_s\n0,-1\n", "line 2.*a speed of 0 m/s or more, got -1"),
+        ("time_s,speed_m_s\n0,160\n", "line 2.*at most 150 m/s"),
+        (WORLD.replace("\n", ",speed_m_s\n"), "one set of velocity columns"),
         ("time_s,time_s,vn_m_s,ve_m_s,vd_m_s\n", "each column once"),
         (GOOD + "1,2,3\n", "line 4.*4 cells.*got 3"),
         (GOOD + "1,nan,3,4\n", "line 4.*finite number for vn_m_s.*'nan'"),
@@ -218,6 +221,19 @@ def test_angles_of_the_camera_say_where_it_looks(tmp_path, angles, right, ahead)
     assert np.allclose(turn[:, 0], right, atol=1e-12)
     assert np.allclose(turn[:, 2], ahead, atol=1e-12)
     assert (len(log.attitudes), "ignored" in log.name) == (2, False)
+
+
+def test_a_speed_alone_tells_no_direction(tmp_path):
+    log = read(tmp_path, "time_s,speed_m_s,sigma_m_s\n0,3,0.2\n0.5,4,\n")
+    assert log.any_direction and log.later_by(10).any_direction
+    assert [(np.linalg.norm(v.velocity), v.sigma) for v in log.velocities] == [(3, 0.2), (4, None)]
+    assert not read(tmp_path, GOOD).any_direction
+
+
+def test_an_attitude_beside_a_speed_turns_no_direction(tmp_path):
+    log = read(tmp_path, f"time_s,speed_m_s,{ANGLES}\n0,3,10,0,0\n0.5,4,10,0,0\n")
+    assert not log.attitudes
+    assert log.name == f"CSV log.csv: speed, any direction, ignored columns: {ANGLES.replace(',', ', ')}"
 
 
 def test_angles_are_told_not_to_be_an_attitude(tmp_path):

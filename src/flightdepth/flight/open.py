@@ -105,7 +105,7 @@ class Flight:
     @property
     def any_direction(self) -> bool:
         """Whether no log tells which way it flies, only how fast."""
-        return self._telemetry is None
+        return self._telemetry is None or self._telemetry.any_direction
 
     @property
     def camera_source(self) -> str:

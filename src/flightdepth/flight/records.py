@@ -185,7 +185,8 @@ class Telemetry:
     `name` is a line for people; `counts` says how much of the log was dropped, and why. `body_attitudes` are
     the drone's own, in time order; they say nothing of a camera until somebody knows how it is mounted.
     `view` is the field of view of each picture, where the log tells it. `recordings` are the videos that the log
-    says were recorded, in time order: recordings.py finds the one at hand.
+    says were recorded, in time order: recordings.py finds the one at hand. `any_direction`: of the velocities only
+    the lengths are told.
     """
 
     name: str
@@ -195,6 +196,7 @@ class Telemetry:
     body_attitudes: tuple[BodyAttitudeSample, ...] = ()
     view: ViewTrack | None = None
     recordings: tuple[Recording, ...] = ()
+    any_direction: bool = False
 
     def __post_init__(self) -> None:
         stamps = [sample.stamp_ns for sample in self.samples]

@@ -4,7 +4,8 @@ Columns, in any order:
 
     stamp_ns  or  time_s                                since the video's first picture (int ns, or seconds)
     vn_m_s, ve_m_s, vd_m_s                              velocity north, east, down (world), or
-    vx_camera_m_s, vy_camera_m_s, vz_camera_m_s         velocity right, down, forward (camera)
+    vx_camera_m_s, vy_camera_m_s, vz_camera_m_s         velocity right, down, forward (camera), or
+    speed_m_s                                           its length alone: the direction is seen in the pictures
     sigma_m_s                                           optional: its standard deviation
     qw, qx, qy, qz                                      optional: attitude, world (NED) from camera, or
     camera_yaw_deg, camera_pitch_deg, camera_roll_deg   from north clockwise, up, right side down
@@ -45,9 +46,12 @@ from flightdepth.flight.records import (
 from flightdepth.motion import Vector
 
 STAMP, TIME, SIGMA = "stamp_ns", "time_s", "sigma_m_s"
-VELOCITY: dict[VelocityFrame, tuple[str, str, str]] = {
+SPEED: Literal["any direction"] = "any direction"
+VelocityColumns = VelocityFrame | Literal["any direction"]
+VELOCITY: dict[VelocityColumns, tuple[str, ...]] = {
     "world": ("vn_m_s", "ve_m_s", "vd_m_s"),
     "camera": ("vx_camera_m_s", "vy_camera_m_s", "vz_camera_m_s"),
+    SPEED: ("speed_m_s",),
 }
 ANGLES = ("roll", "pitch", "yaw")
 AttitudeColumns = Literal["quaternion", "angles"]
@@ -64,7 +68,7 @@ class Columns:
     """Which columns a file has, checked: one of time, one set of velocity, at most one of attitude."""
 
     time: Literal["stamp_ns", "time_s"]
-    frame: VelocityFrame
+    frame: VelocityColumns
     sigma: bool
     attitude: AttitudeColumns | None
     ignored: tuple[str, ...]
@@ -82,7 +86,8 @@ class Columns:
         attitudes = [name for name, columns in ATTITUDE.items() if _all_or_none(what, header, columns)]
         if len(attitudes) > 1:
             raise BadInput(f"{what}, line 1", expected="one attitude", got="a quaternion and angles")
-        attitude = attitudes[0] if attitudes else None
+        # Without a direction an attitude would turn one that nobody told.
+        attitude = attitudes[0] if attitudes and frames[0] != SPEED else None
         known = {times[0], *VELOCITY[frames[0]], SIGMA, *(ATTITUDE[attitude] if attitude else ())}
         ignored = tuple(name for name in header if name not in known)
         return cls(
@@ -158,10 +163,17 @@ def _read(what: str, name: str, rows: Iterable[list[str]], counts: Counter[str])
     if len(kept) < len(read):
         counts["velocities not later than the one before"] += len(read) - len(kept)
     ignored = f", ignored columns: {', '.join(columns.ignored)}" if columns.ignored else ""
-    if not columns.attitude and any(angle in name for angle in ANGLES for name in columns.ignored):
+    if (
+        columns.frame != SPEED
+        and not columns.attitude
+        and any(angle in name for angle in ANGLES for name in columns.ignored)
+    ):
         ignored += f" (an attitude is read from {' or '.join(map(', '.join, ATTITUDE.values()))})"
     samples = tuple(sample for index in kept for sample in read[index])
-    return Telemetry(f"CSV {name}: {columns.frame} velocity{ignored}", samples, dict(counts))
+    told = "speed, any direction" if columns.frame == SPEED else f"{columns.frame} velocity"
+    return Telemetry(
+        f"CSV {name}: {told}{ignored}", samples, dict(counts), any_direction=columns.frame == SPEED
+    )
 
 
 def _cells(where: str, header: Sequence[str], row: Sequence[str]) -> dict[str, str]:
@@ -173,13 +185,18 @@ def _cells(where: str, header: Sequence[str], row: Sequence[str]) -> dict[str, s
 def _samples(where: str, columns: Columns, cells: dict[str, str]) -> list[Sample]:
     stamp_ns = _stamp(where, columns.time, cells)
     velocity = _numbers(where, cells, VELOCITY[columns.frame])
+    if columns.frame == SPEED:  # northwards, since some way it must be
+        if velocity[0] < 0:
+            raise BadInput(where, expected="a speed of 0 m/s or more", got=f"{velocity[0]:g}")
+        velocity = np.append(velocity, (0.0, 0.0))
     if (speed := float(np.linalg.norm(velocity))) > FASTEST_M_S:
         raise BadInput(
             where, expected=f"at most {FASTEST_M_S:g} m/s", got=f"{speed:.0f}", mend="Velocities are in m/s."
         )
     sigma = _number(where, cells, SIGMA) if columns.sigma and cells[SIGMA].strip() else None
     try:
-        samples: list[Sample] = [VelocitySample(stamp_ns, velocity, columns.frame, sigma)]
+        frame: VelocityFrame = "camera" if columns.frame == "camera" else "world"
+        samples: list[Sample] = [VelocitySample(stamp_ns, velocity, frame, sigma)]
         if columns.attitude:
             numbers = _numbers(where, cells, ATTITUDE[columns.attitude])
             told = columns.attitude == "angles"
