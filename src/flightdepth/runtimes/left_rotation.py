@@ -25,7 +25,7 @@ LEFT_RAD, ASTRAY_RAD = np.radians(0.03), np.radians(0.5)  # what is usually left
 TOGETHER = 9.0  # blocks err together: a rotation that much more than from independent ones
 LEAST_NOISE_PX = 0.02
 STEPS = 5
-LEAST_MATCHED_PX = 0.66
+LEAST_MATCHED_PX = 0.5
 MOST_TAKEN = 0.5  # logarithm of the depth that a rotation may be said to have made
 
 
