@@ -17,6 +17,7 @@ from flightdepth.commands.batch import Job, here, jobs_of
 from flightdepth.commands.signals import heed_interrupt, stopped_as_by_ctrl_c
 from flightdepth.errors import FlightDepthError
 from flightdepth.outputs import FlightFolder
+from flightdepth.outputs.pictures import pictures
 
 
 @pytest.fixture
@@ -123,6 +124,14 @@ def test_a_flight_without_any_depth_is_written_and_told_by_the_exit_code(run, wo
         assert "2 flights: 2 finished before without any depth" in stdout
 
 
+def test_what_an_interrupted_flight_left_is_not_taken_for_all_of_it(run, work):
+    run()
+    record = work / "out/one/flight.json"
+    record.write_text(record.read_text().replace('"whole": true', '"whole": false'))
+    _, stdout, _ = run()
+    assert "2 flights: 1 done, 1 finished before" in stdout
+
+
 def test_a_single_flight_is_run_again(run, work):
     run(flights=("one.mp4",))
     before = (work / "out/flight.json").stat().st_mtime_ns
@@ -145,24 +154,45 @@ def test_what_another_card_s_flight_of_that_name_replaces_is_told(run, work):
     assert "out holds the result of another one.mp4, which" in run(flights=("card/one.mp4",))[2]
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
-def test_a_signal_clears_away_what_was_begun(work, number):
-    """As systemd, Slurm, `timeout` and `docker stop` send SIGTERM, and a terminal that is closed SIGHUP."""
-    make_video(work / "long.mp4", frames=2000)
+def stopped_run(work, number, *flights):
+    """Exit code and stderr of a run that got a signal once it had written some frames."""
+    for flight in flights:
+        make_video(work / flight, frames=2000)
     options = ["--hfov", "90", "--speed", "3", "--network", "difference.onnx", "--out", "out"]
-    command = [sys.executable, "-m", "flightdepth", "run", "long.mp4", *options]
+    command = [sys.executable, "-m", "flightdepth", "run", *flights, *options]
     heeding: dict[str, Any] = {  # under nohup too
         "preexec_fn": partial(signal.signal, number, signal.SIG_DFL)
     }
     with subprocess.Popen(command, cwd=work, stderr=subprocess.PIPE, text=True, **heeding) as running:
-        while not list(work.glob(".out.partial*/depth/*.png")):
+        while len(list(work.rglob(".*.partial*/depth/*.png"))) < 5:
             assert running.poll() is None
             time.sleep(0.05)
         running.send_signal(number)
         _, stderr = running.communicate(timeout=60)
-    assert running.returncode == 130
+    return running.returncode, " ".join(stderr.split())
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
+def test_a_signal_ends_a_flight_and_what_was_flown_stays(work, number):
+    """As systemd, Slurm, `timeout` and `docker stop` send SIGTERM, and a terminal that is closed SIGHUP."""
+    code, stderr = stopped_run(work, number, "long.mp4")
+    assert code == 130
+    kept = work / "out.interrupted-1"
+    assert list(work.glob("*out*")) == [kept]  # so no hidden folder either
+    flight = FlightFolder(kept)
+    assert not flight.record.whole
+    assert 5 <= len(flight.rows) == flight.record.counts.frames < 2000
+    assert len(list(pictures(flight))) in (len(flight.rows), len(flight.rows) - 1)
+    last_s = flight.rows[-1].stamp_ns / 1e9
+    assert f"what was flown stands in {kept}; --start {last_s:.2f} goes on from there" in stderr
+
+
+def test_a_signal_clears_away_what_was_begun_of_several_flights(work):
+    """The same command begins anew with that one."""
+    code, stderr = stopped_run(work, signal.SIGTERM, "long.mp4", "longer.mp4")
+    assert code == 130
     assert "nothing of this flight was written" in stderr
-    assert not list(work.glob("*out*"))
+    assert not list(work.glob("*out*/*"))
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

@@ -29,7 +29,7 @@ from flightdepth.live.obstacle_messages import ObstaclePacker, in_tlog
 from flightdepth.live.obstacles import ObstacleSettings
 from flightdepth.live.status import FrameCounts, Health, LiveStatus, SinkCounts, State
 from flightdepth.live.video_address import video_address
-from flightdepth.outputs import read_depth
+from flightdepth.outputs import FlightFolder, read_depth
 from flightdepth.outputs.frame_table import rows_from_csv
 from tests_logs import tlog_flight
 
@@ -188,6 +188,9 @@ def test_a_recording_that_was_killed_is_kept_by_the_next(session, tmp_path, caps
     rows = rows_from_csv((kept / "frames.csv").read_text())
     assert len(rows) >= 20
     assert all(read_depth(kept / "depth" / f"{row.index:06d}.png").ndim == 2 for row in rows)
+    flight = FlightFolder(kept)
+    assert not flight.record.whole
+    assert len(flight.rows) >= len(rows) - 1  # `view` and `convert` read it; a line may be cut off
     assert not list(tmp_path.glob(".out.*"))
 
 

@@ -47,6 +47,14 @@ def test_only_its_own_older_result_is_replaced(convert, work, kind):
     assert [convert(target.name, *options)[0] for _ in range(2)] == [0, 0]
 
 
+def test_a_flight_that_was_interrupted_is_converted_with_a_warning(convert, work):
+    record = write_flown(work / "part").folder / "flight.json"
+    record.write_text(record.read_text().replace('"whole": true', '"whole": false'))
+    code, stdout, stderr = convert("part.ply", "--every", "1", folder="part")
+    assert (code, "points from" in stdout) == (0, True)
+    assert f"part was interrupted: {FRAMES} frames of the flight stand" in " ".join(stderr.split())
+
+
 def test_frames_without_a_place_are_counted(convert, work):
     """Found in review: after a gap in the log half of a flight was missing from its cloud, without a word."""
     poses = [pose(i, STEP_M * i, segment=int(i >= FRAMES - 3)) for i in range(FRAMES)]

@@ -1,3 +1,5 @@
+import shutil
+
 import av
 import numpy as np
 import pytest
@@ -5,11 +7,13 @@ import pytest
 from flightdepth.errors import BadInput
 from flightdepth.outputs.film import Film
 
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+
 
 def write(path, stamps_ns, width=64, height=48):
     film = Film(path, width, height)
     for i, stamp_ns in enumerate(stamps_ns):
-        film.add(stamp_ns, np.full((height, width, 3), (200, 40 + 10 * i, 30), np.uint8))
+        film.add(stamp_ns, np.full((height, width, 3), (200, 40 + 10 * i % 200, 30), np.uint8))
     film.close()
     with av.open(str(path)) as container:
         return [(picture.time, picture.to_ndarray(format="rgb24")) for picture in container.decode(video=0)]
@@ -19,6 +23,12 @@ def test_pictures_keep_their_times(tmp_path):
     stamps_ns = [0, 33_366_667, 66_733_333, 500_000_000, 533_366_667]
     times = [time for time, _ in write(tmp_path / "film.mp4", stamps_ns)]
     assert times == pytest.approx([ns * 1e-9 for ns in stamps_ns], abs=1 / 90_000)
+
+
+@pytest.mark.parametrize("count", [1, 11, 12, 61])
+def test_every_picture_is_there_and_in_time_wherever_a_piece_of_a_second_ends(tmp_path, count):
+    times = [time for time, _ in write(tmp_path / "film.mp4", [100_000_000 * i for i in range(count)])]
+    assert times == pytest.approx([0.1 * i for i in range(count)], abs=1 / 90_000)
 
 
 def test_colours_come_back(tmp_path):
@@ -47,3 +57,21 @@ def test_a_picture_of_another_size_is_refused(tmp_path):
     with pytest.raises(BadInput, match="film picture"):
         film.add(0, np.zeros((48, 62, 3), np.uint8))
     film.abandon()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
+def test_a_browser_plays_it_and_finds_a_time_in_it(tmp_path):
+    sync_api = pytest.importorskip("playwright.sync_api")
+    write(tmp_path / "film.mp4", [100_000_000 * i for i in range(61)])
+    (tmp_path / "page.html").write_text('<video src="film.mp4" muted></video>')
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        tab = browser.new_page()
+        tab.goto((tmp_path / "page.html").as_uri())
+        tab.evaluate("film = document.querySelector('video'); film.onseeked = () => found = film.currentTime")
+        tab.wait_for_function("film.readyState === 4")
+        assert tab.evaluate("film.duration") == pytest.approx(6.1, abs=0.1)
+        tab.evaluate("film.currentTime = 4.05")
+        tab.wait_for_function("window.found === 4.05")
+        browser.close()

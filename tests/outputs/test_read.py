@@ -1,4 +1,6 @@
 import random
+import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -7,6 +9,7 @@ from output_samples import HEIGHT, SOURCE, WIDTH, frame, known
 
 from flightdepth.errors import BadInput
 from flightdepth.outputs import FlightFolder, FlightWriter, Preview, read_confidence, read_depth
+from flightdepth.outputs.pictures import pictures
 
 
 @pytest.fixture
@@ -71,3 +74,74 @@ def test_a_cut_depth_file_is_refused(tmp_path, suffix, size):
     path.write_bytes(path.read_bytes()[:size])
     with pytest.raises(BadInput):
         read_depth(path)
+
+
+# What a kill or a loss of power leaves of a flight that cannot be flown again.
+
+
+@pytest.fixture
+def left(tmp_path):
+    """A folder as it stands in flight, 20 frames of it, five a second."""
+    with pytest.raises(KeyboardInterrupt), writer_once(tmp_path / "out") as writer:
+        for i in range(20):
+            writer.add(replace(frame(i), stamp_ns=200_000_000 * i), known(10 + i))
+        writer._files.finish()
+        writer._pictures.finish()
+        shutil.copytree(writer._folder, tmp_path / "left")
+        raise KeyboardInterrupt
+    return tmp_path / "left"
+
+
+def writer_once(target):
+    return FlightWriter(target, SOURCE, Preview(WIDTH, HEIGHT), once=True)
+
+
+def test_a_killed_flight_is_read(left):
+    flight = FlightFolder(left)
+    assert not flight.record.whole
+    assert len(flight.rows) == flight.record.counts.frames == 20
+    assert flight.depth_m(19).min() == pytest.approx(29, abs=0.01)
+
+
+@pytest.mark.parametrize("name", ["depth", "confidence"])
+@pytest.mark.parametrize("data", [b"", None], ids=["empty", "missing"])
+def test_it_ends_before_a_map_that_did_not_come_to_the_disk(left, name, data):
+    file = left / name / "000012.png"
+    file.unlink()
+    if data is not None:
+        file.write_bytes(data)
+    assert [row.index for row in FlightFolder(left).rows] == list(range(12))
+
+
+@pytest.mark.parametrize("lost", [1, 5, 30])
+def test_a_last_line_that_was_cut_off_is_left_out(left, lost):
+    table = left / "frames.csv"
+    table.write_bytes(table.read_bytes()[:-lost])
+    assert len(FlightFolder(left).rows) in (18, 19)
+
+
+def test_a_whole_flight_whose_table_was_cut_off_is_refused(folder):
+    table = folder / "frames.csv"
+    table.write_bytes(table.read_bytes()[:-20])
+    with pytest.raises(BadInput, match="broken table"):
+        FlightFolder(folder)
+
+
+def test_its_pictures_are_shown_until_its_film_ends(left):
+    """The film comes to the disk in pieces of a second, and a loss of power cuts it anywhere."""
+    film = left / "preview.mp4"
+    data = film.read_bytes()
+    seen = []
+    for share in (1, 0.8, 0.6):
+        film.write_bytes(data[: int(len(data) * share)])
+        seen.append([index for index, _ in pictures(FlightFolder(left))])
+    assert all(indices == list(range(len(indices))) for indices in seen)
+    assert len(seen[0]) >= 10
+    assert len(seen[0]) > len(seen[1]) > len(seen[2]) > 0
+
+
+def test_without_a_film_it_is_refused(left):
+    flight = FlightFolder(left)
+    (left / "preview.mp4").unlink()
+    with pytest.raises(BadInput, match="preview of this flight"):
+        list(pictures(flight))

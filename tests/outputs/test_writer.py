@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from output_samples import HEIGHT, SOURCE, WIDTH, frame, known, unknown
 
-from flightdepth.errors import BadInput
+from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.outputs import FlightFolder, FlightWriter, Preview
+from flightdepth.outputs.pictures import pictures
 
 
 def writer(target, **options):
@@ -149,6 +150,61 @@ def test_an_error_leaves_an_older_result_as_it_was(tmp_path):
         raise ValueError("the loop broke")
     assert len(FlightFolder(tmp_path / "out").rows) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def stop(target, frames, times=1, **options):
+    """Ctrl-C in the frame loop after so many frames; more `times` while it is finished."""
+    with pytest.raises(KeyboardInterrupt), writer(target, stopped=True, **options) as open_writer:
+        for i in range(frames):
+            open_writer.add(frame(i), known(RAMP))
+        if times > 1:
+            open_writer._film.close = signalled
+        signalled()
+    return open_writer
+
+
+def signalled():
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("depth_format", ["png", "npz"])
+def test_what_was_flown_until_ctrl_c_is_kept(tmp_path, depth_format):
+    write(tmp_path / "out", [known(RAMP)])
+    kept = stop(tmp_path / "out", 7, depth_format=depth_format).kept
+    assert kept == tmp_path / "out.interrupted-1"
+    flight = FlightFolder(kept)
+    assert not flight.record.whole
+    assert [index for index, _ in pictures(flight)] == [row.index for row in flight.rows] == list(range(7))
+    assert flight.record.counts.frames_with_depth == 7
+    assert np.abs(flight.depth_m(6) - RAMP).max() <= 0.005 + 1e-4
+    assert FlightFolder(tmp_path / "out").record.whole  # the older result, as it was
+    assert stop(tmp_path / "out", 1).kept == tmp_path / "out.interrupted-2"
+
+
+@pytest.mark.parametrize(("frames", "times"), [(0, 1), (7, 2)], ids=["at once", "twice"])
+def test_nothing_is_kept_where_there_is_nothing_or_ctrl_c_comes_again(tmp_path, frames, times):
+    assert stop(tmp_path / "out", frames, times).kept is None
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_leaves_nothing_where_ctrl_c_would(tmp_path):
+    with (
+        pytest.raises(ValueError, match="the loop broke"),
+        writer(tmp_path / "out", stopped=True) as open_writer,
+    ):
+        open_writer.add(frame(0), known(RAMP))
+        raise ValueError("the loop broke")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_in_a_flight_that_cannot_be_flown_again_leaves_what_was_written_complete(tmp_path):
+    with (
+        pytest.raises(FlightDepthError, match="the loop broke; what was written stands in"),
+        writer(tmp_path / "out", once=True) as open_writer,
+    ):
+        open_writer.add(frame(0), known(RAMP))
+        raise ValueError("the loop broke")
+    assert len(list(pictures(FlightFolder(tmp_path / "out.interrupted-1")))) == 1
 
 
 def test_an_older_result_is_replaced(tmp_path):

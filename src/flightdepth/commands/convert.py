@@ -56,7 +56,6 @@ def convert(
 
     .las and .laz need the extra `clouds`, .mcap the extra `ros`.
     """
-    from flightdepth.outputs import FlightFolder
     from flightdepth.outputs.cloud import CloudSettings, frames_left_out
 
     options = {"min_confidence": min_confidence, "max_range_m": max_range, "voxel_m": voxel, "every": every}
@@ -66,7 +65,7 @@ def convert(
     check_outside(folder, file)
     if kind == RECORDING and given:
         raise BadInput("options of clouds", expected="none with .mcap", got=", ".join(given))
-    flight = FlightFolder(folder)
+    flight = opened(folder)
     if kind == RECORDING:
         write_recording(flight, file)
         say(f"{file}: {len(flight.rows):,} frames of {folder}")
@@ -75,6 +74,16 @@ def convert(
         say(f"{file}: {points:,} points from {folder}, metres east, north, up")
         if left_out := frames_left_out(flight):
             warn(f"{left_out:,} frames with depth are not in it: {NO_PLACE}")
+
+
+def opened(folder: Path) -> FlightFolder:
+    """The flight in a folder; a warning tells of one that was interrupted."""
+    from flightdepth.outputs import FlightFolder
+
+    flight = FlightFolder(folder)
+    if not flight.record.whole:
+        warn(f"{folder} was interrupted: {len(flight.rows):,} frames of the flight stand")
+    return flight
 
 
 def checked_kind(file: Path) -> str:

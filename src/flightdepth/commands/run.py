@@ -149,10 +149,11 @@ def run(
 
       flightdepth run a.mp4 b.mp4 --hfov 73 --out depth
 
-    Stopped or killed? The same command skips the flights that stand, and begins
-    anew with one that was under way: of a long one run parts, by --start and
-    --end. On many machines that share a disk: --engine ray --address auto. A
-    single flight replaces what an earlier run left in its folder, once it is done.
+    Stopped (Ctrl-C)? What was flown of a single flight stays, in DIR.interrupted-1,
+    and a line says with which --start to go on. Of several flights the same
+    command skips those that stand, and begins anew with the one that was under
+    way. On many machines that share a disk: --engine ray --address auto. A single
+    flight replaces what an earlier run left in its folder, once it is done.
     """
     from flightdepth.ranges.estimator import check_ranges
 

@@ -56,7 +56,7 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
         if (other := other_flight(target, path.name, flight.video_bytes)) is not None:
             warn(f"{target} holds the result of {other}, which this one replaces when it is done")
         started = time.monotonic()
-        summary = write_depth(path.name, flight, network, target, settings)
+        summary = write_depth(path.name, flight, network, target, settings, keeps=not resume)
         elapsed_s = time.monotonic() - started
     conclude(summary, elapsed_s, target)
     return Outcome.DONE if summary.counts.frames_with_depth else Outcome.EMPTY
@@ -84,8 +84,12 @@ def write_depth(
     settings: RunSettings,
     *,
     watch: Progress | None = None,
+    keeps: bool = False,
 ) -> Summary:
-    """Depth of an open flight into `target`, with a progress bar; `watch` sees each frame and its result."""
+    """Depth of an open flight into `target`, with a progress bar; `watch` sees each frame and its result.
+
+    keeps  whether what was flown stays where Ctrl-C ends it
+    """
     from flightdepth.outputs import FlightWriter, Preview, run_flight
     from flightdepth.ranges import MultiRangeEstimator
     from flightdepth.runtimes.network import load_network
@@ -114,16 +118,25 @@ def write_depth(
         if watch is not None:
             watch(frame, result)
 
+    writer = FlightWriter(target, source, preview, depth_format=settings.depth_format, stopped=keeps)
     try:
-        with (
-            FlightWriter(target, source, preview, depth_format=settings.depth_format) as writer,
-            progress_bar(name, flight.frame_count_hint, "frames") as bar,
-        ):
+        with writer, progress_bar(name, flight.frame_count_hint, "frames") as bar:
             run_flight(flight, estimator, writer, progress)
     except KeyboardInterrupt:
-        warn(f"stopped: nothing of this flight was written, and {target} is as it was")
+        warn(f"stopped: {what_stands(writer.kept)}, and {target} is as it was")
         raise
     return writer.summary
+
+
+def what_stands(kept: Path | None) -> str:
+    """Of a flight that was stopped, and how to go on."""
+    from flightdepth.flight.records import NS_PER_S
+    from flightdepth.outputs import FlightFolder
+
+    if kept is None:
+        return "nothing of this flight was written"
+    flown_s = FlightFolder(kept).rows[-1].stamp_ns / NS_PER_S
+    return f"what was flown stands in {kept}; --start {flown_s:.2f} goes on from there"
 
 
 def conclude(summary: Summary, elapsed_s: float, target: Path) -> None:
@@ -195,7 +208,7 @@ def standing(target: Path, source: Source) -> FlightRecord | None:
     from flightdepth import __version__
 
     record = record_in(target)
-    if record is None or record.flightdepth != __version__:
+    if record is None or record.flightdepth != __version__ or not record.whole:
         return None
     # Some warnings come up in flight only.
     known, wanted = (each.model_dump(exclude={"warnings"}) for each in (record.source, source))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flightdepth.commands.convert import check_outside
+from flightdepth.commands.convert import check_outside, opened
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.terminal import progress_bar, say
 from flightdepth.errors import BadInput, FlightDepthError
@@ -65,15 +65,13 @@ def view(
 
     Needs the extra `view`: pip install 'flightdepth\[view]'.
     """
-    from flightdepth.outputs import FlightFolder
-
     if web and save is not None:
         raise BadInput("--web and --save", expected="one of them", got="both")
     if not web and (port, data_port) != (None, None):
         raise BadInput("--port and --data-port", expected="--web beside them", got="none")
     with extra_packages("flightdepth view", "view"):
         import rerun
-    flight = FlightFolder(folder)
+    flight = opened(folder)
     recording = rerun.RecordingStream(f"flightdepth {folder.absolute().name}")
     if save is not None:
         write(recording, flight, save, pictures)

@@ -22,6 +22,7 @@ from flightdepth.flight.records import (
     NS_PER_S,
     Telemetry,
     VelocitySample,
+    northwards,
     seconds,
 )
 from flightdepth.flight.telemetry import is_log, read_telemetry
@@ -77,10 +78,10 @@ def in_ns(offset_s: float) -> int:
 
 
 def forward_velocity(stamp_ns: int, speed_m_s: float) -> VelocitySample:
-    """Of a flight without a log: northwards, since some way it must be; without an attitude only the length counts."""
+    """Of a flight without a log; without an attitude only its length counts."""
     if not 0 <= speed_m_s <= FASTEST_M_S:
         raise BadInput("--speed", expected=f"0 to {FASTEST_M_S:g} m/s", got=f"{speed_m_s:g}")
-    return VelocitySample(stamp_ns, np.array([speed_m_s, 0.0, 0.0]), "world")
+    return VelocitySample(stamp_ns, northwards(speed_m_s), "world")
 
 
 def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:

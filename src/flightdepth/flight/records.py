@@ -30,6 +30,11 @@ HOLD_S = 0.5
 FASTEST_M_S = 150.0  # no drone flies faster: a velocity beyond it is damage
 
 
+def northwards(speed_m_s: float) -> Vector:
+    """A velocity of which only the length is known: northwards, since some way it must be."""
+    return np.array([speed_m_s, 0.0, 0.0])
+
+
 def seconds(stamp_ns: int) -> str:
     """A time as people read it, to the millisecond: 1.234 s."""
     return f"{stamp_ns / NS_PER_S:.3f} s"

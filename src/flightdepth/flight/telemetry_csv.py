@@ -41,6 +41,7 @@ from flightdepth.flight.records import (
     Telemetry,
     VelocityFrame,
     VelocitySample,
+    northwards,
     seconds,
 )
 from flightdepth.motion import Vector
@@ -185,10 +186,10 @@ def _cells(where: str, header: Sequence[str], row: Sequence[str]) -> dict[str, s
 def _samples(where: str, columns: Columns, cells: dict[str, str]) -> list[Sample]:
     stamp_ns = _stamp(where, columns.time, cells)
     velocity = _numbers(where, cells, VELOCITY[columns.frame])
-    if columns.frame == SPEED:  # northwards, since some way it must be
+    if columns.frame == SPEED:
         if velocity[0] < 0:
             raise BadInput(where, expected="a speed of 0 m/s or more", got=f"{velocity[0]:g}")
-        velocity = np.append(velocity, (0.0, 0.0))
+        velocity = northwards(velocity[0])
     if (speed := float(np.linalg.norm(velocity))) > FASTEST_M_S:
         raise BadInput(
             where, expected=f"at most {FASTEST_M_S:g} m/s", got=f"{speed:.0f}", mend="Velocities are in m/s."

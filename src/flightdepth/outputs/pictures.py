@@ -22,13 +22,16 @@ Picture = NDArray[np.uint8]
 def pictures(folder: FlightFolder, every: int = 1) -> Iterator[tuple[int, Picture]]:
     """Index and picture, uint8 RGB [H, W, 3] at the camera's size, of each `every`-th frame.
 
-    They were scaled to the preview's size and packed by its encoder: good for colours, not for measuring.
+    They were scaled to the preview's size and packed by its encoder: good for colours, not for measuring. Of an
+    interrupted flight its last ones may be missing.
     """
     camera, layout = folder.record.source.camera, layout_of(folder)
     x, y = layout.corner(0)
     panel = np.s_[y : y + layout.height, x : x + layout.width]
     for number, (row, frame) in enumerate(zip_longest(folder.rows, _decoded(folder, layout.size))):
         if row is None or frame is None:
+            if not folder.record.whole:
+                return
             raise _not_ours(folder, f"{len(folder.rows)} frames, as frames.csv tells", "another number")
         if number % every == 0:
             image = frame.to_ndarray(format="rgb24")[panel]
@@ -46,13 +49,17 @@ def layout_of(folder: FlightFolder) -> Layout:
 
 
 def _decoded(folder: FlightFolder, size: tuple[int, int]) -> Iterator[av.VideoFrame]:
+    began = False
     try:
         with av.open(str(folder.folder / PREVIEW)) as film:
             for frame in film.decode(video=0):
                 if (frame.width, frame.height) != size:
                     raise _not_ours(folder, f"{size[0]}x{size[1]} px", f"{frame.width}x{frame.height}")
+                began = True
                 yield frame
     except (FFmpegError, OSError, IndexError) as error:
+        if began and not folder.record.whole:  # cut off there
+            return
         raise _not_ours(folder, "the preview of this flight", str(error)) from error
 
 

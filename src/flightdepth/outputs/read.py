@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable
+from itertools import takewhile
 from pathlib import Path
 from typing import TypeVar
 from zipfile import BadZipFile
@@ -17,9 +18,9 @@ from pydantic import ValidationError
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.outputs.encoding import Map, confidence_from_bytes, depth_from_centimetres
-from flightdepth.outputs.frame_table import rows_from_csv
+from flightdepth.outputs.frame_table import FrameRow, rows_from_csv
 from flightdepth.outputs.poses import FramePose, poses_from_csv
-from flightdepth.outputs.record import FlightRecord
+from flightdepth.outputs.record import Counts, FlightRecord
 from flightdepth.outputs.writer import CONFIDENCE, DEPTH, FARTHER, NEARER, POSES, RECORD, SIGMA, TABLE
 
 Table = TypeVar("Table")
@@ -44,12 +45,20 @@ def read_sigma(path: Path) -> Map:
 
 
 class FlightFolder:
-    """An output folder: `record` (flight.json), `rows` (frames.csv), and the maps and pose of each frame."""
+    """An output folder: `record` (flight.json), `rows` (frames.csv), and the maps and pose of each frame.
+
+    One that was interrupted (`record.whole` is False) ends before the first frame whose files are not all there.
+    """
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         self.record = self._read_record()
         self.rows = self._read_table(TABLE, rows_from_csv)
+        if not self.record.whole:
+            self.rows = list(takewhile(self._stands, self.rows))
+            dropped, saturated = self.record.counts.dropped, self.record.counts.pixels_at_655_m_or_farther
+            counts = Counts.of(self.rows, dropped, saturated)
+            self.record = self.record.model_copy(update={"counts": counts})
         self.poses: dict[int, FramePose] = {}  # by frame index
         if (self.folder / POSES).exists():  # older versions wrote none
             self.poses = self._read_table(POSES, poses_from_csv)
@@ -62,11 +71,11 @@ class FlightFolder:
 
     def depth_m(self, index: int) -> Map:
         """Depth in metres, float32 [H, W], NaN = unknown, of the frame with this index."""
-        return read_depth(self.folder / DEPTH / f"{index:06d}.{self.record.depth.format}")
+        return read_depth(self._depth_file(index))
 
     def confidence(self, index: int) -> Map:
         """Confidence 0..1, float32 [H, W], of the frame with this index."""
-        return read_confidence(self.folder / CONFIDENCE / f"{index:06d}.png")
+        return read_confidence(self._confidence_file(index))
 
     def sigma_m(self, index: int) -> Map | None:
         """Standard deviation in metres, float32 [H, W]; None without depth, or of a network that tells none."""
@@ -81,9 +90,20 @@ class FlightFolder:
         """What is at most so far, metres, float32 [H, W], NaN where that is not told; None where it is nowhere."""
         return self._bound_m(NEARER, index)
 
+    def _stands(self, row: FrameRow) -> bool:
+        """Whether its depth came to the disk; a loss of power leaves empty files."""
+        files = self._depth_file(row.index), self._confidence_file(row.index)
+        return all(file.exists() and file.stat().st_size for file in files)
+
     def _bound_m(self, folder: str, index: int) -> Map | None:
         path = self.folder / folder / f"{index:06d}.png"
         return read_depth(path) if path.exists() else None
+
+    def _depth_file(self, index: int) -> Path:
+        return self.folder / DEPTH / f"{index:06d}.{self.record.depth.format}"
+
+    def _confidence_file(self, index: int) -> Path:
+        return self.folder / CONFIDENCE / f"{index:06d}.png"
 
     def _read_record(self) -> FlightRecord:
         path = self.folder / RECORD
@@ -97,7 +117,10 @@ class FlightFolder:
     def _read_table(self, name: str, parse: Callable[[str], Table]) -> Table:
         path = self.folder / name
         try:
-            return parse(path.read_text(encoding="utf-8"))
+            text = path.read_text(encoding="utf-8")
+            return parse(
+                text if self.record.whole else text[: text.rfind("\n") + 1]
+            )  # a last line may be cut off
         except OSError as error:
             raise _not_ours(path, error.strerror or str(error)) from error
         except (csv.Error, KeyError, ValueError, AttributeError, TypeError) as error:

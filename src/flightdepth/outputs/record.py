@@ -122,6 +122,9 @@ class FlightRecord(BaseModel):
     notes: tuple[str, ...] = Field(
         default=(), description="assumptions behind the depth, and of how many frames"
     )
+    whole: bool = Field(
+        default=True, description="false: interrupted, the frames after those that stand are missing"
+    )
 
 
 @dataclass(frozen=True)

@@ -26,10 +26,12 @@ def run_flight(
     `writer.summary` is complete once the writer is closed. Where the camera's turns deny its lens, that is written too.
     """
     track = PoseTrack()
-    for frame, result in depths(flight, estimator, on_sample=track.add):
-        writer.add(frame, result, None if flight.any_direction else track.at(frame, result))
-        progress(frame, result)
-    writer.note_dropped(Counter(flight.counts) + Counter(estimator.dropped))
+    try:
+        for frame, result in depths(flight, estimator, on_sample=track.add):
+            writer.add(frame, result, None if flight.any_direction else track.at(frame, result))
+            progress(frame, result)
+    finally:  # of what was flown when it was stopped, too
+        writer.note_dropped(Counter(flight.counts) + Counter(estimator.dropped))
     if doubt := flight.lens_doubt():
         writer.warn(doubt)
 

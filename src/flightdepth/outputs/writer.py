@@ -56,9 +56,11 @@ class FlightWriter:
     Depth files and preview are encoded on a thread each, at most a few frames behind `add`. An older result
     in `target` is replaced; a folder that holds anything else is refused.
 
-    once  the flight cannot be flown again: a frame whose maps cannot be written is left out and counted, a preview
-          that cannot be is left out, and what another error or a kill leaves is kept (see `interrupted`)
-    lost  frames left out so far; `loss` is why the last one was
+    once     the flight cannot be flown again: a frame whose maps cannot be written is left out and counted, a preview
+             that cannot be is left out, and what another error or a kill leaves is kept (see `interrupted`)
+    stopped  whether what Ctrl-C leaves is kept, too
+    kept     where that then stands, once the writer is closed; None where all of it or nothing does
+    lost     frames left out so far; `loss` is why the last one was
     """
 
     def __init__(
@@ -69,11 +71,13 @@ class FlightWriter:
         *,
         depth_format: DepthFormat = "png",
         once: bool = False,
+        stopped: bool = False,
     ) -> None:
         check_target(target)
         self._target = target.resolve()  # a link stays, and what it leads to is written
         self._source, self._preview, self._format = source, preview, depth_format
-        self._once, self._filmed = once, True
+        self._once, self._stopped, self._filmed = once, stopped, True
+        self.kept: Path | None = None
         self.lost, self.loss = 0, ""
         self._notes = ReasonTally()  # of all frames
         self._dropped: dict[str, int] = {}
@@ -89,6 +93,8 @@ class FlightWriter:
             self._film = Film(self._folder / PREVIEW, *self._preview.size)
             self._rows = TableFile(self._folder / TABLE, COLUMNS)
             self._poses = TableFile(self._folder / POSES, POSE_COLUMNS)
+            if self._once:
+                self._write_record(Counts.of([], {}, 0), whole=False)  # for what a kill leaves
             self._files = Background(self._write_frame, name="depth files")
             self._pictures = Background(self._write_picture, name="preview")
             self._stack = stack.pop_all()
@@ -103,10 +109,13 @@ class FlightWriter:
                     raise error
                 self._finish()
             except BaseException as failure:
+                wanted = self._once or (self._stopped and isinstance(failure, KeyboardInterrupt))
+                finished = wanted and failure is error and self._finished_early()
                 try:
-                    self._abandon()
+                    if not finished:
+                        self._abandon()
                 finally:
-                    if self._once:
+                    if (finished or self._once) and any((self._folder / DEPTH).iterdir()):
                         self._keep(failure)
                 raise
 
@@ -194,7 +203,15 @@ class FlightWriter:
             self._filmed = False
             self.warn(f"no preview, which `view` and `convert` need: {error}")
 
-    def _finish(self) -> None:
+    def _finished_early(self) -> bool:
+        """Finish what came so far; whether it could be."""
+        try:
+            self._finish(whole=False)
+        except BaseException:  # a second Ctrl-C among them
+            return False
+        return True
+
+    def _finish(self, *, whole: bool = True) -> None:
         self._files.finish()
         self._pictures.finish()
         if self.lost:
@@ -210,15 +227,18 @@ class FlightWriter:
         self._poses.finish()
         rows = rows_from_csv((self._folder / TABLE).read_text(encoding="utf-8"))
         counts = Counts.of(rows, self._dropped, self._saturated_pixels)
-        notes = self._notes.with_frames()
-        self._summary = Summary.of(rows, counts, notes, tuple(self._warnings))
+        self._summary = Summary.of(rows, counts, self._notes.with_frames(), tuple(self._warnings))
+        self._write_record(counts, whole=whole)
+
+    def _write_record(self, counts: Counts, *, whole: bool) -> None:
         warnings = (*self._source.warnings, *self._warnings)
         record = FlightRecord(
             flightdepth=__version__,
             source=self._source.model_copy(update={"warnings": warnings}),
             depth=DepthScaleNote(format=self._format),
             counts=counts,
-            notes=notes,
+            notes=self._notes.with_frames(),
+            whole=whole,
         )
         write_atomic(self._folder / RECORD, (record.model_dump_json(indent=2) + "\n").encode())
 
@@ -230,10 +250,9 @@ class FlightWriter:
         self._film.abandon()  # the last: on a full disk it fails once more
 
     def _keep(self, failure: BaseException) -> None:
-        place = interrupted_name(self._target)
-        self._folder.rename(place)
+        self.kept = self._folder.rename(interrupted_name(self._target))
         if isinstance(failure, Exception):
-            raise FlightDepthError(f"{failure}; what was written stands in {place}") from failure
+            raise FlightDepthError(f"{failure}; what was written stands in {self.kept}") from failure
 
 
 def check_target(target: Path) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -17,22 +18,25 @@ from flightdepth.training.recipe import Recipe
 class TensorBatch:
     """One batch as a network learns from it, on the processor, pictures still as bytes.
 
-    inputs    pairs uint8 [B, H, W, 6]; of a MotionNet, those and their motions, swept where it learns (`swept_batch`),
-              or current [B, H, W, 3], sweeps and field as `sweep.stacked` has them
+    inputs    pairs uint8 [B, H, W, 6]; of a MotionNet current [B, H, W, 3], sweeps and field, as of `sweep.stacked`
     target_m  float32 [B, H, W]
+    unswept   of a MotionNet whose sweeps are made where it learns: `inputs` are what `swept_batch` takes
     """
 
     inputs: tuple[Tensor, ...]
     target_m: Tensor
+    unswept: bool = False
 
     def pin_memory(self) -> TensorBatch:
         """In memory that a GPU reads by itself; a DataLoader calls this."""
-        return TensorBatch(tuple(each.pin_memory() for each in self.inputs), self.target_m.pin_memory())
+        return self._each(Tensor.pin_memory)
 
     def to(self, device: torch.device) -> TensorBatch:
         """It there; from pinned memory to a GPU, once that has come so far."""
-        moved = (each.to(device, non_blocking=True) for each in self.inputs)
-        return TensorBatch(tuple(moved), self.target_m.to(device, non_blocking=True))
+        return self._each(lambda each: each.to(device, non_blocking=True))
+
+    def _each(self, change: Callable[[Tensor], Tensor]) -> TensorBatch:
+        return replace(self, inputs=tuple(map(change, self.inputs)), target_m=change(self.target_m))
 
     def copy_(self, other: TensorBatch) -> None:
         """Become another of the same size, in place."""
@@ -42,23 +46,21 @@ class TensorBatch:
     @classmethod
     def of(cls, recipe: Recipe, batch: Batch, *, sweep_later: bool = False) -> TensorBatch:
         """Swept along the motion where the network is told that, unless that is left to where it learns."""
-        inputs: tuple[Tensor, ...]
+        target_m = torch.from_numpy(batch.target_m)
         if recipe.architecture != "MotionNet":
-            inputs = (torch.from_numpy(batch.pairs),)
-        elif sweep_later:
-            inputs = (torch.from_numpy(batch.pairs), motions(batch))
-        else:
-            arrays = stacked(
-                sweep(pair.previous, pair.current, pair.displacement, pair.camera) for pair in batch.each
-            )
-            inputs = tuple(map(torch.from_numpy, arrays))
-        return cls(inputs, torch.from_numpy(batch.target_m))
+            return cls((torch.from_numpy(batch.pairs),), target_m)
+        if sweep_later:
+            return cls((torch.from_numpy(batch.pairs), motions(batch)), target_m, unswept=True)
+        arrays = stacked(
+            sweep(pair.previous, pair.current, pair.displacement, pair.camera) for pair in batch.each
+        )
+        return cls(tuple(map(torch.from_numpy, arrays)), target_m)
 
 
 def network_inputs(recipe: Recipe, batch: TensorBatch) -> tuple[Tensor, ...]:
     """Arguments of the network's `forward`, where the batch is."""
     if recipe.architecture == "MotionNet":
-        return motion_inputs(*(swept_batch(*batch.inputs) if len(batch.inputs) == 2 else batch.inputs))
+        return motion_inputs(*(swept_batch(*batch.inputs) if batch.unswept else batch.inputs))
     return (normalised(*batch.inputs),)
 
 
