@@ -123,20 +123,22 @@ def write_depth(
         with writer, progress_bar(name, flight.frame_count_hint, "frames") as bar:
             run_flight(flight, estimator, writer, progress)
     except KeyboardInterrupt:
-        warn(f"stopped: {what_stands(writer.kept)}, and {target} is as it was")
+        if writer.kept is None:
+            warn(f"stopped: nothing of this flight was written, and {target} is as it was")
+        else:
+            warn(
+                f"stopped: what was flown stands in {writer.kept}; {going_on(writer.kept)} goes on from there"
+            )
         raise
     return writer.summary
 
 
-def what_stands(kept: Path | None) -> str:
-    """Of a flight that was stopped, and how to go on."""
+def going_on(folder: Path) -> str:
+    """The option that flies what an interrupted flight did not come to."""
     from flightdepth.flight.records import NS_PER_S
     from flightdepth.outputs import FlightFolder
 
-    if kept is None:
-        return "nothing of this flight was written"
-    flown_s = FlightFolder(kept).rows[-1].stamp_ns / NS_PER_S
-    return f"what was flown stands in {kept}; --start {flown_s:.2f} goes on from there"
+    return f"--start {FlightFolder(folder).rows[-1].stamp_ns / NS_PER_S:.2f}"
 
 
 def conclude(summary: Summary, elapsed_s: float, target: Path) -> None:

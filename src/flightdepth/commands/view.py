@@ -72,7 +72,8 @@ def view(
     with extra_packages("flightdepth view", "view"):
         import rerun
     flight = opened(folder)
-    recording = rerun.RecordingStream(f"flightdepth {folder.absolute().name}")
+    name = folder.absolute().name.replace(".", "-")  # as Rerun does, with a warning
+    recording = rerun.RecordingStream(f"flightdepth {name}")
     if save is not None:
         write(recording, flight, save, pictures)
     elif web:
