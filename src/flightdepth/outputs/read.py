@@ -118,9 +118,9 @@ class FlightFolder:
         path = self.folder / name
         try:
             text = path.read_text(encoding="utf-8")
-            return parse(
-                text if self.record.whole else text[: text.rfind("\n") + 1]
-            )  # a last line may be cut off
+            if not self.record.whole:  # a last line may be cut off
+                text = text[: text.rfind("\n") + 1]
+            return parse(text)
         except OSError as error:
             raise _not_ours(path, error.strerror or str(error)) from error
         except (csv.Error, KeyError, ValueError, AttributeError, TypeError) as error:
