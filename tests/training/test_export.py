@@ -142,7 +142,10 @@ def test_flownets_goes_the_same_way(flownets, storage):
 
 
 # Of `motion`, of `motion-tiny`, and of neither; tracing one takes up to a minute.
-SHAPES = [(2, True, True), (1, True, False), pytest.param((2, False, False), marks=pytest.mark.slow)]
+SHAPES = [
+    (2, True, True),
+    *(pytest.param(shape, marks=pytest.mark.slow) for shape in [(1, True, False), (2, False, False)]),
+]
 
 
 @pytest.fixture(scope="module", params=SHAPES, ids=str)

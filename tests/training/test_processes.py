@@ -191,7 +191,13 @@ RECIPES = {
 }
 
 
-@pytest.mark.parametrize("recipe", RECIPES.values(), ids=RECIPES.keys())
+# What DepthNet learns in two processes is looked at above.
+SLOW = {"DepthNet": pytest.mark.slow}
+
+
+@pytest.mark.parametrize(
+    "recipe", [pytest.param(each, id=name, marks=SLOW.get(name, ())) for name, each in RECIPES.items()]
+)
 def test_torchrun_trains_in_two_processes(tmp_path, recipe):
     """Without a warning of PyTorch's: MotionNet's runs had one of parameters that were sought and not found."""
     facts = recipe.model_dump(mode="json", exclude_defaults=True)
