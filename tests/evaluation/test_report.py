@@ -1,7 +1,6 @@
 """The report in a real browser: it needs nothing from outside, opens without errors, every plot is drawn."""
 
 import re
-import shutil
 
 import pytest
 
@@ -14,8 +13,7 @@ from flightdepth.evaluation.ranges_trials import DEPTHNET, SWEEPS, Trial, all_tr
 from flightdepth.evaluation.report import page
 from flightdepth.evaluation.report_figures import plots
 from flightdepth.evaluation.report_text import PLOT_TEXTS, name_of
-
-CHROMIUM = shutil.which("chromium")
+from tests_browser import chromium
 
 
 @pytest.fixture(scope="module")
@@ -64,14 +62,11 @@ def test_nothing_is_fetched_and_text_is_escaped(html):
     assert "clamped-256" in outside
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
 def test_it_opens_without_errors_and_every_plot_is_drawn(html, tmp_path):
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs flightdepth[browser]")
     path = tmp_path / "ranges.html"
     path.write_text(html, encoding="utf-8")
     errors, asked = [], []
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+    with chromium() as browser:
         tab = browser.new_page(viewport={"width": 1280, "height": 900})
         tab.set_default_timeout(120_000)  # of a busy machine
         tab.on("pageerror", lambda error: errors.append(str(error)))
@@ -87,7 +82,6 @@ def test_it_opens_without_errors_and_every_plot_is_drawn(html, tmp_path):
         )
         pictures = tab.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 0)")
         wide = tab.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
-        browser.close()
     assert errors == []
     assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
     assert [name for name, _, _ in drawn] == [f"plot-{name}" for name in PLOT_TEXTS]

@@ -1,13 +1,10 @@
-import shutil
-
 import av
 import numpy as np
 import pytest
 
 from flightdepth.errors import BadInput
 from flightdepth.outputs.film import Film
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+from tests_browser import chromium
 
 
 def write(path, stamps_ns, width=64, height=48):
@@ -60,13 +57,10 @@ def test_a_picture_of_another_size_is_refused(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 def test_a_browser_plays_it_and_finds_a_time_in_it(tmp_path):
-    sync_api = pytest.importorskip("playwright.sync_api")
     write(tmp_path / "film.mp4", [100_000_000 * i for i in range(61)])
     (tmp_path / "page.html").write_text('<video src="film.mp4" muted></video>')
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+    with chromium() as browser:
         tab = browser.new_page()
         tab.goto((tmp_path / "page.html").as_uri())
         tab.evaluate("film = document.querySelector('video'); film.onseeked = () => found = film.currentTime")
@@ -74,4 +68,3 @@ def test_a_browser_plays_it_and_finds_a_time_in_it(tmp_path):
         assert tab.evaluate("film.duration") == pytest.approx(6.1, abs=0.1)
         tab.evaluate("film.currentTime = 4.05")
         tab.wait_for_function("window.found === 4.05")
-        browser.close()

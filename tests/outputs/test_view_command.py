@@ -1,7 +1,6 @@
 """`flightdepth view`: a recording that Rerun's own tool reads, and the viewer in a real browser."""
 
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -13,9 +12,9 @@ import pytest
 from flown_folder import RED, write_flown
 
 from flightdepth.cli import main
+from tests_browser import chromium
 
 pytest.importorskip("rerun", reason="needs flightdepth[view]")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SOFTWARE_GL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
@@ -146,12 +145,9 @@ def address(folder):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
 def test_the_browser_draws_the_flight(address):
-    sync_api = pytest.importorskip("playwright.sync_api", reason="needs flightdepth[browser]")
     errors = []
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE_GL)
+    with chromium(*SOFTWARE_GL) as browser:
         page = browser.new_page(viewport={"width": 900, "height": 600})
         page.set_default_timeout(180_000)
         page.on("pageerror", lambda error: errors.append(str(error)))
@@ -161,7 +157,6 @@ def test_the_browser_draws_the_flight(address):
         page.goto(address)
         page.wait_for_selector("canvas")
         drawn = red_until(page, 2000, time.monotonic() + 240)
-        browser.close()
     assert drawn >= 2000
     assert [text for text in errors if "204" not in text and "parsing a JSON" not in text] == []
 
