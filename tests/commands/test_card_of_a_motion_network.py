@@ -22,8 +22,27 @@ def test_the_card_tells_lenses_and_wrong_motion_of_each_stage(tmp_path):
         *[(35, 120)] * 5,
     ]
     assert [stage.direction_noise_deg for stage in card.stages] == [0, 5, *[2] * 17, *[0.5] * 7]
-    assert [stage.rotation_noise_deg for stage in card.stages] == [0, 0.5, *[0.1] * 17, *[0.02] * 3, 0, 0, 0, 0]
-    assert [stage.wide_share for stage in card.stages] == [*[0] * 11, *[0.25] * 8, 0, 0, 0.1, 0.2, 0.2, 0.2, 0.2]
+    assert [stage.rotation_noise_deg for stage in card.stages] == [
+        0,
+        0.5,
+        *[0.1] * 17,
+        *[0.02] * 3,
+        0,
+        0,
+        0,
+        0,
+    ]
+    assert [stage.wide_share for stage in card.stages] == [
+        *[0] * 11,
+        *[0.25] * 8,
+        0,
+        0,
+        0.1,
+        0.2,
+        0.2,
+        0.2,
+        0.2,
+    ]
     # 0.3 m at 128 px of focal length, written down for the 256 px that flights are shown at.
     assert (card.any_lens, card.focal_px, card.D0_m) == (True, 256, pytest.approx(0.15))
 

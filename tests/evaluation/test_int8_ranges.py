@@ -13,6 +13,7 @@ from flightdepth.runtimes.network import Network
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 from flightdepth.weights.store import read_network
 
+LIMITS = {"MOST_CHANGED", "MOST_CHANGED_BY_ALL"}
 NAMES = ("conv2.0.weight.half", "conv4.0.weight.half")
 
 
@@ -23,7 +24,8 @@ def test_a_range_that_one_value_made_too_wide_is_cut(monkeypatch, wider):
     card, seen = stored.card, stored.card.int8_ranges
     wide = {name: (seen[name][0] * wider, seen[name][1] * wider) for name in NAMES}
     monkeypatch.setattr(RangeMeter, "ranges", wide)
-    monkeypatch.setattr(int8_ranges, "MOST_CHANGED", np.inf)
+    for limit in LIMITS:
+        monkeypatch.setattr(int8_ranges, limit, np.inf)
     pairs = list(fixed_set(card, scenes=6))
 
     def depth_m(runtime):
@@ -45,8 +47,11 @@ def test_a_range_that_one_value_made_too_wide_is_cut(monkeypatch, wider):
         assert change(fitted) < 0.5 * change(wide)
 
 
-def test_what_bytes_would_change_too_much_stays_in_float(monkeypatch):
-    """A range a hundred times too wide leaves a byte ten steps at best."""
+@pytest.mark.parametrize("limit", sorted(LIMITS))
+def test_what_bytes_would_change_too_much_stays_in_float(monkeypatch, limit):
+    """A range a hundred times too wide leaves a byte ten steps at best: too few by itself, and beside another."""
+    (other,) = LIMITS - {limit}
+    monkeypatch.setattr(int8_ranges, other, np.inf)
     stored = read_network("tiny-clamped-256")
     seen = stored.card.int8_ranges
     wide, fine = NAMES

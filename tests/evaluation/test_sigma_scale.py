@@ -11,7 +11,7 @@ from flightdepth.evaluation.sigma_scale import calibration_set, fitted_sigma_sca
 from flightdepth.runtimes.network import Network
 from flightdepth.weights.store import SHIPPED, read_card
 
-CARD = read_card(SHIPPED / "motion.onnx").model_copy(update={"sigma_scale": 1.0})
+CARD = read_card(SHIPPED / "motion.onnx").model_copy(update={"sigma_scale": 1.0, "sigma_growth": 0.0})
 CAMERA = Camera.from_fov(128, 128, 90)
 
 
@@ -36,7 +36,17 @@ def test_the_scale_makes_the_error_bar_honest(told_m: float, card_scale: float) 
     card = CARD.at_focal(CAMERA.fx).model_copy(update={"sigma_scale": card_scale})
     network = Network(card, Drawn(told_m), aligned=False)
     pairs = [plane_pair(CAMERA, (card.D0_m, 0.0, 0.0), distance_m=25.0, seed=seed) for seed in range(3)]
-    assert fitted_sigma_scale(network, pairs) == pytest.approx(2 / told_m, rel=0.05)
+    assert fitted_sigma_scale(network, pairs) == (pytest.approx(2 / told_m, rel=0.05), 0.0)
+
+
+def test_the_card_s_growth_is_no_part_of_what_is_fitted() -> None:
+    card = CARD.at_focal(CAMERA.fx)
+    pairs = [plane_pair(CAMERA, (card.D0_m, 0.0, 0.0), distance_m=25.0)]
+    with_growth = card.model_copy(update={"sigma_growth": 0.8})
+    told = [
+        fitted_sigma_scale(Network(each, Drawn(1.0), aligned=False), pairs) for each in (card, with_growth)
+    ]
+    assert told[0] == pytest.approx(told[1], rel=1e-5)
 
 
 def test_the_report_tells_what_flights_believe_apart() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flightdepth.evaluation.spread import left_over, sigma_scale, spread_summary
+from flightdepth.evaluation.spread import growing_scale, left_over, sigma_scale, spread_summary
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +54,17 @@ def test_scaled_sigmas_hold_the_share(honest, factor):
     scale = sigma_scale(error[::2], sigma[::2])
     assert scale == pytest.approx(1 / factor, rel=0.02)
     assert spread_summary(error[1::2], scale * sigma[1::2])["inside_one"] == pytest.approx(0.683, abs=0.01)
+
+
+@pytest.mark.parametrize("growth", [0.0, 0.35, 1.2])
+def test_a_scale_that_grows_is_found(honest, growth):
+    """Pictures of which between nothing and two thirds is far, whose errors are larger by as much."""
+    error, sigma = honest
+    far = np.random.default_rng(2).choice([0.0, 0.1, 0.4, 0.66], len(error))
+    scale, found = growing_scale(error * np.exp(growth * far), 2 * sigma, far)
+    assert found == pytest.approx(growth, abs=0.051)
+    assert scale == pytest.approx(0.5, rel=0.03)
+    assert growing_scale(error, sigma, np.full_like(far, 0.3)) == (sigma_scale(error, sigma), 0.0)
 
 
 def test_pixels_that_tell_nothing_do_not_move_the_scale(honest):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -247,9 +248,13 @@ def with_sigma_scale(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> N
         return card
     from flightdepth.evaluation.sigma_scale import fitted_sigma_scale
 
-    scale = fitted_sigma_scale(running(card, onnx), pairs)
-    say(f"sigma_m is {scale:.3f} times what the weights say: then 68 % of the errors are inside it")
-    return card.model_copy(update={"sigma_scale": round(scale, 4)})
+    scale, growth = fitted_sigma_scale(running(card, onnx), pairs)
+    far = scale * math.exp(growth)
+    say(
+        f"sigma_m is {scale:.3f} times what the weights say, up to {far:.3f} where all is far:"
+        " then 68 % of the errors are inside it"
+    )
+    return card.model_copy(update={"sigma_scale": round(scale, 4), "sigma_growth": growth})
 
 
 def measured(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> dict[str, float]:

@@ -17,6 +17,7 @@ DIGITS = 4
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of all that enters a convolution: finer steps, and a few values cut
 TRIED_PAIRS = 16
 MOST_CHANGED = 0.004  # of depth, by one convolution on bytes
+MOST_CHANGED_BY_ALL = 0.002
 NEAREST_M = 0.1  # nearer depths change as this one does
 
 
@@ -26,18 +27,23 @@ def fitted_int8_ranges(
     """The card's `int8_ranges`, of pairs that no test uses.
 
     For each convolution, with all others in float, the share of what enters it that changes depth least. One that
-    changes it by more than `MOST_CHANGED` even then has no range: it stays in float.
+    changes it by more than `MOST_CHANGED` even then has no range: it stays in float. So do those that change it most,
+    one after the other, until all that are left together change it by no more than `MOST_CHANGED_BY_ALL`.
     """
     few = pairs[:TRIED_PAIRS]
     exact = _log_depths(card, onnx, few, {})
-    chosen = {}
-    for name, ends in _all_that_enters(card, onnx, pairs).items():
-        tried = [{name: (ends[0] * share, ends[1] * share)} for share in SHARES]
-        changes = [np.nanmean(np.abs(_log_depths(card, onnx, few, each) - exact)) for each in tried]
-        if min(changes) > MOST_CHANGED:
-            continue
-        least, largest = tried[int(np.argmin(changes))][name]
-        chosen[name] = round(least, DIGITS), round(largest, DIGITS)
+
+    def change(ranges: Ranges) -> float:
+        return float(np.nanmean(np.abs(_log_depths(card, onnx, few, ranges) - exact)))
+
+    chosen, changed = {}, {}
+    for name, (least, largest) in _all_that_enters(card, onnx, pairs).items():
+        tried = [(round(least * share, DIGITS), round(largest * share, DIGITS)) for share in SHARES]
+        changes = [change({name: each}) for each in tried]
+        if min(changes) <= MOST_CHANGED:
+            chosen[name], changed[name] = tried[int(np.argmin(changes))], min(changes)
+    while chosen and change(chosen) > MOST_CHANGED_BY_ALL:
+        del chosen[max(chosen, key=changed.__getitem__)]
     return chosen
 
 

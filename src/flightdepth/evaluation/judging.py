@@ -18,6 +18,7 @@ import numpy as np
 
 from flightdepth.evaluation.arrays import Maps
 from flightdepth.runtimes.alignment import clues_of
+from flightdepth.runtimes.error_bar import error_bar_scale
 from flightdepth.runtimes.network import Network
 from flightdepth.stillbox.pairs import Pair
 from flightdepth.sweep import grey, unit_direction
@@ -60,7 +61,7 @@ def told_of(network: Network, pair: Pair) -> Told:
     if sigma_m is None:
         raise ValueError(f"expected a network that tells sigma_m, got {network.card.name}")
     previous, current = map(grey, pictures)
-    sigma = sigma_m[0] / depth_m / np.float32(network.card.sigma_scale)
+    sigma = sigma_m[0] / depth_m / error_bar_scale(network.card, found.beta, found.valid)[0]
     direction = unit_direction(pair.displacement)
     clues, depth = clues_of(previous, current, depth_m / length_m, sigma, direction, camera=grid.camera)
     range_m = network.card.at_focal(grid.camera.fx).alpha * length_m

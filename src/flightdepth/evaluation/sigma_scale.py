@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set
 from flightdepth.evaluation.pairs import Task, TruePair
-from flightdepth.evaluation.spread import sigma_scale
+from flightdepth.evaluation.spread import growing_scale
 from flightdepth.ranges.fusion import WORST_SIGMA, ends
+from flightdepth.runtimes.error_bar import error_bar_scale, far_share
 from flightdepth.runtimes.network import Network
 from flightdepth.stillbox.testset import OutdoorTestSet, TestSet, test_textures
 from flightdepth.weights.card import NetworkCard
@@ -32,18 +33,18 @@ def outdoor_calibration_set(card: NetworkCard, *, scenes: int) -> OutdoorTestSet
     return replace(outdoor_set(card, scenes=scenes), seed=SEED)
 
 
-def fitted_sigma_scale(network: Network, pairs: Iterable[TruePair]) -> float:
-    """The scale with which 68 % of the errors are inside sigma where the motion is known.
+def fitted_sigma_scale(network: Network, pairs: Iterable[TruePair]) -> tuple[float, float]:
+    """The card's `sigma_scale` and `sigma_growth` with which 68 % of the errors are inside sigma.
 
-    What an uncertain motion adds comes on top (`ranges.motion_error`). Those pixels count that fusion would believe.
-    The card's own scale is part of what is multiplied.
+    That is where the motion is known; what an uncertain one adds comes on top (`ranges.motion_error`). Those pixels
+    count that fusion would believe.
     """
-    error_m, sigma_m, depth_m = _answers(network, pairs)
-    scale = 1.0
+    error_m, sigma_m, depth_m, far = _answers(network, pairs)
+    scale, growth = 1.0, 0.0
     for _ in range(FITS):
-        counted = believed(network.card, depth_m, scale * sigma_m)
-        scale = sigma_scale(error_m[counted], sigma_m[counted])
-    return scale * network.card.sigma_scale
+        counted = believed(network.card, depth_m, scale * np.exp(growth * far) * sigma_m)
+        scale, growth = growing_scale(error_m[counted], sigma_m[counted], far[counted])
+    return scale, growth
 
 
 def believed(card: NetworkCard, depth_m: Values, sigma_m: Values) -> NDArray[np.bool_]:
@@ -52,8 +53,8 @@ def believed(card: NetworkCard, depth_m: Values, sigma_m: Values) -> NDArray[np.
     return (lower < depth_m) & (depth_m < upper) & (sigma_m < WORST_SIGMA * depth_m)
 
 
-def _answers(network: Network, pairs: Iterable[TruePair]) -> tuple[Values, Values, Values]:
-    """Error, sigma and depth of every pixel, metres at D0, [N] each."""
+def _answers(network: Network, pairs: Iterable[TruePair]) -> tuple[Values, Values, Values, Values]:
+    """Error, sigma without the card's scale and depth of every pixel, metres at D0, and its picture's far share."""
     rows = []
     for pair in pairs:
         task = Task.of(pair, network.card)
@@ -61,6 +62,8 @@ def _answers(network: Network, pairs: Iterable[TruePair]) -> tuple[Values, Value
         if found.sigma_m is None:
             raise ValueError(f"expected a network that tells sigma_m, got {network.card.name}")
         depth_m = found.depth_m[0]
-        rows.append(np.stack([np.abs(depth_m - task.truth_m), found.sigma_m[0], depth_m]).reshape(3, -1))
-    error_m, sigma_m, depth_m = np.concatenate(rows, axis=1).astype(np.float64)
-    return error_m, sigma_m, depth_m
+        sigma_m = found.sigma_m[0] / error_bar_scale(network.card, found.beta, found.valid)[0]
+        far = np.full(depth_m.shape, far_share(found.beta, found.valid)[0])
+        rows.append(np.stack([np.abs(depth_m - task.truth_m), sigma_m, depth_m, far]).reshape(4, -1))
+    error_m, sigma_m, depth_m, far = np.concatenate(rows, axis=1).astype(np.float64)
+    return error_m, sigma_m, depth_m, far

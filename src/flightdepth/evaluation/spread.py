@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 Values = NDArray[np.float64]
 
 INSIDE_ONE = 0.6827  # share of normal errors within one standard deviation
+GROWTHS = tuple(step / 20 for step in range(31))  # the least of those that fit as well
+LEAST = 1e-9
 LEFT_OUT = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # shares of a sparsification curve
 
 
@@ -49,6 +51,24 @@ def sigma_scale(error_m: Values, sigma_m: Values) -> float:
     known = np.isfinite(error_m) & np.isfinite(sigma_m) & (sigma_m > 0)
     ratio = float(np.quantile(error_m[known] / sigma_m[known], INSIDE_ONE)) if known.any() else 1.0
     return ratio if ratio > 0 else 1.0
+
+
+def growing_scale(error_m: Values, sigma_m: Values, far: Values) -> tuple[float, float]:
+    """The same, scale * exp(growth * far) for pixels [N] of pictures of which the share `far` [N] is far.
+
+    Linear quantile regression (Koenker and Bassett 1978) of log(error / sigma) on `far`, its slope one of GROWTHS.
+    """
+
+    def scale(growth: float) -> float:
+        return sigma_scale(error_m, sigma_m * np.exp(growth * far))
+
+    def loss(growth: float) -> float:
+        foretold = scale(growth) * np.exp(growth * far) * sigma_m
+        above = np.log(np.maximum(error_m, LEAST) / np.maximum(foretold, LEAST))
+        return round(float(np.nanmean(np.maximum(INSIDE_ONE * above, (INSIDE_ONE - 1) * above))), 9)
+
+    growth = min(GROWTHS, key=loss)
+    return scale(growth), growth
 
 
 def left_over(error_m: Values, by: Values) -> list[float]:

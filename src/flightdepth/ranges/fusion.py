@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.ranges.network import Map
+from flightdepth.runtimes.error_bar import FAR_BETA
 from flightdepth.weights.card import NetworkCard
 
 BETA_MIN = 0.1
@@ -18,9 +19,6 @@ EPSILON = 1e-3
 # How near to the lower end of its range an output counts as lying at it: an L1-trained network
 # approaches its clip values without reaching them. At the upper end BETA_MAX serves.
 LOWER_MARGIN = 0.02
-# A network that sweeps compares parts of a pixel: beyond this output a point moved by less than two thirds of one,
-# which a rotation of a tenth of a degree that no one reported does too.
-SWEPT_BETA_MAX = 0.6
 SWEPT_BETA_MEAN = 0.13  # its relative error is least where points move by 3 pixels and more (docs/log.md)
 SWEPT_MARGIN = 0.01  # nearer than this the point moved by more than the widest hypothesis of full size
 # Two ranges contradict each other when no depth is within this factor of what both say.
@@ -171,7 +169,7 @@ def best_beta(card: NetworkCard) -> float:
 def ends(card: NetworkCard) -> tuple[float, float]:
     """At or beyond these, beta is a bound."""
     if card.knows_direction:
-        return card.beta_min + SWEPT_MARGIN, SWEPT_BETA_MAX
+        return card.beta_min + SWEPT_MARGIN, FAR_BETA
     return card.beta_min + LOWER_MARGIN, BETA_MAX
 
 

@@ -17,6 +17,7 @@ from flightdepth.runtimes.alignment import align
 from flightdepth.runtimes.coarser import beyond_reach, coarser_grid, take_near
 from flightdepth.runtimes.contract import DEPTH, SIGMA, Arrays, Precision, Runtime
 from flightdepth.runtimes.devices import OPENVINO_DEVICES, on_cpu, open_runtime
+from flightdepth.runtimes.error_bar import error_bar_scale
 from flightdepth.runtimes.grid import NetworkGrid, check_image, filling_focal_px, wide_focal_px
 from flightdepth.runtimes.inputs import paired_inputs, swept_inputs
 from flightdepth.runtimes.memory import OutOfMemory
@@ -133,8 +134,10 @@ class Network:
         beta = output[DEPTH] / np.float32(self.card.depth_max_m)
         alpha = self.card.at_focal(grid.camera.fx).alpha
         metres = np.where(lengths_m > 0, alpha * lengths_m, np.nan).astype(np.float32)[:, None, None]
-        scale = np.float32(self.card.sigma_scale / self.card.depth_max_m)
-        sigma_m = output[SIGMA] * scale * metres if SIGMA in output else None
+        sigma_m = None
+        if SIGMA in output:
+            scale = error_bar_scale(self.card, beta, grid.valid) / np.float32(self.card.depth_max_m)
+            sigma_m = output[SIGMA] * scale * metres
         return Prediction(beta, beta * metres, sigma_m, grid.valid), seen
 
     def at_focal(self, focal_px: float) -> Network:

@@ -78,6 +78,10 @@ class NetworkCard(BaseModel):
         gt=0,
         description="times the error bar that the weights give, so that 68 % of errors are inside",
     )
+    sigma_growth: float = Field(
+        default=0.0,
+        description="logarithm by which that is larger in a picture of which all is too far to be measured",
+    )
     int8_ranges: dict[str, tuple[float, float]] = Field(
         default_factory=dict,
         description="of what enters a convolution, by the name of its weights in the ONNX file",
