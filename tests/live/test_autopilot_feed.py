@@ -246,6 +246,15 @@ def test_a_range_finder_at_its_end_tells_nothing(vehicle, store):
     assert store.at(100 * S).height_above_ground_m is None
 
 
+@pytest.mark.parametrize(("quality", "height"), [(0, 0.3), (100, 0.3), (1, None)])
+def test_a_range_finder_without_an_echo_tells_no_height(vehicle, feed, store, quality, height):
+    """`signal_quality` 1: 0.3 m at 30 m over ground, and the corridor ended there."""
+    message = mavlink.MAVLink_distance_sensor_message(0, 20, 4000, 30, 0, 0, 25, 0, signal_quality=quality)
+    vehicle.send(message, 100)
+    assert store.at(100 * S).height_above_ground_m == height
+    assert feed.counts["heights of a range finder without an echo"] == (height is None)
+
+
 def test_old_motion_is_not_given_for_new(vehicle, store):
     vehicle.velocity(100)
     vehicle.attitude(100)

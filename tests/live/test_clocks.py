@@ -162,6 +162,26 @@ def test_a_kernel_stamp_on_another_clock_is_not():
     assert clock.stamp(7 * S) == (999 * S, "reception")
 
 
+@pytest.mark.parametrize("glitch", [30 * S, 400 * MS])
+def test_one_time_of_a_driver_from_the_future_is_not_believed_and_spoils_none_after_it(glitch):
+    """It was, and no picture was later than that one for as long."""
+    clock, told = PictureClock(0, same_clock=True), []
+    for i in range(10):
+        now = 7 * S + i * FRAME
+        own = now - 10 * MS + (glitch if i == 5 else 0)
+        clock.packet(own, now)
+        told.append((clock.stamp(own)[0] - now, clock.stamp(own)[1]))
+    assert told == [(-10 * MS, "sender")] * 5 + [(0, "reception")] + [(-10 * MS, "sender")] * 4
+
+
+def test_a_driver_whose_pictures_lay_in_a_queue_is_believed():
+    """This process stood still: they are as old as it says, whatever the arrivals look like."""
+    clock = PictureClock(0, same_clock=True)
+    clock.packet(7 * S, 7 * S)
+    clock.packet(8 * S, 12 * S)
+    assert clock.stamp(8 * S) == (8 * S, "sender")
+
+
 WALL = 1_800_000_000 * S
 
 
@@ -208,6 +228,19 @@ def test_a_stepped_wall_clock_moves_no_stamp(step):
     sender(clock, 30, first=60)
     assert "set by" in clock.distrusted
     assert abs(after - before - 30 * FRAME) <= 15 * MS  # what the way took; the step is nowhere
+
+
+@pytest.mark.parametrize("jump", [10 * S, -10 * S])
+def test_a_senders_report_does_not_follow_a_stream_whose_time_jumps(jump):
+    """Up to the next report FFmpeg moves the last one along: ages were ten seconds off, and negative."""
+    clock = PictureClock(0, wall_from_sender=True)
+    for i in range(6):
+        now, moved = 50 * S + i * FRAME, jump if i >= 3 else 0
+        wall = WALL + i * FRAME - 20 * MS + moved
+        clock.packet(i * FRAME + moved, now, sender_wall_ns=wall, wall_now_ns=WALL + i * FRAME)
+        stamp, age_from = clock.stamp(i * FRAME + moved)
+        expected = (20 * MS, "sender", False) if i < 3 else (0, "reception", True)
+        assert (now - stamp, age_from, clock.distrusted is not None) == expected
 
 
 def test_rates_and_ages_by_hand():

@@ -49,3 +49,17 @@ def test_a_fixed_camera_that_turns_is_noticed_though_nobody_tells_the_drones_att
             store.add(BodyAttitudeSample(stamp_ns, np.array([np.cos(half), 0, 0, np.sin(half)])), stamp_ns)
         staged = stage.take(stamp_ns, seen(wide, i * TURN_RAD - 0.1))
     assert witness in staged.depth.reason
+
+
+def test_one_picture_from_the_future_does_not_blind_the_estimator_until_then(wide, save_difference_network):
+    """Each picture was left out as not later, for as long as the first was ahead."""
+    store = MotionStore(NED_FROM_CAMERA)
+    network = load_network(save_difference_network(), device="cpu", threads=1)
+    stage = DepthStage(network, Lens(CAMERA), store, ranges=1, fixed=True)
+    for i in range(6):
+        stamp_ns = 10**9 + i * FRAME_NS + (30 * 10**9 if i == 2 else 0)
+        store.add(VelocitySample(10**9 + i * FRAME_NS, np.array([3.0, 0, 0])), 10**9 + i * FRAME_NS)
+        staged = stage.take(stamp_ns, seen(wide, i * 0.002))
+        assert staged is not None
+    assert stage.counts == {"steps back of the pictures' times": 1}
+    assert staged.depth.reason is None

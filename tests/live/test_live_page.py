@@ -84,6 +84,15 @@ def test_old_sectors_are_unknown_on_the_page_too(flying):
     assert {sector["kind"] for sector in told["fan"]["sectors"]} == {"unknown"}
 
 
+def test_old_sectors_are_in_no_metrics(flying):
+    """The last obstacle stood there for ever after the video was lost."""
+    flying.fly()
+    flying.clock_ns += 2_000_000_000
+    told = get(flying.server, "metrics")[2]
+    assert b"flightdepth_obstacle_nearest_metres" not in told
+    assert b"flightdepth_known_sectors 0\n" in told
+
+
 def test_before_the_first_result_there_is_a_state_and_no_picture(flying, monkeypatch):
     monkeypatch.setattr("flightdepth.live.page.server.NEWER_WITHIN_S", 0.05)
     assert get(flying.server, "input.jpg")[0] == 204

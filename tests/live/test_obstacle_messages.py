@@ -155,6 +155,17 @@ def test_a_stopped_estimator_falls_silent_and_its_heartbeat_says_so():
     assert 0.4 * NS_PER_S < last_ns <= 0.5 * NS_PER_S
 
 
+@pytest.mark.parametrize(("age_ms", "sent"), [(-51, False), (-40, True), (500, True), (501, False)])
+def test_a_result_that_is_old_or_from_the_future_is_not_sent(age_ms, sent):
+    """One from the future was sent until that had passed, and as long again."""
+    aging, now_ns = feed(), 100 * NS_PER_S
+    aging.take(live_result(now_ns - age_ms * 1_000_000, nothing(90.0)))
+    assert (aging.fresh(now_ns) is not None) == sent
+    heartbeat, *distances = decoded(aging.due(now_ns))
+    assert heartbeat.system_status == (dialect.MAV_STATE_ACTIVE if sent else dialect.MAV_STATE_CRITICAL)
+    assert len(distances) == sent
+
+
 def test_the_same_result_comes_nearer_with_its_age():
     aging = feed()
     aging.take(live_result(0, result(wall(camera_attitude(), 10.0))))

@@ -143,6 +143,11 @@ class Logged:
     now_ns = START_NS
 
 
+def told(made, *_, **fields):
+    """What stands in for the start of a ROS object: keeps what it was told by name."""
+    vars(made).update(fields)
+
+
 @pytest.fixture
 def node(conversion, monkeypatch):
     """The node's class, with names in place of ROS, which is not here."""
@@ -151,7 +156,7 @@ def node(conversion, monkeypatch):
     for module, held in names.items():
         made = ModuleType(module)
         for name in held:
-            setattr(made, name, type(name, (), {"BEST_EFFORT": 0, "__init__": lambda self, **_: None}))
+            setattr(made, name, type(name, (), {"BEST_EFFORT": 0, "__init__": told}))
         monkeypatch.setitem(sys.modules, module, made)
     monkeypatch.delitem(sys.modules, "flightdepth_ros.node", raising=False)
     from flightdepth_ros.node import DepthNode
@@ -172,6 +177,25 @@ def test_a_message_that_cannot_be_used_does_not_end_the_node(node):
     assert [line.split(":")[0] for line in node.lines] == ["odometry left out", "image left out"]
     node.on_odometry(MADE.odometry(0.1, (1.0, 0.0, 0.0))[1])
     assert len(node.lines) == 2
+
+
+def test_odometry_is_heard_from_publishers_that_promise_no_delivery(node):
+    """mavros is one: nothing of it came."""
+    from flightdepth_ros.node import DepthNode
+
+    heard = {}
+
+    class Heard(DepthNode):
+        def create_subscription(self, kind, topic, callback, quality):
+            heard[topic] = getattr(quality, "reliability", "reliable"), getattr(quality, "depth", quality)
+
+        def declare_parameter(self, *_):
+            pass
+
+        create_publisher = declare_parameter
+
+    Heard()
+    assert heard == {"camera_info": (0, 1), "odometry": (0, 50), "image": (0, 1)}
 
 
 def test_the_package_is_named_alike_everywhere():

@@ -38,3 +38,19 @@ def test_after_damage_a_key_frame_counts_wherever_its_stamps_begin(began_again):
     assert [number for number in shown if 15 <= number < 20] == []
     assert len([number for number in shown if number < 15]) >= 13
     assert len([number for number in shown if number >= 20]) >= 28
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_after_packets_that_were_left_out_all_counts_from_the_next_key_frame_on(told):
+    """Whether or not the container tells which packets are key frames: MPEG-TS does not."""
+    counts = Counter()
+    decoder, shown = SoundDecoder(av.CodecContext.create("h264", "r"), counts), []
+    for number, packet in enumerate(packets()):
+        if number == 15:
+            decoder.skip_to_key_frame()
+        if not told:
+            packet.is_keyframe = False
+        if not 10 <= number < 15:
+            shown += [number for _ in decoder.decode(packet)]
+    assert [number for number in shown if number >= 10] == list(range(20, 50))
+    assert not counts  # neither decoded nor damaged

@@ -75,6 +75,12 @@ def test_cameras_and_transport_streams():
     assert video_address("udp://0.0.0.0:5600").format == "mpegts"
 
 
+def test_ffmpegs_queue_is_short():
+    """It held 5 MB, six seconds of many a stream; a key frame of one of 20 Mbit/s may take 1 MB."""
+    assert 1_000_000 < 188 * int(video_address("udp://0.0.0.0:5600").options["fifo_size"]) < 2_000_000
+    assert "fifo_size" not in video_address("srt://cam:9000").options
+
+
 @pytest.mark.parametrize(
     "text", ["gopher://x", "udp://0.0.0.0", "rtp://0.0.0.0:70000", "nothing-of-this-name.mp4", ""]
 )

@@ -30,6 +30,8 @@ SEQUENCES = {"data": "B", "d": "d"}  # of any length: rclpy of Humble takes them
 FLU_FROM_FORWARD_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 # One picture waits at most: a newer one takes its place, so that the delay does not grow.
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+# mavros publishes odometry so; a reliable subscription hears nothing of it, while this one hears either kind.
+SENSED = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class DepthNode(Node):
@@ -45,7 +47,7 @@ class DepthNode(Node):
         self.depth = self.create_publisher(Image, "depth", NEWEST)
         self.info = self.create_publisher(CameraInfo, "depth/camera_info", NEWEST)
         self.create_subscription(CameraInfo, "camera_info", self.on_camera, NEWEST)
-        self.create_subscription(Odometry, "odometry", self.on_odometry, 50)
+        self.create_subscription(Odometry, "odometry", self.on_odometry, SENSED)
         self.create_subscription(Image, "image", self.on_image, NEWEST)
 
     def on_camera(self, message: CameraInfo) -> None:

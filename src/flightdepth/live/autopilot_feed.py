@@ -29,6 +29,7 @@ from flightdepth.live.motion_store import MotionStore
 # Of two messages that tell the same the better one counts, as long as it keeps coming.
 PREFERRED_FOR_NS = NS_PER_S
 DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270: a range finder that looks down
+INVALID = 1  # a DISTANCE_SENSOR's `signal_quality`: 0 is unknown, 100 perfect
 
 Message = Any
 
@@ -118,7 +119,11 @@ class AutopilotFeed:
 
     def _take_range(self, message: Message, now_ns: int) -> None:
         within = message.min_distance <= message.current_distance <= message.max_distance
-        if message.orientation == DOWNWARD and within and message.current_distance > 0:
+        if message.orientation != DOWNWARD or not within or message.current_distance <= 0:
+            return
+        if message.signal_quality == INVALID:
+            self.counts["heights of a range finder without an echo"] += 1
+        else:
             self._store.add_height(now_ns, message.current_distance / 100)
 
     def _is_best(self, name: str, family: tuple[str, ...], now_ns: int) -> bool:

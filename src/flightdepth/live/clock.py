@@ -16,6 +16,7 @@ from flightdepth.flight.records import NS_PER_S
 WINDOW_NS = 10 * NS_PER_S  # two crystals 50 ppm apart drift by 0.5 ms meanwhile
 # What one clock says of itself differs by less: milliseconds are rounded, filters predict, crystals drift.
 AHEAD_NS = NS_PER_S // 20
+DRIFT = 5_000  # no two crystals drift apart by more than a part of so many
 
 
 @dataclass(frozen=True)
@@ -40,14 +41,19 @@ class RemoteClock:
         self._answers: deque[Answer] = deque(maxlen=32)
         self._least_ns: int | None = None  # the smallest offset that any arrival had
 
-    def arrived(self, own_ns: int, now_ns: int) -> None:
+    def arrived(self, own_ns: int, now_ns: int, *, queued: bool = False) -> None:
         """Something stamped `own_ns` by the other clock came at `now_ns`.
 
         Where that clock stepped back, or something is very late, earlier arrivals are forgotten, and the next
         faster one puts it right.
         Answers stay, since they know better; where the clock did step, the next one is without those before.
+
+        `queued`: it may have lain here before it was read, so it makes no clock later than drift does.
         """
         offset_ns = now_ns - own_ns
+        if queued and self._arrivals:
+            then_ns, least_ns = self._arrivals[0]
+            offset_ns = min(offset_ns, least_ns + (now_ns - then_ns) // DRIFT)
         if self._arrivals and offset_ns - self._arrivals[0][1] > STEP_NS:
             self._arrivals.clear()
         self._least_ns = offset_ns if self._least_ns is None else min(self._least_ns, offset_ns)

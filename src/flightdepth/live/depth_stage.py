@@ -33,6 +33,7 @@ SYNC_S = 0.02
 MAX_TURN_RATE = MAX_TURN_RAD / SYNC_S
 # A repeated picture is left out; so many ns of repeats are a frozen picture, and everybody shall know.
 FROZEN_NS = 3 * NS_PER_S // 10
+BACK_NS = NS_PER_S  # pictures whose times go back by more begin anew: those before had a time from the future
 LOOKED_AT = 4  # every so-many-th pixel tells whether a picture changed
 
 
@@ -90,7 +91,7 @@ class NoCalibration(BadInput):
 
 
 class DepthStage:
-    """One estimator, made anew when the pictures' size changes. `counts` says what was left out.
+    """One estimator, made anew when the pictures' size changes or their times go back. `counts` says what was left out.
 
     `fixed`: the camera is screwed to the drone, so its attitude is known well and pictures turn all the time;
     else, or while nobody tells it, pictures that turn are told from themselves. `turns`: see MultiRangeEstimator.
@@ -140,7 +141,10 @@ class DepthStage:
 
     def take(self, stamp_ns: int, image: Image) -> Staged | None:
         """Depth of a picture uint8 RGB [H, W, 3]; None where it is left out, which is counted."""
-        if stamp_ns <= self._newest_ns:
+        if stamp_ns < self._newest_ns - BACK_NS:
+            self.counts["steps back of the pictures' times"] += 1
+            self._camera, self._repeats = None, Repeats()
+        elif stamp_ns <= self._newest_ns:
             self.counts["not later than the one before"] += 1
             return None
         height, width = image.shape[:2]

@@ -79,7 +79,9 @@ class LiveEngine:
         self._refused: Counter[str] = Counter()
         self._last: tuple[Staged, Picture] | None = None
         self._sinks: list[SinkThread] = []
-        self._video = parts.video(VideoListener(self._on_picture, self._on_stream_error, self._on_distrusted))
+        self._video = parts.video(
+            VideoListener(self._on_picture, self._on_stream_error, self._on_distrusted, self._on_cut)
+        )
         self._motion = parts.motion(self)
 
     def __enter__(self) -> LiveEngine:
@@ -178,6 +180,9 @@ class LiveEngine:
 
     def _on_distrusted(self, why: str) -> None:
         self._say(f"video: ages count from reception, not by the sender's clock: {why}")
+
+    def _on_cut(self, why: str) -> None:
+        self._say(f"video: it cannot be read on, the rest of it is lost: {why}")
 
     def _on_sink_failure(self, name: str, error: Exception) -> None:
         self._say(f"{name} failed, the estimator goes on: {type(error).__name__}: {error}")

@@ -20,6 +20,7 @@ from flightdepth.motion import NED_FROM_CAMERA, Vector, rotation_from_quaternion
 
 RATE_HZ = 15.0  # PX4 was tested with 10 Hz at 4 m/s; both autopilots give up after half a second
 HEARTBEAT_NS, EVERY_NS = NS_PER_S, round(NS_PER_S / RATE_HZ)
+AHEAD_S = 0.05  # a picture's time is right to less: one from farther ahead is not known to be new
 BLIND = "obstacles are unknown"
 FIXED_HEADING = " (a camera screwed to it: --mount fixed)"
 
@@ -85,23 +86,27 @@ class ObstacleFeed:
             tilt = rotation_from_quaternion(motion.world_from_body).T @ level_from_world(heading).T
         self.newest = SectorsAt(sectors, result.stamp_ns, result.boot_ns, tilt)
 
+    def fresh(self, now_ns: int) -> SectorsAt | None:
+        """The newest, unless its picture is older than `stale_s`, or from the future."""
+        newest = self.newest
+        if newest is None or not -AHEAD_S <= (now_ns - newest.stamp_ns) / NS_PER_S <= self.settings.stale_s:
+            return None
+        return newest
+
     def due(self, now_ns: int) -> list[bytes]:
         """The messages to send at `now_ns`: none twice within its interval, none about an old picture."""
-        newest = self.newest
-        age_s = np.inf if newest is None else (now_ns - newest.stamp_ns) / NS_PER_S
-        usable = newest is not None and age_s <= self.settings.stale_s
+        fresh = self.fresh(now_ns)
         messages = []
         if _elapsed(self._heartbeat_ns, now_ns, HEARTBEAT_NS):
             self._heartbeat_ns = now_ns
-            messages.append(self._packer.heartbeat(usable=usable))
-        if newest is not None and usable and _elapsed(self._distances_ns, now_ns, EVERY_NS):
+            messages.append(self._packer.heartbeat(usable=fresh is not None))
+        if fresh is not None and _elapsed(self._distances_ns, now_ns, EVERY_NS):
             self._distances_ns = now_ns
-            time_us = (newest.stamp_ns if newest.boot_ns is None else newest.boot_ns) // 1000
-            messages.append(self._packer.distances(newest.sectors, time_us, age_s))
+            age_s = (now_ns - fresh.stamp_ns) / NS_PER_S
+            time_us = (fresh.stamp_ns if fresh.boot_ns is None else fresh.boot_ns) // 1000
+            messages.append(self._packer.distances(fresh.sectors, time_us, age_s))
             if self._points:
-                messages += self._packer.points(
-                    newest.sectors, time_us // 1000, age_s, newest.body_from_level
-                )
+                messages += self._packer.points(fresh.sectors, time_us // 1000, age_s, fresh.body_from_level)
         return messages
 
     def _heading(self, motion: MotionAt) -> float | None:

@@ -18,6 +18,7 @@ SET_NS = NS_PER_S // 10
 # Packets come in the order of decoding, so their times step back by some pictures; by more where it was set.
 BACK_NS = NS_PER_S // 2
 NO_REPORT = "no report of the sender's clock has come"
+EARLY = "by it pictures came before they were taken"
 
 
 class PictureClock:
@@ -39,24 +40,49 @@ class PictureClock:
         self._was_set = False
 
     def packet(
-        self, own_ns: int, now_ns: int, *, sender_wall_ns: int | None = None, wall_now_ns: int = 0
+        self,
+        own_ns: int,
+        now_ns: int,
+        *,
+        sender_wall_ns: int | None = None,
+        wall_now_ns: int = 0,
+        queued: bool = False,
     ) -> None:
-        """A packet of the stream's time `own_ns` came; the sender's wall clock for it, and ours now."""
-        if own_ns < self._newest_ns - BACK_NS:
+        """A packet of the stream's time `own_ns` came; the sender's wall clock for it, and ours now.
+
+        `queued`: it may have come earlier, and lain in a queue of ours.
+        """
+        # A camera of this machine sends in the order of display: one time too late would hold for ten seconds.
+        if own_ns < self._newest_ns - (0 if self._same_clock else BACK_NS):
             self._arrivals, self._newest_ns = RemoteClock(), own_ns
+            self._sender_offset_ns = None  # it is known anew at once, unless the times were set
+            if self._wall_from_sender and not self._was_set:
+                self.distrusted = NO_REPORT
         self._newest_ns = max(self._newest_ns, own_ns)
-        self._arrivals.arrived(own_ns, now_ns)
+        self._arrivals.arrived(own_ns, now_ns, queued=queued)
         if self._same_clock and _credible(own_ns, now_ns):
             self._sender_offset_ns = 0
         elif self._wall_from_sender and sender_wall_ns is not None and not self._was_set:
             self._compare(own_ns, now_ns, now_ns + sender_wall_ns - wall_now_ns)
 
+    def late_ns(self, own_ns: int, now_ns: int) -> int:
+        """How much later than the fastest ones a packet of the stream's time `own_ns` is, read at `now_ns`."""
+        return now_ns - self._arrivals.live_ns(own_ns)
+
     def stamp(self, own_ns: int) -> tuple[int, AgeFrom]:
-        """When the picture of the stream's time `own_ns` was taken; a packet must have come before."""
+        """When the picture of the stream's time `own_ns` was taken; a packet must have come before.
+
+        The sender is not believed where it says so from the future: its clock, or one stamp of it, is wrong.
+        """
+        came_ns = self._arrivals.live_ns(own_ns)
         if self._sender_offset_ns is not None:
-            delay_ns = self._delay_ns if self._same_clock else 0  # a driver knows nothing of the exposure
-            return own_ns + self._sender_offset_ns - delay_ns, "sender"
-        return self._arrivals.live_ns(own_ns) - self._delay_ns, "reception"
+            claimed_ns = own_ns + self._sender_offset_ns
+            if claimed_ns <= came_ns + AHEAD_NS:
+                delay_ns = self._delay_ns if self._same_clock else 0  # a driver knows nothing of the exposure
+                return claimed_ns - delay_ns, "sender"
+            if self._wall_from_sender:
+                self.distrusted = EARLY
+        return came_ns - self._delay_ns, "reception"
 
     def _compare(self, own_ns: int, now_ns: int, claimed_ns: int) -> None:
         offset_ns = claimed_ns - own_ns

@@ -11,6 +11,7 @@ from av.error import FFmpegError
 from flightdepth.flight.decoding import BUILT_ON_DAMAGE, NO_KEY_FRAME_YET, STOP_AT_DAMAGE
 from flightdepth.flight.deinterlacing import Deinterlacer
 
+MOST_SKIPPED = 60  # packets: B frames keep a key frame in the decoder until others than key frames come
 IN_DECODER_S = 2  # a picture that a decoder still held when news of damage came is not older
 
 
@@ -29,12 +30,16 @@ class SoundDecoder:
         if context.name in STOP_AT_DAMAGE:
             context.options = {"err_detect": "explode"}
         self._waiting, self._damaged = True, False
+        self._skipping = 0
         self._damage_pts: int | None = None
 
     def decode(self, packet: Any) -> Iterator[Any]:
         """Sound pictures of one packet; the last of a file come with the empty packet at its end."""
         if packet.is_corrupt:
             self.damage(packet.pts)
+        if self._skipping:
+            self._skipping = 0 if packet.is_keyframe else self._skipping - 1  # not all containers tell it
+            self._context.skip_frame = "NONKEY" if self._skipping else "DEFAULT"
         try:
             found = self._context.decode(packet)
         except FFmpegError:
@@ -53,6 +58,11 @@ class SoundDecoder:
         if pts is not None:
             self._damage_pts = pts
 
+    def skip_to_key_frame(self) -> None:
+        """Packets before the next one were left out: what is built on them is not even decoded, which takes time."""
+        self._waiting = self._damaged = True
+        self._skipping = MOST_SKIPPED
+
     def _is_sound(self, decoded: Any) -> bool:
         if decoded.is_corrupt:
             self._counts["damaged frames"] += 1
@@ -63,6 +73,7 @@ class SoundDecoder:
             self._counts["frames without a time"] += 1
         else:
             self._waiting = self._damaged = False
+            self._skipping = min(self._skipping, 1)
             return True
         return False
 

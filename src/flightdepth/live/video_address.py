@@ -23,6 +23,8 @@ QUICK = {"analyzeduration": "500000", "fpsprobesize": "0"}
 # MPEG-TS holds one picture a PES packet, which is known to be whole when the next one begins. FFmpeg's parser would
 # look for the end once more, and find it with the picture after that: another 33 ms at 30 pictures a second.
 WHOLE_PICTURES = {"fflags": "+noparse+nofillin"}
+# FFmpeg's queue before the decoder, in packets of 188 bytes: a key frame of a stream of 20 Mbit/s comes in one burst.
+UDP_QUEUE = {"overrun_nonfatal": "1", "fifo_size": "8192"}
 # What `export_side_data` adds: the sender's wall clock, from RTCP reports.
 SENDER_CLOCK = {"export_side_data": "prft"}
 RTP = "rtp"  # read by our own `rtp_stream`
@@ -88,7 +90,7 @@ def video_address(text: str) -> VideoAddress:
         return VideoAddress(name, text, format=RTP)
     if scheme in ("udp", "tcp", "srt"):
         _check_port(text)
-        options = {"overrun_nonfatal": "1"} | QUICK | WHOLE_PICTURES
+        options = (UDP_QUEUE if scheme == "udp" else {}) | QUICK | WHOLE_PICTURES
         return VideoAddress(name, f"{scheme}://{rest}", format="mpegts", options=options)
     if text.startswith("/dev/"):
         return _camera(text)

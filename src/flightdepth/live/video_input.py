@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from av.error import ExitError, FFmpegError
 
+from flightdepth.errors import FlightDepthError
 from flightdepth.live.picture_clock import NO_REPORT, PictureClock
 from flightdepth.live.rtp_stream import RtpStream
 from flightdepth.live.slots import Newest
@@ -20,15 +21,19 @@ from flightdepth.live.video_stream import READ_S, Picture, StreamEnded, VideoStr
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.25, 4.0
 NOT_TAKEN = "a newer picture came first"
+READ_ERROR = "read errors (the rest of the video is lost)"
 
 
 @dataclass(frozen=True)
 class VideoListener:
-    """Who hears of the stream, on its thread: each picture (live clock), why it broke, why its clock is distrusted."""
+    """Who hears of the stream, on its thread: each picture (live clock), why it broke, why its clock is distrusted,
+    and why a file is over before its end.
+    """
 
     on_picture: Callable[[int], None]
     on_error: Callable[[str], None]
     on_distrusted: Callable[[str], None]
+    on_cut: Callable[[str], None] = lambda why: None
 
 
 class VideoInput:
@@ -102,11 +107,20 @@ class VideoInput:
                 return  # a file is over, or we were told to stop
             except (FFmpegError, OSError, ValueError, StreamEnded) as error:
                 if self._address.paced:
-                    raise
+                    self._cut_short(error)
+                    return
                 self._listener.on_error(in_words(error))
             failures = 0 if self.received > before else failures + 1
             self._stop.wait(pause_s(failures))
             self.reconnects += 1
+
+    def _cut_short(self, error: Exception) -> None:
+        """A file cannot be read on: it is over there, as for `flightdepth run`, unless it never began."""
+        why = in_words(error)
+        if not self.received or not isinstance(error, OSError | FFmpegError):
+            raise FlightDepthError(f"video {self._address.name}: {why}") from error
+        self._counts[READ_ERROR] += 1
+        self._listener.on_cut(why)
 
     def _read(self) -> None:
         clock = PictureClock(

@@ -21,6 +21,7 @@ from flightdepth.errors import FlightDepthError
 from flightdepth.flight.container import main_stream
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.flight.video import upright
+from flightdepth.live.backlog import Backlog
 from flightdepth.live.picture_clock import PictureClock
 from flightdepth.live.sound_decoder import SoundDecoder
 from flightdepth.live.status import AgeFrom
@@ -32,6 +33,9 @@ MISSED = "RTP: missed"
 SILENT = logging.NullHandler()  # one for all connections: a second time a logger does not add it
 Told = list[tuple[int, str, str]]  # level, who, what
 _listeners, _listening = 0, threading.Lock()
+# FFmpeg looks for MPEG-TS in 64 KB of anything else, then wants to be asked again; so often it is.
+MOST_AGAIN, GAP = 1000, "places of the file without a packet"
+BEHIND = "packets thrown away because decoding fell behind"
 LATE_NS = 2 * NS_PER_S  # a file's picture that is due so long ago is passed over: the machine slept
 
 
@@ -74,24 +78,34 @@ class VideoStream:
             # A thread of FFmpeg's that logs waits for Python, while Python, freeing the codec, waits for that thread.
             self._stream.codec_context.thread_count = 1
         self._decoder = SoundDecoder(self._stream.codec_context, counts)
+        self._backlog = Backlog()
 
     def close(self) -> None:
         """Close the connection."""
         self._container.close()
 
     def pictures(self, clock: PictureClock, stop: threading.Event) -> Iterator[Picture]:
-        """Pictures as they come, stamped by `clock`; raises StreamEnded or FFmpegError when it breaks."""
+        """Pictures as they come, stamped by `clock`; raises StreamEnded or FFmpegError when it breaks.
+
+        FFmpeg and the system keep what is not read yet: where it piles up, it is thrown away up to the newest.
+        """
+        skipped = False
         log: AbstractContextManager[Told] = losses_told() if self._address.rtp else nullcontext([])
         with log as told:
-            for packet in self._container.demux(self._stream):
+            for packet in self._packets():
                 if stop.is_set():
                     return
                 if any(MISSED in text for _, _, text in told):
                     self._counts["gaps in the RTP packets"] += 1
                     self._decoder.damage(packet.pts)
                 told.clear()
-                if packet.pts is not None:
-                    self._tell(clock, packet)
+                if packet.pts is not None and self._tell(clock, packet):
+                    self._counts[BEHIND] += 1
+                    skipped = True
+                    continue
+                if skipped:
+                    self._decoder.skip_to_key_frame()
+                    skipped = False
                 for decoded in self._decoder.decode(packet):
                     yield Picture(self._owned(decoded), *clock.stamp(self._nanoseconds(decoded.pts)))
         raise StreamEnded("it ended")
@@ -100,7 +114,7 @@ class VideoStream:
         """A file's pictures, each when it is due; its stream begins at `epoch_ns`, as a log beside it does."""
         start = self._stream.start_time
         first_ns = None if start is None else self._nanoseconds(start)
-        for packet in self._container.demux(self._stream):
+        for packet in self._file_packets():
             for decoded in self._decoder.decode(packet):
                 own_ns = self._nanoseconds(decoded.pts)
                 first_ns = own_ns if first_ns is None else first_ns
@@ -113,22 +127,46 @@ class VideoStream:
                     continue
                 yield Picture(decoded, due_ns - delay_ns, "reception")
 
+    def _packets(self) -> Iterator[Any]:
+        packets = self._container.demux(self._stream)
+        asked_ns = time.monotonic_ns()
+        while (packet := next(packets, None)) is not None:
+            now_ns = time.monotonic_ns()
+            self._backlog.read(now_ns, now_ns - asked_ns)
+            yield packet
+            asked_ns = time.monotonic_ns()
+
+    def _file_packets(self) -> Iterator[Any]:
+        for again in range(MOST_AGAIN + 1):
+            try:
+                yield from self._container.demux(self._stream)
+                return
+            except BlockingIOError:
+                if again == MOST_AGAIN:
+                    raise
+                self._counts[GAP] += 1
+                self._decoder.damage(None)
+
     def _owned(self, decoded: Any) -> Any:
         """A picture that outlives the stream: raw ones lie in the camera driver's memory, which goes with it."""
         return decoded.reformat(format="rgb24") if self._stream.codec_context.name == "rawvideo" else decoded
 
-    def _tell(self, clock: PictureClock, packet: Any) -> None:
+    def _tell(self, clock: PictureClock, packet: Any) -> bool:
+        """Let the clock hear of a packet; whether it lay in a queue, and is to be thrown away."""
         sender_wall_ns = None
         if packet.has_sidedata("prft"):
             # AVProducerReferenceTime: microseconds since 1970, then flags.
             (wall_us,) = struct.unpack_from("<q", bytes(packet.get_sidedata("prft")))
             sender_wall_ns = wall_us * 1000
+        own_ns, now_ns = self._nanoseconds(packet.pts), time.monotonic_ns()
         clock.packet(
-            self._nanoseconds(packet.pts),
-            time.monotonic_ns(),
+            own_ns,
+            now_ns,
             sender_wall_ns=sender_wall_ns,
             wall_now_ns=time.time_ns(),
+            queued=self._backlog.hurried,
         )
+        return self._backlog.skips(clock.late_ns(own_ns, now_ns))
 
     def _nanoseconds(self, ticks: int) -> int:
         return int(ticks * self._stream.time_base * NS_PER_S)

@@ -23,6 +23,7 @@ from urllib.parse import parse_qs, urlsplit
 from flightdepth.errors import BadInput
 from flightdepth.live.metrics import CONTENT_TYPE, prometheus
 from flightdepth.live.obstacle_sender import ObstacleFeed
+from flightdepth.live.obstacles import Sectors
 from flightdepth.live.page.pictures import Pictures
 from flightdepth.live.page.state import Json, scale, state
 from flightdepth.live.status import LiveResult, StatusSource
@@ -63,9 +64,9 @@ class Page:
 
     def state(self) -> Json:
         """What /state.json says."""
-        feed = self._obstacles
-        newest, settings = (None, None) if feed is None else (feed.newest, feed.settings)
-        return state(self._status(), self.pictures.result, newest, settings)
+        status, feed = self._status(), self._obstacles
+        fresh, settings = (None, None) if feed is None else (feed.fresh(status.stamp_ns), feed.settings)
+        return state(status, self.pictures.result, fresh, settings)
 
     def scale(self) -> Json:
         """What /scale.json says."""
@@ -73,8 +74,11 @@ class Page:
 
     def metrics(self) -> str:
         """What /metrics says."""
-        newest = None if self._obstacles is None else self._obstacles.newest
-        return prometheus(self._status(), None if newest is None else newest.sectors)
+        status, feed = self._status(), self._obstacles
+        if feed is None:
+            return prometheus(status)
+        fresh = feed.fresh(status.stamp_ns)
+        return prometheus(status, Sectors.unknown() if fresh is None else fresh.sectors)
 
 
 class PageServer(ThreadingHTTPServer):

@@ -27,7 +27,7 @@ Json = dict[str, Any]
 
 
 def state(
-    status: LiveStatus, result: LiveResult | None, newest: SectorsAt | None, settings: ObstacleSettings | None
+    status: LiveStatus, result: LiveResult | None, fresh: SectorsAt | None, settings: ObstacleSettings | None
 ) -> Json:
     """All that changes: health, ages, counts, the fan."""
     return {
@@ -65,17 +65,14 @@ def state(
         "uptime_s": status.uptime_s,
         "no_depth": None if result is None else result.depth.reason,
         "speed_m_s": None if result is None else speed(result.motion.velocity_ned),
-        "fan": None if settings is None else fan(newest, settings, status.stamp_ns),
+        "fan": None if settings is None else fan(fresh, settings, status.stamp_ns),
     }
 
 
-def fan(newest: SectorsAt | None, settings: ObstacleSettings, now_ns: int) -> Json:
+def fan(fresh: SectorsAt | None, settings: ObstacleSettings, now_ns: int) -> Json:
     """The sectors as they would be sent now: distance in metres, or why there is none."""
-    age_s = math.inf if newest is None else (now_ns - newest.stamp_ns) / NS_PER_S
-    if newest is None or age_s > settings.stale_s:
-        sectors, age_s = Sectors.unknown(), 0.0
-    else:
-        sectors = newest.sectors
+    sectors = Sectors.unknown() if fresh is None else fresh.sectors
+    age_s = 0.0 if fresh is None else (now_ns - fresh.stamp_ns) / NS_PER_S
     values = distances_cm(sectors, age_s, settings)
     obstacles = sectors.obstacle_m <= settings.max_m + sectors.speed_m_s * max(age_s, 0.0)
     return {

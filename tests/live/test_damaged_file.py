@@ -1,0 +1,83 @@
+"""A file that is played as if it were live, and cannot be read to its end."""
+
+import time
+
+import av
+import pytest
+from live_peers import RATE_HZ, encode, until
+
+from flightdepth.errors import FlightDepthError
+from flightdepth.live.video_address import video_address
+from flightdepth.live.video_input import READ_ERROR, VideoInput, VideoListener
+from flightdepth.live.video_stream import GAP, VideoStream
+
+SECONDS = 4.0
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    return encode(tmp_path_factory.mktemp("clip") / "flight.ts", size=(320, 240), seconds=SECONDS)
+
+
+@pytest.fixture
+def played(monkeypatch):
+    """Play a file whose last picture is due now; the input, and what was said of its end."""
+    monkeypatch.setattr("flightdepth.live.video_stream.LATE_NS", 60 * 10**9)
+
+    def play(path):
+        said = []
+        listener = VideoListener(lambda now_ns: None, said.append, said.append, said.append)
+        begun_ns = time.monotonic_ns() - round(SECONDS * 1e9)
+        video = VideoInput(video_address(str(path)), listener, epoch_ns=begun_ns)
+        made.append(video)
+        video.start()
+        until(video.ended.is_set)
+        return video, said
+
+    made = []
+    yield play
+    for video in made:
+        video.close()
+
+
+def failing(after):
+    """Reading that fails after so many packets."""
+
+    def packets(self):
+        for count, packet in enumerate(self._container.demux(self._stream)):
+            if count == after:
+                raise av.error.InvalidDataError(
+                    1094995529, "Invalid data found when processing input", "/a/b"
+                )
+            yield packet
+
+    return packets
+
+
+def test_a_damaged_place_is_passed_over(clip, tmp_path, played):
+    """It ended the run as an error: Resource temporarily unavailable."""
+    data = bytearray(clip.read_bytes())
+    begin, end = (len(data) // 188 * part // 10 * 188 for part in (3, 6))
+    assert end - begin > 1 << 17
+    data[begin:end] = bytes(end - begin)
+    path = tmp_path / "damaged.ts"
+    path.write_bytes(data)
+    video, said = played(path)
+    assert (video.error, said) == (None, [])
+    assert video.dropped[GAP] >= 1
+    assert 0.4 * SECONDS * RATE_HZ < video.received < 0.8 * SECONDS * RATE_HZ
+
+
+def test_one_that_cannot_be_read_on_is_over_there(clip, played, monkeypatch):
+    monkeypatch.setattr(VideoStream, "_file_packets", failing(20))
+    video, said = played(clip)
+    assert video.error is None
+    assert said == ["Invalid data found when processing input"]
+    assert video.dropped[READ_ERROR] == 1
+
+
+def test_one_that_cannot_be_read_at_all_is_an_error_of_one_line(clip, played, monkeypatch):
+    monkeypatch.setattr(VideoStream, "_file_packets", failing(0))
+    video, _ = played(clip)
+    assert isinstance(video.error, FlightDepthError)
+    assert str(video.error) == f"video {clip}: Invalid data found when processing input"
