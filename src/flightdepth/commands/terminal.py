@@ -17,6 +17,7 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
+from rich.table import Column
 from rich.text import Text
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ class Speed(ProgressColumn):
     """Steps a second, averaged over the last half minute by rich."""
 
     def __init__(self, unit: str) -> None:
-        super().__init__()
+        super().__init__(_whole())
         self._unit = unit
 
     def render(self, task: Task) -> Text:
@@ -115,7 +116,7 @@ def progress_bar(title: str, total: int | None, unit: str) -> Iterator[ToldProgr
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
-        MofNCompleteColumn(),
+        MofNCompleteColumn(table_column=_whole()),
         Speed(unit),
         TimeRemainingColumn(),
     )
@@ -124,6 +125,11 @@ def progress_bar(title: str, total: int | None, unit: str) -> Iterator[ToldProgr
         yield bar
         if total is not None and not bar.finished:  # what was promised and did not come is not waited for
             bar.update(task, total=bar.tasks[task].completed)
+
+
+def _whole() -> Column:
+    """A column of figures: where a terminal is narrow the bar gives way, not they."""
+    return Column(no_wrap=True)
 
 
 def counted(items: Iterable[Item], title: str, unit: str, *, total: int | None = None) -> Iterator[Item]:
