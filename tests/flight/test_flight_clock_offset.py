@@ -5,8 +5,9 @@ import pytest
 
 from flightdepth.flight import GyroscopeTrack, Telemetry, VelocitySample
 from flightdepth.flight.apparent_motion import ApparentMotion
-from flightdepth.flight.offset import estimate_offset
+from flightdepth.flight.offset import _correlations, estimate_offset
 from flightdepth.flight.records import NS_PER_S, BodyAttitudeSample
+from flightdepth.flight.signals import Signal
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
 
 VIDEO_S = 30.0
@@ -91,6 +92,48 @@ def test_speed_alone(offset_s):
     found = estimate_offset(pictures((at_s, 0 * change), (at_s, speed / 20), 0.05), log)
     assert found.witness == "speed"
     assert found.offset_s == pytest.approx(offset_s, abs=0.1)
+
+
+YEARS_S = 50 * 365.25 * 86400
+
+
+@pytest.mark.parametrize("jump_s", [25.0, 100.0, YEARS_S])
+@pytest.mark.parametrize("after", [False, True])
+def test_a_log_whose_clock_jumps_costs_what_it_tells(jump_s, after):
+    """Found in review: a clock set by years inside a log ended in an _ArrayMemoryError; by days, in minutes of CPU."""
+    (at_s, turn), (_, other) = wandering(1), wandering(2)
+    times = np.concatenate([at_s, at_s + 60 + jump_s])
+    track = GyroscopeTrack(
+        np.array(stamps_of(times)), 0.1 * np.concatenate([other, turn] if after else [turn, other])
+    )
+    found = estimate_offset(
+        pictures((at_s, 0.1 * turn), (at_s, 0 * at_s + 0.3)), Telemetry("t", even_speed(), gyroscope=track)
+    )
+    assert found.witness == "turn rate"
+    assert found.offset_s == pytest.approx(-(60 + jump_s) if after else 0.0, abs=0.03)
+
+
+def test_a_log_in_the_wrong_unit_costs_nothing():
+    """Milliseconds that are called seconds: 100 s between two."""
+    samples = tuple(VelocitySample(round(100e9 * k), [5.0 + k % 3, 0, 0]) for k in range(2000))
+    at_s, turn = wandering(1)
+    found = estimate_offset(pictures((at_s, turn), (at_s, 1 + 0.1 * turn[:, 0])), Telemetry("t", samples))
+    assert "speed: less than 6 s in common" in found.reason
+
+
+@pytest.mark.parametrize("silence_s", [11.0, 13.0])
+def test_parts_of_a_log_are_laid_to_the_video_as_the_whole_would_be(monkeypatch, silence_s):
+    (at_s, turn), (_, other) = wandering(1, span_s=20), wandering(2, span_s=20)
+    video = Signal(np.arange(0, 12, 1 / 30), turn[:360]).on_grid()  # of 12 s
+    log = Signal(np.concatenate([at_s, at_s + 20.01 + silence_s]), np.concatenate([other, turn]))
+    split = _correlations(video, log, None)
+    monkeypatch.setattr(Signal, "parts", lambda signal, silence_s: [signal])
+    whole = _correlations(video, log, None)
+    known, same = np.isfinite(whole.values), np.isin(whole.lags, split.lags)
+    assert (np.diff(split.lags) > 0).all()
+    assert same[known].all()
+    np.testing.assert_array_equal(split.values, whole.values[same])
+    np.testing.assert_array_equal(split.samples, whole.samples[same])
 
 
 def test_a_straight_even_flight_tells_nothing():

@@ -1,4 +1,5 @@
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -49,6 +50,25 @@ def test_pymavlink_reads_the_same(tmp_path):
     log.close()
     ours = [(START_US + s.stamp_ns // 1000, *s.velocity) for s in read_telemetry(path).samples]
     assert ours == theirs
+
+
+def test_a_log_takes_little_memory(tmp_path):
+    """Found in review: all numbers of all records were held at once, 810 bytes a record."""
+    parts = [dataflash_head()]
+    for i in range(400):
+        parts += [xkf1(START_US + i * 1000, (i % 7, 1, 0), core=core) for core in range(3)]
+        parts += [dataflash_record("ATT", START_US + i * 1000, 0, 0, 0) for _ in range(3)]
+        parts.append(dataflash_record("XKQ", START_US + i * 1000, 0, *quaternion(i)))
+    path = written(tmp_path / "flight.bin", b"".join(parts))
+    read_telemetry(written(tmp_path / "short.bin", dataflash_flight(3)))  # what is imported is not counted
+    tracemalloc.start()
+    try:
+        telemetry = read_telemetry(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(telemetry.velocities) == len(telemetry.body_attitudes) == 400
+    assert peak < 12 * path.stat().st_size
 
 
 def test_the_core_that_flies_is_followed(tmp_path):

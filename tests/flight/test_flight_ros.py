@@ -11,6 +11,7 @@ from flightdepth.flight import ros_messages
 from flightdepth.flight.records import AttitudeSample, VelocitySample
 from flightdepth.flight.ros import read_ros
 from flightdepth.flight.ros2_bag import ZSTD_MAGIC
+from flightdepth.flight.ros_messages import axes_of, ned_from_map
 from flightdepth.flight.ros_records import DamagedError
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
@@ -63,6 +64,20 @@ def test_a_map_that_is_ned_by_name_stays(tmp_path):
     )
     assert np.allclose(samples(path)[0].velocity, (4, 1, -2))
     assert np.allclose(read_ros(path).body_attitudes[0].world_from_body, (1, 0, 0, 0))
+
+
+@pytest.mark.parametrize("frame", ["map_ned", "/ned", "local_origin_NED", "worldNED"])
+def test_a_frame_is_ned_by_its_last_word(frame):
+    assert axes_of(frame) == "world"
+    assert np.array_equal(ned_from_map(frame), np.eye(3))
+
+
+@pytest.mark.parametrize(("frame", "axes"), [("odom_combined", "world"), ("aligned", ""), ("Combined", "")])
+def test_a_word_that_ends_like_ned_is_not_ned(tmp_path, frame, axes):
+    """Found in review: climbs of robot_pose_ekf's odom_combined became falls."""
+    assert axes_of(frame) == axes
+    path = recorded(tmp_path, ("/odom", MADE.odometry(0, (4, 1, 2), frame=frame, child="")))
+    assert np.allclose(samples(path)[0].velocity, (1, 4, -2))
 
 
 @pytest.mark.parametrize("frame", ["map", "odom", "world", "/local_origin"])
@@ -181,6 +196,22 @@ def test_the_best_topic_is_chosen_and_another_can_be_asked_for(tmp_path):
     assert sure.sigma == pytest.approx(0.3)
     with pytest.raises(BadInput, match=r"a velocity in /none, got /odom \(nav_msgs/msg/Odometry\), /sure"):
         read_ros(path, topic="/none")
+
+
+def test_an_odometry_whose_twist_is_never_filled_in_comes_after_one_that_moves(tmp_path):
+    """Found in review: FAST-LIO tells poses only, and no frame had depth though the autopilot told the speed."""
+    lidar = [("/Odometry", MADE.odometry(k / 100, (0, 0, 0))) for k in range(5)]
+    real = ("/mavros/local_position/velocity_local", MADE.twist_stamped(0.1, (4, 1, 0), "map"))
+    to_do = ("/cmd_vel", MADE.twist_stamped(0.1, (9, 0, 0), "base_link"))
+    assert (
+        "of /mavros/local_position/velocity_local" in read_ros(recorded(tmp_path, *lidar, to_do, real)).name
+    )
+    assert "of /Odometry" in read_ros(recorded(tmp_path, *lidar, to_do)).name
+
+
+def test_where_nothing_moves_the_best_kind_is_chosen(tmp_path):
+    still = ("/twist", MADE.twist_stamped(0.0, (0, 0, 0), "map")), ("/odom", MADE.odometry(0.05, (0, 0, 0)))
+    assert "of /odom" in read_ros(recorded(tmp_path, *still)).name
 
 
 def test_what_a_drone_is_to_do_is_not_taken_for_what_it_does(tmp_path):

@@ -3,6 +3,7 @@ import threading
 import time
 from collections import Counter
 from contextlib import closing
+from pathlib import Path
 
 import av
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from flight_files import make_sound, make_video, trimmed, turn_video
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.decoding import SoundPictures
 from flightdepth.flight.video import Video
 from flightdepth.live.video_address import video_address
 from flightdepth.live.video_stream import VideoStream
@@ -52,6 +54,59 @@ def test_a_part_has_the_same_pictures_as_the_whole(tmp_path):
     part = read(path, start_s=1.2)
     assert len(part) == 20
     assert all(np.array_equal(frame.image, whole[frame.stamp_ns]) for frame in part)
+
+
+INTRA_REFRESH = {"x264-params": "intra-refresh=1:keyint=30:bframes=0:scenecut=0"}
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "stream_options"),
+    [
+        ("v.ts", "libx264", {"g": "100"}),
+        ("v.ts", "libx265", {"x265-params": "keyint=100:log-level=error"}),
+        ("v.mpg", "mpeg2video", {"g": "100"}),
+        ("v.mkv", "libx264", INTRA_REFRESH),
+        ("v.ts", "libx264", INTRA_REFRESH),
+    ],
+)
+def test_a_part_of_a_file_in_which_ffmpeg_seeks_too_far_is_whole(tmp_path, name, codec, stream_options):
+    """Found in review: --start lost all up to the next key frame of MPEG-TS, or refused a file that is sound."""
+    path = make_video(
+        tmp_path / name,
+        range(0, 7000, 40),
+        colour=lambda index: index % 200,
+        codec=codec,
+        stream_options=stream_options,
+        rate=25,
+    )
+    whole = {frame.stamp_ns: frame.image for frame in read(path)}
+    with Video(path, start_s=3) as video:
+        part = list(video.frames())
+        assert dict(video.counts) == {}
+    assert [frame.stamp_ns for frame in part] == [40_000_000 * index for index in range(75, 175)]
+    assert all(np.array_equal(frame.image, whole[frame.stamp_ns]) for frame in part)
+
+
+def test_a_part_of_an_mp4_is_sought_once(tmp_path, monkeypatch):
+    path, ways_back = make_video(tmp_path / "v.mp4", range(0, 2000, 40), stream_options={"g": "10"}), []
+    seek = Video._seek
+    monkeypatch.setattr(
+        Video, "_seek", lambda video, back_ns: ways_back.append(back_ns) or seek(video, back_ns)
+    )
+    for start_s in (0.4, 0.79, 1.95):
+        read(path, start_s=start_s)
+    assert ways_back == [0, 0, 0]
+
+
+def test_a_way_back_in_vain_stops_at_the_start(tmp_path):
+    """Each would else decode all the rest of the file."""
+    path = make_video(tmp_path / "v.mkv", range(0, 2000, 40), stream_options=INTRA_REFRESH)
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        container.seek(1300, stream=stream)
+        sound = SoundPictures(container, stream, Counter(), whole=False, begin_by=1400)
+        assert list(sound) == []
+        assert next(container.demux(stream)).pts < 2000 - 40
 
 
 def test_index_counts_from_zero_in_a_part(uneven):
@@ -154,6 +209,27 @@ def test_what_is_no_video_is_refused(tmp_path, content, said):
         path.write_bytes(content)
     with pytest.raises(BadInput, match=said):
         Video(path)
+
+
+def test_a_title_that_is_not_utf_8_is_no_damage(tmp_path):
+    """Found in review: one letter in Latin-1 made a good video a broken one."""
+    path = tmp_path / "v.avi"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        container.metadata["title"] = "caf#"
+        container.mux(stream.encode(av.VideoFrame(64, 48, "yuv420p")))
+        container.mux(stream.encode(None))
+    path.write_bytes(path.read_bytes().replace(b"caf#", b"caf\xe9"))
+    with Video(path) as video:
+        assert video.tags["title"] == "caf\ufffd"
+        assert len(list(video.frames())) == 1
+
+
+def test_a_name_with_a_time_in_it_is_no_address(tmp_path, monkeypatch):
+    make_video(tmp_path / "flight-12:30:05.mp4", [0, 40])
+    monkeypatch.chdir(tmp_path)
+    assert len(read(Path("flight-12:30:05.mp4"))) == 2
 
 
 def test_text_cut_within_a_character_is_still_text(tmp_path):

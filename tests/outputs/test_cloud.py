@@ -6,6 +6,7 @@ from output_samples import HEIGHT, SOURCE, WIDTH, known
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.outputs import voxels
 from flightdepth.outputs.cloud import CloudSettings, View, agreed, cloud_of, looked_up, off_edges, seen_points
 from flightdepth.outputs.cloud_files import write_las, write_ply
 from flightdepth.outputs.voxels import Cloud, VoxelGrid
@@ -152,6 +153,39 @@ def test_the_order_of_frames_does_not_matter():
     assert np.allclose(one.points_m, other.points_m)
     cells = np.floor(one.points_m / 0.5)
     assert len(np.unique(cells, axis=0)) == len(one)
+
+
+def flown_rows(grid, frames):
+    """Rows sorted while `frames` are added, each of 50 points that none saw before."""
+    with pytest.MonkeyPatch.context() as patch:
+        rows, merged = [], voxels._merged
+        patch.setattr(voxels, "_merged", lambda keys, sums: rows.append(len(keys)) or merged(keys, sums))
+        for number in range(frames):
+            points = np.stack([np.arange(50.0), np.full(50, float(number)), np.zeros(50)], axis=1) + 0.5
+            grid.add(points, np.full((50, 3), number % 200, np.uint8), np.full(50, 0.3, np.float32))
+    return sum(rows)
+
+
+def test_work_grows_with_the_flight_and_not_with_its_square(monkeypatch):
+    """Found in review: each 16 frames the whole cloud was sorted again."""
+    monkeypatch.setattr(voxels, "MERGE_LEAST", 1000, raising=False)
+    short, long = (flown_rows(VoxelGrid(1.0), frames) for frames in (200, 1600))
+    assert long < 1.5 * 8 * short
+
+
+def test_when_voxels_are_merged_changes_nothing(monkeypatch):
+    rng = np.random.default_rng(0)
+    clouds = []
+    frames = [(rng.uniform(-5, 5, (200, 3)), rng.uniform(0.1, 1, 200).astype(np.float32)) for _ in range(40)]
+    for least in (0, 500, 1_000_000):
+        monkeypatch.setattr(voxels, "MERGE_LEAST", least)
+        grid = VoxelGrid(0.5)
+        for points, confidence in frames:
+            grid.add(points, np.full((200, 3), 7, np.uint8), confidence)
+        clouds.append(grid.cloud())
+    for cloud in clouds[1:]:
+        assert np.array_equal(cloud.points_m, clouds[0].points_m)
+        assert np.array_equal(cloud.confidence, clouds[0].confidence)
 
 
 # Files

@@ -9,6 +9,7 @@ from output_samples import HEIGHT, SOURCE, WIDTH, frame, known, unknown
 
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.outputs import FlightFolder, FlightWriter, Preview
+from flightdepth.outputs.film import Film
 from flightdepth.outputs.pictures import pictures
 
 
@@ -130,6 +131,20 @@ def test_the_preview_has_every_frame(tmp_path):
         assert sum(1 for _ in container.decode(video=0)) == 12
 
 
+def test_a_folder_with_a_time_in_its_name_is_no_address(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(Path("12:30"), [known(RAMP)])
+    assert [index for index, _ in pictures(FlightFolder(Path("12:30")))] == [0]
+
+
+def test_a_film_with_a_time_in_its_name_is_no_address(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    film = Film(Path("12:30.mp4"), 64, 32)
+    film.add(0, np.zeros((32, 64, 3), np.uint8))
+    film.close()
+    assert Path("12:30.mp4").is_file()
+
+
 @pytest.mark.parametrize("stopped", [False, True])
 def test_an_error_in_the_loop_leaves_nothing(tmp_path, stopped):
     target = tmp_path / "new" / "out"
@@ -197,6 +212,27 @@ def test_an_error_in_a_flight_that_cannot_be_flown_again_leaves_what_was_written
         open_writer.add(frame(0), known(RAMP))
         raise ValueError("the loop broke")
     assert len(list(pictures(FlightFolder(tmp_path / "out.interrupted-1")))) == 1
+
+
+@pytest.mark.parametrize("depth_format", ["png", "npz"])
+def test_of_a_frame_that_is_lost_nothing_stays_and_no_folder_is_searched(tmp_path, monkeypatch, depth_format):
+    """Found in review: each lost frame listed every file of the flight, while the disk was too slow already."""
+    write_bytes = Path.write_bytes
+
+    def full(path, data):
+        if path.parent.name == "depth" and path.stem == "000001":  # written after the frame's other maps
+            raise OSError("No space left on device")
+        return write_bytes(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(Path, "glob", None)
+    with writer(tmp_path / "out", once=True, depth_format=depth_format) as open_writer:
+        for i in range(3):
+            open_writer.add(frame(i), replace(with_sigma(0.1), farther_than_m=RAMP, nearer_than_m=RAMP))
+    assert open_writer.lost == 1
+    names = {path.name for path in (tmp_path / "out").rglob("*") if path.parent.name != "out"}
+    assert {name.split(".")[0] for name in names} == {"000000", "000002"}
+    assert len(list((tmp_path / "out" / "sigma").iterdir())) == 2
 
 
 def test_an_older_result_is_replaced(tmp_path):

@@ -19,7 +19,8 @@ def open_container(path: Path, options: dict[str, str] | None = None) -> Any:
     """Open a video file with FFmpeg, and options of its reader; what cannot be one is refused with the reason."""
     refuse_non_video(path)
     try:
-        return av.open(str(path), options=options or {})
+        # A relative name with a colon would be an address; tags are not always UTF-8.
+        return av.open(str(path.absolute()), options=options or {}, metadata_errors="replace")
     except (FFmpegError, OSError, ValueError) as error:
         raise BadInput(f"video {path}", expected=VIDEO_EXPECTED, **_explain(path, error)) from error
 

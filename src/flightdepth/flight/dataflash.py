@@ -2,7 +2,8 @@
 
 A log describes itself: each record is A3 95, a type, and fields that a record of type FMT has announced
 (https://ardupilot.org/copter/docs/logmessages.html). The meaning of the field letters comes from pymavlink.
-The records are walked here, because pymavlink's reader prints what it skips and counts nothing.
+The records are walked here, because pymavlink's reader prints what it skips and counts nothing. They are walked twice:
+what a log holds decides what is read of it, and all of its numbers at once take fifty times the file in memory.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import math
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -66,16 +67,14 @@ def looks_like_dataflash(head: bytes, path: Path) -> bool:
 def read_dataflash(path: Path) -> Telemetry:
     """Read a DataFlash log; what came before a cut is used, damaged bytes are skipped and counted."""
     counts: Counter[str] = Counter()
-    letters = field_letters(path)
-    rows = list(wanted_rows(log_bytes(path), letters, counts))
-    names = {name for name, _ in rows}
-    velocity = next((name for name in VELOCITIES if name in names), "")
-    attitude = next((name for name in ATTITUDES if name in names), "")
-    selection = Selection.of(velocity, attitude, rows, counts)
-    records = []
-    for name, fields in rows:
+    data, letters = log_bytes(path), field_letters(path)
+    selection = Selection.of(Survey.of(wanted_rows(data, letters, Counter())), counts)
+    velocity, attitude, records = selection.velocity, selection.attitude, []
+    for layout, body in wanted_rows(data, letters, counts):
+        if (name := layout.name) not in selection.used:
+            continue
         try:
-            records += selection.records(name, fields)
+            records += selection.records(name, layout.fields(body))
         except KeyError as error:
             counts[f"{name} records without {error.args[0]}"] += 1
         except (ValueError, OverflowError):
@@ -95,14 +94,14 @@ def field_letters(path: Path) -> dict[str, tuple[str, float | None]]:
 
 def wanted_rows(
     data: bytes, letters: dict[str, tuple[str, float | None]], counts: Counter[str]
-) -> Iterator[tuple[str, Fields]]:
-    """Name and fields of the records in WANTED, in the order of the log."""
+) -> Iterator[tuple[Layout, bytes]]:
+    """Layout and body of the records in WANTED, in the order of the log."""
     layouts: dict[int, Layout] = {FMT: Layout("FMT", 3 + FMT_LAYOUT.size, FMT_LAYOUT, (), ())}
     for kind, body in bodies(data, layouts, counts):
         if kind == FMT:
             announce(body, letters, layouts, counts)
         elif layouts[kind].name in WANTED:
-            yield layouts[kind].name, layouts[kind].fields(body)
+            yield layouts[kind], body
 
 
 def bodies(data: bytes, layouts: dict[int, Layout], counts: Counter[str]) -> Iterator[tuple[int, bytes]]:
@@ -143,6 +142,28 @@ def announce(
 
 
 @dataclass
+class Survey:
+    """What a log holds: its types of record, by type of status the core that is primary first, each GPS's fixes."""
+
+    names: set[str] = field(default_factory=set)
+    primaries: dict[str, float] = field(default_factory=dict)
+    fixes: Counter[float] = field(default_factory=Counter)
+
+    @classmethod
+    def of(cls, rows: Iterable[tuple[Layout, bytes]]) -> Survey:
+        """Of all the rows of a log."""
+        survey = cls()
+        for layout, body in rows:
+            survey.names.add(layout.name)
+            fields = layout.fields(body) if layout.name in SURVEYED else {}
+            if layout.name == "GPS":
+                survey.fixes[fields.get("I", 0)] += fields.get("Status", 0) >= GPS_FIX_3D
+            elif "PI" in fields:
+                survey.primaries.setdefault(layout.name, fields["PI"])
+        return survey
+
+
+@dataclass
 class Selection:
     """Turns rows into records: of the EKF core that ArduPilot flies by, or of one GPS; of the first gimbal.
 
@@ -159,20 +180,20 @@ class Selection:
     _gimbal: float | None = None
 
     @classmethod
-    def of(
-        cls, velocity: str, attitude: str, rows: Sequence[tuple[str, Fields]], counts: Counter[str]
-    ) -> Selection:
-        """For the rows of a log: with the core that is primary first, and the first receiver that has a fix mostly."""
-        status = EKF_STATUS.get(velocity, "XKF4")
-        primaries = (fields["PI"] for name, fields in rows if name == status and "PI" in fields)
-        fixes = Counter(
-            fields.get("I", 0)
-            for name, fields in rows
-            if name == "GPS" and fields.get("Status", 0) >= GPS_FIX_3D
-        )
+    def of(cls, log: Survey, counts: Counter[str]) -> Selection:
+        """For a log: with the core that is primary first, and the first receiver that has a fix mostly."""
+        velocity = next((name for name in VELOCITIES if name in log.names), "")
+        attitude = next((name for name in ATTITUDES if name in log.names), "")
+        fixes = +log.fixes  # of those that have any
         most = max(fixes.values(), default=0)
         receiver = min((number for number, count in fixes.items() if count * 2 >= most), default=None)
-        return cls(velocity, attitude, counts, _core=next(primaries, None), _gps=receiver)
+        core = log.primaries.get(EKF_STATUS.get(velocity, "XKF4"))
+        return cls(velocity, attitude, counts, _core=core, _gps=receiver)
+
+    @property
+    def used(self) -> frozenset[str]:
+        """The types of record that `records` reads."""
+        return frozenset([self.velocity, self.attitude, EKF_STATUS.get(self.velocity, "XKF4"), "GPA", GIMBAL])
 
     def records(self, name: str, fields: Fields) -> list[Record]:
         """The record of a row, if it is of use."""
@@ -257,5 +278,6 @@ ATTITUDES: dict[str, Callable[[Fields], Sequence[float]]] = {
     "ATT": euler_quaternion,
 }
 EKF_STATUS = {"XKF1": "XKF4", "NKF1": "NKF4"}
+SURVEYED = frozenset([*EKF_STATUS.values(), "GPS"])
 GIMBAL = "MNT"  # degrees; YawE counts from north
 WANTED = frozenset([*VELOCITIES, *ATTITUDES, *EKF_STATUS.values(), "GPA", GIMBAL])

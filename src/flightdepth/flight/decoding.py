@@ -26,12 +26,21 @@ class SoundPictures:
     """One pass over a stream: (picture, whether damage lies between it and the one before), in order of display.
 
     What is left out is counted in `counts`; `whole` says that the stream is read from its start on, so that
-    what it lacks can be told.
+    what it lacks can be told. `begin_by`: where no key frame begins by this time, ticks, none is given at all.
     """
 
-    def __init__(self, container: Any, stream: Any, counts: Counter[str], *, whole: bool) -> None:
+    def __init__(
+        self,
+        container: Any,
+        stream: Any,
+        counts: Counter[str],
+        *,
+        whole: bool,
+        begin_by: int | None = None,
+    ) -> None:
         self._container, self._stream, self._counts, self._whole = container, stream, counts, whole
         self._held: deque[tuple[Any, bool]] = deque()
+        self._begin_by = begin_by  # None once one has begun
         self._waiting = True  # for a key frame
         self._damaged = False  # since the last picture given
         self._damage_pts: int | None = None
@@ -61,6 +70,8 @@ class SoundPictures:
             given += len(pictures)
             for picture in pictures:
                 yield from self._judged(picture)
+                if None not in (self._begin_by, picture.pts) and picture.pts > self._begin_by:
+                    return
         yield from self._held
         if self._whole:  # after a seek, packets may rightly give no picture
             self._count_lost(read, read - hidden - given)
@@ -77,6 +88,7 @@ class SoundPictures:
         else:
             self._held.append((picture, self._damaged))
             self._waiting = self._damaged = False
+            self._begin_by = None
         while len(self._held) > self._hold:
             yield self._held.popleft()
 

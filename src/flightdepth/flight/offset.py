@@ -126,11 +126,38 @@ class _Curve:
 
 
 def _correlations(video: tuple[int, Vector], told: Signal, within_s: float | None) -> _Curve:
-    """The log moved over the video, by whole steps."""
+    """The log moved over the video: each part of it alone, so that it costs what it tells and not what it spans."""
+    seen = video[1]
+    start, end = told.steps
+    least = round(max(LEAST_OVERLAP_S / STEP_S, OVERLAP_SHARE * min(len(seen), end - start)))
+    parts = told.parts(len(seen) * STEP_S)  # no offset lays the video over two of them
+    curves = [
+        _moved(video, part, least, within_s)
+        for part in reversed(parts)  # lags rise
+        if part.told_s >= LEAST_OVERLAP_S - STEP_S
+    ]
+    return _joined([curve for curve in curves if len(curve.lags)])
+
+
+def _joined(curves: list[_Curve]) -> _Curve:
+    """One after the other, with an unknown value between two."""
+    lags, values, samples = [np.empty(0, np.int64)], [np.empty(0)], [np.empty(0, np.int64)]
+    for number, curve in enumerate(curves):
+        if number > 0:
+            lags.append(curve.lags[:1] - 1)
+            values.append(np.array([np.nan]))
+            samples.append(np.zeros(1, np.int64))
+        lags.append(curve.lags)
+        values.append(curve.values)
+        samples.append(curve.samples)
+    return _Curve(np.concatenate(lags), np.concatenate(values), np.concatenate(samples))
+
+
+def _moved(video: tuple[int, Vector], told: Signal, least: int, within_s: float | None) -> _Curve:
+    """A part of the log moved over the video, by whole steps, as far as `least` of them are in common."""
     first, seen = video
     start, log = told.on_grid()
     end = start + len(log)
-    least = round(max(LEAST_OVERLAP_S / STEP_S, OVERLAP_SHARE * min(len(seen), len(log))))
     lags = np.arange(first - end + least, first + len(seen) - start - least + 1)
     lags = lags if within_s is None else lags[np.abs(lags) * STEP_S <= within_s]
     values, samples = np.full(len(lags), np.nan), np.zeros(len(lags), dtype=np.int64)

@@ -1,7 +1,8 @@
 """Telemetry from ROS recordings: ROS 1 bags, ROS 2 folders (MCAP or SQLite) and MCAP files.
 
 One topic gives the velocity: the one asked for, else the best kind (Odometry, TwistWithCovarianceStamped,
-TwistStamped) with the most messages. Other topics with an orientation turn a body-frame velocity into the
+TwistStamped) with the most messages. One that is zero throughout comes after those that move: many lidar odometries
+never fill in their twist. Other topics with an orientation turn a body-frame velocity into the
 world, or are the attitude of the camera if their frame's name says so ("optical"). The orientation of the
 body is not taken for the camera's: nobody tells how the camera is mounted, or whether a gimbal turns it.
 
@@ -75,6 +76,11 @@ class Topic:
     def asked_for(self) -> bool:
         """Whether its name says that it tells how the drone is to fly, not how it does."""
         return any(word in self.name for word in ASKED_FOR)
+
+    @property
+    def still(self) -> bool:
+        """Whether it never told of any movement."""
+        return not any(np.any(twist.velocity) for twist in self.twists)
 
 
 def looks_like_ros(head: bytes, path: Path) -> bool:
@@ -153,9 +159,9 @@ def _choose(path: Path, topics: Sequence[Topic], kinds: dict[str, str], name: st
     fit = [known for known in topics if known.twists and name in (None, known.name)]
     if fit:
 
-        def rank(known: Topic) -> tuple[bool, int, int, str]:
-            last = known.asked_for or known.name.endswith(MAVROS_GLOBAL)
-            return last, VELOCITY_KINDS.index(known.kind), -len(known.twists), known.name
+        def rank(known: Topic) -> tuple[bool, bool, bool, int, int, str]:
+            first = known.asked_for, known.still, known.name.endswith(MAVROS_GLOBAL)
+            return *first, VELOCITY_KINDS.index(known.kind), -len(known.twists), known.name
 
         return min(fit, key=rank)
     listed = ", ".join(f"{known} ({kind})" if kind else known for known, kind in sorted(kinds.items()))

@@ -1,7 +1,7 @@
 """What ROS messages say of a flight, in this package's frames.
 
 Axes (REP 103, REP 105): a map frame is east-north-up, a body frame forward-left-up, a frame with "optical"
-in its name right-down-forward. A name that ends in "ned" is north-east-down, one that ends in "frd"
+in its name right-down-forward. A name that ends in the word "ned" is north-east-down, one that ends in "frd"
 forward-right-down. `odom` and `map` of visual odometry start in any direction: their "north" is then the
 y axis of that frame, which changes no distance.
 
@@ -14,6 +14,7 @@ Which axes a twist has:
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -38,7 +39,8 @@ IMAGE_KINDS = (IMAGE, COMPRESSED_IMAGE)
 
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
 FLU_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-MAP_NAMES = ("map", "odom", "world", "earth", "enu", "ned", "local_origin")
+MAP_NAMES = ("map", "odom", "world", "earth", "enu", "local_origin")
+NED_NAME = re.compile(r"(?:^|[^A-Za-z])[Nn][Ee][Dd]$|[a-z]NED$")  # not as in "odom_combined"
 # MAVROS turns these two to the map, and names the body over them. The second has the vertical velocity downward (its
 # versions before the middle of 2026; upward since, which no message tells).
 MAVROS_LOCAL, MAVROS_GLOBAL, MAP = "/velocity_local", "/global_position/local", "map"
@@ -93,17 +95,18 @@ def stamp_of(header: Any, log_ns: int) -> int:
 
 def axes_of(frame_id: str) -> str:
     """The kind of a frame by its name: "world", "body", "camera", or "" where the name does not tell."""
-    name = frame_id.rsplit("/", 1)[-1].lower()
+    tail = frame_id.rsplit("/", 1)[-1]
+    name = tail.lower()
     if "optical" in name:
         return "camera"
     if any(part in name for part in BODY_NAMES):
         return "body"
-    return "world" if any(part in name for part in MAP_NAMES) else ""
+    return "world" if NED_NAME.search(tail) or any(part in name for part in MAP_NAMES) else ""
 
 
 def ned_from_map(frame_id: str) -> Vector:
     """Rotation from a map frame."""
-    return np.eye(3) if frame_id.lower().endswith("ned") else NED_FROM_ENU
+    return np.eye(3) if NED_NAME.search(frame_id) else NED_FROM_ENU
 
 
 def flu_from_body(frame_id: str) -> Vector:

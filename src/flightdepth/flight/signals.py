@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +23,27 @@ class Signal:
     values: Vector
     axes: bool = True
 
+    @property
+    def steps(self) -> tuple[int, int]:
+        """The numbers of its first whole step and of the one after its last."""
+        return int(np.ceil(self.at_s[0] / STEP_S)), int(self.at_s[-1] / STEP_S) + 1
+
+    @property
+    def told_s(self) -> float:
+        """How long it tells something, without the gaps."""
+        apart_s = np.diff(self.at_s)
+        return float(apart_s[apart_s <= MAX_GAP_S].sum())
+
+    def parts(self, silence_s: float) -> list[Signal]:
+        """What lies between silences that are longer than that, as a clock makes them that is set by years."""
+        cuts = np.flatnonzero(np.diff(self.at_s) > silence_s) + 1
+        split = zip(np.split(self.at_s, cuts), np.split(self.values, cuts), strict=True)
+        return [replace(self, at_s=at_s, values=values) for at_s, values in split]
+
     def on_grid(self) -> tuple[int, Vector]:
         """The number n of the first whole step, and values at STEP_S * (n, n + 1, ...), [k, c]; NaN in gaps."""
-        first = int(np.ceil(self.at_s[0] / STEP_S))
-        at_s = np.arange(first, int(self.at_s[-1] / STEP_S) + 1) * STEP_S
+        first, end = self.steps
+        at_s = np.arange(first, end) * STEP_S
         known = np.isfinite(self.values).all(axis=1)
         times, values = self.at_s[known], self.values[known]
         if len(times) < 2:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.container import open_container, timed_stream
-from flightdepth.flight.decoding import SoundPictures
+from flightdepth.flight.decoding import NO_KEY_FRAME_YET, SoundPictures
 from flightdepth.flight.deinterlacing import deinterlaced
 from flightdepth.flight.records import NS_PER_S, Frame, seconds
 
@@ -139,11 +139,32 @@ class Video:
                 damaged = False
 
     def _pictures(self) -> Iterator[_Picture]:
-        """Sound pictures with strictly rising times, from the key frame before the start on."""
+        """Sound pictures with strictly rising times, from one that is not after the start on, if the file has it.
+
+        FFmpeg may seek too far: MPEG-TS has no index of key frames, and of H.264 that refreshes bit by bit the key
+        frames that the container names are none to the decoder. Then it is sought farther back.
+        """
+        before, back_ns = self.counts.copy(), 0
+        while True:
+            again = self._seek(back_ns)
+            pictures = self._timed(begin_by=self._start_ticks if again else None)
+            first = next(pictures, None)
+            if not again or (first is not None and first.stamp_ns <= self.start_ns):
+                break
+            back_ns = max(2 * back_ns, NS_PER_S)
+            self.counts.clear()
+            self.counts.update(before)
+        if again:
+            del self.counts[NO_KEY_FRAME_YET]  # before the start: not missed
+        if first is not None:
+            yield first
+        yield from pictures
+
+    def _timed(self, begin_by: int | None) -> Iterator[_Picture]:
+        """Sound pictures with strictly rising times, from where the container stands."""
         last_ns, ticks, damaged = -1, None, False
-        self._seek()
         whole = self.start_ns == 0
-        sound = SoundPictures(self._container, self._stream, self.counts, whole=whole)
+        sound = SoundPictures(self._container, self._stream, self.counts, whole=whole, begin_by=begin_by)
         for picture, after_damage in deinterlaced(sound):
             damaged |= after_damage
             if (ticks := self._ticks(picture, ticks)) is None:
@@ -180,14 +201,23 @@ class Video:
             return before + 1  # the last ones come out when there are no packets left; a tick is a picture
         return picture.dts  # type: ignore[no-any-return]
 
-    def _seek(self) -> None:
+    @property
+    def _start_ticks(self) -> int:
+        return self._origin + int(Fraction(self.start_ns, NS_PER_S) / self._stream.time_base)
+
+    def _seek(self, back_ns: int) -> bool:
+        """Go to a key frame, `back_ns` before the start or earlier; False where that is the file's beginning."""
         if self.start_ns == 0:
-            return
-        offset = self._origin + int(Fraction(self.start_ns, NS_PER_S) / self._stream.time_base)
+            return False
         try:
-            self._container.seek(offset, stream=self._stream)
+            if back_ns >= self.start_ns:
+                self._container.seek(0)
+                return False
+            back = int(Fraction(back_ns, NS_PER_S) / self._stream.time_base)
+            self._container.seek(self._start_ticks - back, stream=self._stream)
         except FFmpegError:
-            return  # not seekable: decoding from the beginning gives the same frames, later
+            return False  # not seekable: decoding from the beginning gives the same frames, later
+        return True
 
     def _nanoseconds(self, ticks: int) -> int:
         return int(ticks * self._stream.time_base * NS_PER_S)

@@ -35,7 +35,7 @@ class Film:
             raise BadInput("film size", expected="an even width and height", got=f"{width}x{height}")
         self._size = (height, width, 3)
         self._last_tick = -1
-        self._container = av.open(str(path), "w", format="mp4", options=CONTAINER)
+        self._container = av.open(str(path.absolute()), "w", format="mp4", options=CONTAINER)
         self._stream: Any = self._container.add_stream("libx264", rate=30, options=ENCODER)
         self._stream.width, self._stream.height, self._stream.pix_fmt = width, height, "yuv420p"
         self._stream.codec_context.time_base = Fraction(1, TICKS_PER_S)

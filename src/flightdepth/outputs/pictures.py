@@ -51,7 +51,7 @@ def layout_of(folder: FlightFolder) -> Layout:
 def _decoded(folder: FlightFolder, size: tuple[int, int]) -> Iterator[av.VideoFrame]:
     began = False
     try:
-        with av.open(str(folder.folder / PREVIEW)) as film:
+        with av.open(str((folder.folder / PREVIEW).absolute())) as film:
             for frame in film.decode(video=0):
                 if (frame.width, frame.height) != size:
                     raise _not_ours(folder, f"{size[0]}x{size[1]} px", f"{frame.width}x{frame.height}")

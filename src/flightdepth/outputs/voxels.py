@@ -11,7 +11,7 @@ from flightdepth.errors import BadInput
 from flightdepth.motion import Vector
 
 BITS = 21  # of each axis in a voxel's key: a million voxels either way
-MERGE_EVERY = 16
+MERGE_LEAST = 50_000  # rows: fewer are not worth a sort
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +33,7 @@ class VoxelGrid:
         self._voxel_m = voxel_m
         self._keys = [np.empty(0, np.int64)]
         self._sums = [np.empty((0, 8))]  # weight, weighted x y z r g b, number
+        self._waiting = 0  # rows after the first, merged array
 
     def add(self, points_m: Vector, colours: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
         """Points [N, 3] with colours [N, 3] and confidence [N], above 0."""
@@ -41,7 +42,9 @@ class VoxelGrid:
         keys, sums = _merged(self._key(points_m), np.concatenate(parts, axis=1))
         self._keys.append(keys)
         self._sums.append(sums)
-        if len(self._keys) > MERGE_EVERY:
+        self._waiting += len(keys)
+        # All is sorted again only when it has grown by half: else the work goes with the square of the flight's length.
+        if self._waiting > max(len(self._keys[0]) // 2, MERGE_LEAST):
             self._merge()
 
     def cloud(self) -> Cloud:
@@ -61,7 +64,7 @@ class VoxelGrid:
 
     def _merge(self) -> None:
         keys, sums = _merged(np.concatenate(self._keys), np.concatenate(self._sums))
-        self._keys, self._sums = [keys], [sums]
+        self._keys, self._sums, self._waiting = [keys], [sums], 0
 
 
 def _merged(keys: NDArray[np.int64], rows: Vector) -> tuple[NDArray[np.int64], Vector]:

@@ -8,6 +8,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
+from typing import get_args
 
 import numpy as np
 
@@ -157,9 +158,10 @@ class FlightWriter:
         if self.lost == 0:
             self.warn(f"frames that could not be written are left out: {error}")
         self.lost, self.loss = self.lost + 1, str(error)
-        for path in self._folder.glob(f"*/{frame.index:06d}.*"):
-            with suppress(OSError):
-                path.unlink()
+        for folder in (DEPTH, CONFIDENCE, SIGMA, FARTHER, NEARER):
+            for ending in get_args(DepthFormat):
+                with suppress(OSError):
+                    (self._folder / folder / f"{frame.index:06d}.{ending}").unlink()
 
     def _write_maps(self, frame: Frame, result: RangedDepth) -> None:
         name = f"{frame.index:06d}"
