@@ -11,7 +11,7 @@ import pytest
 from flight_files import make_sound, make_video, trimmed, turn_video
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.decoding import SoundPictures
+from flightdepth.flight.decoding import GAP, SoundPictures
 from flightdepth.flight.video import Video
 from flightdepth.live.video_address import video_address
 from flightdepth.live.video_stream import VideoStream
@@ -321,6 +321,19 @@ def test_damaged_packets_are_counted_and_the_rest_is_read(tmp_path):
         frames = list(video.frames())
         assert dict(video.counts) == {"damaged video packets": 1}
     assert len(frames) == 49
+
+
+def test_after_a_hole_in_the_file_the_rest_is_read(tmp_path):
+    """The rest was lost: FFmpeg looks through 64 KB, then wants to be asked again."""
+    path = make_video(tmp_path / "v.ts", range(0, 4000, 40), stream_options={"g": "10"}, rate=25)
+    data = path.read_bytes()
+    middle = len(data) // 376 * 188
+    path.write_bytes(data[:middle] + bytes(188 * 1600) + data[middle:])
+    with Video(path) as video:
+        frames = list(video.frames())
+        assert video.counts[GAP] >= 1
+    assert frames[-1].stamp_ns == 3_960_000_000
+    assert len(frames) >= 88
 
 
 def test_cut_anywhere_it_reads_or_refuses(tmp_path):

@@ -7,9 +7,10 @@ import pytest
 from live_peers import RATE_HZ, encode, until
 
 from flightdepth.errors import FlightDepthError
+from flightdepth.flight.decoding import GAP, READ_ERROR
+from flightdepth.live import video_stream
 from flightdepth.live.video_address import video_address
-from flightdepth.live.video_input import READ_ERROR, VideoInput, VideoListener
-from flightdepth.live.video_stream import GAP, VideoStream
+from flightdepth.live.video_input import VideoInput, VideoListener
 
 SECONDS = 4.0
 
@@ -43,8 +44,8 @@ def played(monkeypatch):
 def failing(after):
     """Reading that fails after so many packets."""
 
-    def packets(self):
-        for count, packet in enumerate(self._container.demux(self._stream)):
+    def packets(container, stream, gap):
+        for count, packet in enumerate(container.demux(stream)):
             if count == after:
                 raise av.error.InvalidDataError(
                     1094995529, "Invalid data found when processing input", "/a/b"
@@ -69,7 +70,7 @@ def test_a_damaged_place_is_passed_over(clip, tmp_path, played):
 
 
 def test_one_that_cannot_be_read_on_is_over_there(clip, played, monkeypatch):
-    monkeypatch.setattr(VideoStream, "_file_packets", failing(20))
+    monkeypatch.setattr(video_stream, "file_packets", failing(20))
     video, said = played(clip)
     assert video.error is None
     assert said == ["Invalid data found when processing input"]
@@ -77,7 +78,7 @@ def test_one_that_cannot_be_read_on_is_over_there(clip, played, monkeypatch):
 
 
 def test_one_that_cannot_be_read_at_all_is_an_error_of_one_line(clip, played, monkeypatch):
-    monkeypatch.setattr(VideoStream, "_file_packets", failing(0))
+    monkeypatch.setattr(video_stream, "file_packets", failing(0))
     video, _ = played(clip)
     assert isinstance(video.error, FlightDepthError)
     assert str(video.error) == f"video {clip}: Invalid data found when processing input"

@@ -8,7 +8,7 @@ the decoder, a packet that the container calls damaged, a picture that the decod
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from av.error import FFmpegError
@@ -20,6 +20,8 @@ STOP_AT_DAMAGE = frozenset({"hevc"})
 
 BUILT_ON_DAMAGE = "frames built on damaged ones, up to the next key frame"
 NO_KEY_FRAME_YET = "frames before the first key frame"
+GAP, MOST_AGAIN = "places of the file without a packet", 1000
+READ_ERROR = "read errors (the rest of the video is lost)"
 
 
 class SoundPictures:
@@ -119,6 +121,22 @@ class SoundPictures:
 
     def _packets(self) -> Iterator[Any]:
         try:
-            yield from self._container.demux(self._stream)
+            yield from file_packets(self._container, self._stream, self._gap)
         except FFmpegError:
-            self._counts["read errors (the rest of the video is lost)"] += 1
+            self._counts[READ_ERROR] += 1
+
+    def _gap(self) -> None:
+        self._counts[GAP] += 1
+        self._damage(None)
+
+
+def file_packets(container: Any, stream: Any, gap: Callable[[], None]) -> Iterator[Any]:
+    """A file's packets. FFmpeg looks for one in 64 KB of anything else, then wants to be asked again: a `gap`."""
+    for again in range(MOST_AGAIN + 1):
+        try:
+            yield from container.demux(stream)
+            return
+        except BlockingIOError:
+            if again == MOST_AGAIN:
+                raise
+            gap()

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from av.error import ExitError, FFmpegError
 
 from flightdepth.errors import FlightDepthError
+from flightdepth.flight.decoding import READ_ERROR
 from flightdepth.live.picture_clock import NO_REPORT, PictureClock
 from flightdepth.live.rtp_stream import RtpStream
 from flightdepth.live.slots import Newest
@@ -21,7 +22,6 @@ from flightdepth.live.video_stream import READ_S, Picture, StreamEnded, VideoStr
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.25, 4.0
 NOT_TAKEN = "a newer picture came first"
-READ_ERROR = "read errors (the rest of the video is lost)"
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import FlightDepthError
 from flightdepth.flight.container import main_stream
+from flightdepth.flight.decoding import GAP, file_packets
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.flight.video import upright
 from flightdepth.live.backlog import Backlog
@@ -33,8 +34,6 @@ MISSED = "RTP: missed"
 SILENT = logging.NullHandler()  # one for all connections: a second time a logger does not add it
 Told = list[tuple[int, str, str]]  # level, who, what
 _listeners, _listening = 0, threading.Lock()
-# FFmpeg looks for MPEG-TS in 64 KB of anything else, then wants to be asked again; so often it is.
-MOST_AGAIN, GAP = 1000, "places of the file without a packet"
 BEHIND = "packets thrown away because decoding fell behind"
 LATE_NS = 2 * NS_PER_S  # a file's picture that is due so long ago is passed over: the machine slept
 
@@ -114,7 +113,7 @@ class VideoStream:
         """A file's pictures, each when it is due; its stream begins at `epoch_ns`, as a log beside it does."""
         start = self._stream.start_time
         first_ns = None if start is None else self._nanoseconds(start)
-        for packet in self._file_packets():
+        for packet in file_packets(self._container, self._stream, self._gap):
             for decoded in self._decoder.decode(packet):
                 own_ns = self._nanoseconds(decoded.pts)
                 first_ns = own_ns if first_ns is None else first_ns
@@ -136,16 +135,9 @@ class VideoStream:
             yield packet
             asked_ns = time.monotonic_ns()
 
-    def _file_packets(self) -> Iterator[Any]:
-        for again in range(MOST_AGAIN + 1):
-            try:
-                yield from self._container.demux(self._stream)
-                return
-            except BlockingIOError:
-                if again == MOST_AGAIN:
-                    raise
-                self._counts[GAP] += 1
-                self._decoder.damage(None)
+    def _gap(self) -> None:
+        self._counts[GAP] += 1
+        self._decoder.damage(None)
 
     def _owned(self, decoded: Any) -> Any:
         """A picture that outlives the stream: raw ones lie in the camera driver's memory, which goes with it."""
