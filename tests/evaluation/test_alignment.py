@@ -86,7 +86,7 @@ def test_a_pair_that_did_not_move_knows_nothing_and_spoils_nothing() -> None:
 
 def test_the_shipped_network_is_nearer_the_truth_for_it() -> None:
     camera = Camera.from_fov(256, 192, 70)
-    pair = plane_pair(camera, (0.5, 0.2, 0.3), distance_m=4.0, tilt=0.3)  # points move by many pixels
+    pair = plane_pair(camera, (0.6, 0.24, 0.36), distance_m=4.0, tilt=0.3)  # points move by 30 pixels
     truth = pair.depth_m
     errors = []
     for aligned in (False, True):
@@ -94,7 +94,7 @@ def test_the_shipped_network_is_nearer_the_truth_for_it() -> None:
         depth_m = shipped.depth(pair.previous, pair.current, pair.displacement, camera)
         errors.append(np.median(np.abs(depth_m / truth - 1)[20:-20, 20:-20]))
     assert errors[1] < 0.01
-    assert errors[1] < 0.6 * errors[0]
+    assert errors[1] < 0.5 * errors[0]
 
 
 def test_what_the_judge_is_told_of_a_plane() -> None:
