@@ -193,15 +193,27 @@ class Messages:
     def twist(self, linear):
         return self.types["Twist"](self.vector(linear), self.vector((0, 0, 0)))
 
-    def pose(self, wxyz):
+    def pose(self, wxyz, place=(0, 0, 0)):
         w, x, y, z = map(float, wxyz)
-        return self.types["Pose"](self.types["Point"](0.0, 0.0, 0.0), self.types["Quaternion"](x, y, z, w))
+        return self.types["Pose"](
+            self.types["Point"](*map(float, place)), self.types["Quaternion"](x, y, z, w)
+        )
 
     def covariance(self, sigma):
         return np.diag([sigma**2] * 6).ravel()
 
-    def odometry(self, time_s, linear, wxyz=(1, 0, 0, 0), *, sigma=0.1, frame="map", child="base_link"):
-        pose = self.types["PoseWithCovariance"](self.pose(wxyz), self.covariance(0))
+    def odometry(
+        self,
+        time_s,
+        linear,
+        wxyz=(1, 0, 0, 0),
+        *,
+        sigma=0.1,
+        frame="map",
+        child="base_link",
+        place=(0, 0, 0),
+    ):
+        pose = self.types["PoseWithCovariance"](self.pose(wxyz, place), self.covariance(0))
         twist = self.types["TwistWithCovariance"](self.twist(linear), self.covariance(sigma))
         return "nav_msgs/msg/Odometry", self.types["Odometry"](self.header(time_s, frame), child, pose, twist)
 
@@ -215,8 +227,8 @@ class Messages:
         message = self.types["TwistWithCovarianceStamped"](self.header(time_s, frame), twist)
         return "geometry_msgs/msg/TwistWithCovarianceStamped", message
 
-    def pose_stamped(self, time_s, wxyz, frame="map"):
-        message = self.types["PoseStamped"](self.header(time_s, frame), self.pose(wxyz))
+    def pose_stamped(self, time_s, wxyz, frame="map", place=(0, 0, 0)):
+        message = self.types["PoseStamped"](self.header(time_s, frame), self.pose(wxyz, place))
         return "geometry_msgs/msg/PoseStamped", message
 
     def imu(self, time_s, wxyz=(1, 0, 0, 0), *, covariance=0.0):

@@ -209,6 +209,60 @@ def test_an_odometry_whose_twist_is_never_filled_in_comes_after_one_that_moves(t
     assert "of /Odometry" in read_ros(recorded(tmp_path, *lidar, to_do)).name
 
 
+ENU_M_S = np.array([4.0, 1.0, -0.5])
+PLACED = [(k / 20, ENU_M_S * k / 20) for k in range(60)]
+
+
+def unfilled_odometry(time_s, place):
+    return "/Odometry", MADE.odometry(time_s, (0, 0, 0), frame="camera_init", child="body", place=place)
+
+
+def bare_pose(time_s, place, frame="map", topic="/vrpn_client_node/drone/pose"):
+    return topic, MADE.pose_stamped(time_s, YAW_90, frame, place)
+
+
+@pytest.mark.parametrize("message", [unfilled_odometry, bare_pose])
+def test_where_no_velocity_moves_positions_tell_it(tmp_path, message):
+    """Lidar odometry and motion capture tell where, not how fast."""
+    path = recorded(tmp_path, *(message(*each) for each in PLACED))
+    assert "by its positions" in read_ros(path).name
+    found = samples(path)
+    assert len(found) == len(PLACED)
+    assert {sample.frame for sample in found} == {"world"}
+    assert all(np.allclose(sample.velocity, (1.0, 4.0, 0.5), atol=1e-6) for sample in found)
+
+
+def test_noise_of_positions_is_in_the_error_bar(tmp_path):
+    rng = np.random.default_rng(0)
+    path = recorded(tmp_path, *(bare_pose(at_s, place + rng.normal(0, 0.02, 3)) for at_s, place in PLACED))
+    found = samples(path)
+    off = np.array([sample.velocity - (1.0, 4.0, 0.5) for sample in found])[10:-10]
+    assert np.sqrt((off**2).mean()) == pytest.approx(
+        np.mean([sample.sigma for sample in found[10:-10]]), rel=0.5
+    )
+    assert np.abs(off).max() < 0.1
+
+
+def test_a_velocity_that_moves_is_better_than_positions_and_these_than_what_is_asked_for(tmp_path):
+    poses = [bare_pose(*each) for each in PLACED]
+    real, asked = MADE.twist_stamped(0.1, (7, 0, 0), "map"), MADE.twist_stamped(0.1, (9, 0, 0), "map")
+    path = recorded(tmp_path, *poses, ("/cmd_vel", asked), ("/twist", real))
+    assert "of /twist;" in read_ros(path).name
+    assert (
+        "of /vrpn_client_node/drone/pose, by"
+        in read_ros(recorded(tmp_path, *poses, ("/cmd_vel", asked))).name
+    )
+
+
+@pytest.mark.parametrize(
+    ("frame", "topic"), [("map", "/goal_pose"), ("camera_optical_frame", "/tag"), ("base_link", "/pad")]
+)
+def test_a_place_to_go_to_and_a_place_that_is_seen_are_not_the_drones(tmp_path, frame, topic):
+    path = recorded(tmp_path, *(bare_pose(*each, frame, topic) for each in PLACED))
+    with pytest.raises(BadInput, match="expected a topic with a velocity"):
+        read_ros(path)
+
+
 def test_where_nothing_moves_the_best_kind_is_chosen(tmp_path):
     still = ("/twist", MADE.twist_stamped(0.0, (0, 0, 0), "map")), ("/odom", MADE.odometry(0.05, (0, 0, 0)))
     assert "of /odom" in read_ros(recorded(tmp_path, *still)).name

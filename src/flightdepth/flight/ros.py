@@ -2,9 +2,10 @@
 
 One topic gives the velocity: the one asked for, else the best kind (Odometry, TwistWithCovarianceStamped,
 TwistStamped) with the most messages. One that is zero throughout comes after those that move: many lidar odometries
-never fill in their twist. Other topics with an orientation turn a body-frame velocity into the
-world, or are the attitude of the camera if their frame's name says so ("optical"). The orientation of the
-body is not taken for the camera's: nobody tells how the camera is mounted, or whether a gimbal turns it.
+never fill in their twist. Where no velocity moves, but positions do (Odometry, poses), it is their slope. Other topics
+with an orientation turn a body-frame velocity into the world, or are the attitude of the camera if their frame's name
+says so ("optical"). The orientation of the body is not taken for the camera's: nobody tells how the camera is mounted,
+or whether a gimbal turns it.
 
 Times are those of the messages' headers, counted from the first picture in the recording, so that its own
 pictures (`ros_frames`) are on the same clock; from the first velocity where it holds no pictures.
@@ -22,6 +23,7 @@ import numpy as np
 from flightdepth.errors import BadInput
 from flightdepth.flight.file_bytes import head_of
 from flightdepth.flight.order import in_time_order
+from flightdepth.flight.positions import velocities, without_jumps
 from flightdepth.flight.records import (
     NS_PER_S,
     AttitudeSample,
@@ -39,11 +41,14 @@ from flightdepth.flight.ros_messages import (
     IMU,
     MAVROS_GLOBAL,
     ORIENTATION_KINDS,
+    PLACE_KINDS,
     VELOCITY_KINDS,
     Orientation,
+    Place,
     Twist,
     decoded,
     orientation_of,
+    place_of,
     stamp_of,
     twist_of,
 )
@@ -55,6 +60,7 @@ from flightdepth.motion import (
     rotation_from_quaternion,
 )
 
+LEAST_PLACES, FINEST_M = 5, 1e-4  # positions that tell a velocity, and their rounding at least
 NEAR_NS = 100_000_000  # an orientation farther away says nothing of a velocity
 ASKED_FOR = ("setpoint", "goal", "target", "cmd")
 UNREADABLE = "messages that cannot be read"
@@ -71,6 +77,8 @@ class Topic:
     first_ns: int | None = None
     twists: list[Twist] = field(default_factory=list)
     orientations: list[Orientation] = field(default_factory=list)
+    places: list[Place] = field(default_factory=list)
+    by_places: bool = False  # whether the twists are those of the places
 
     @property
     def asked_for(self) -> bool:
@@ -81,6 +89,21 @@ class Topic:
     def still(self) -> bool:
         """Whether it never told of any movement."""
         return not any(np.any(twist.velocity) for twist in self.twists)
+
+    def tell_by_places(self) -> None:
+        """Where no twist tells of a movement, and the places do, the velocity is their slope."""
+        placed = {place.stamp_ns: place.ned for place in self.places}
+        if self.asked_for or not self.still or len(placed) < LEAST_PLACES:
+            return
+        stamps_ns = np.array(sorted(placed), dtype=np.int64)
+        ned = np.stack([placed[stamp_ns] for stamp_ns in stamps_ns.tolist()])
+        kept = without_jumps(ned)
+        found = velocities(stamps_ns[kept], ned[kept], steps_m=(FINEST_M, FINEST_M))
+        if np.any(found.velocity_ned):
+            self.by_places = True
+            self.twists = [
+                Twist(each.stamp_ns, each.velocity, each.frame, each.sigma) for each in found.samples()
+            ]
 
 
 def looks_like_ros(head: bytes, path: Path) -> bool:
@@ -102,14 +125,15 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     oriented = max(topics, key=lambda known: _knows_turns(known, chosen))
     first_ns = _first_picture_ns(topics)
     zero_ns = chosen.twists[0].stamp_ns if first_ns is None else first_ns
-    velocities = in_time_order(_velocities(chosen.twists, oriented.orientations, zero_ns, counts), counts)
+    samples = in_time_order(_velocities(chosen.twists, oriented.orientations, zero_ns, counts), counts)
     attitudes = in_time_order(_camera_attitudes(topics, zero_ns), counts)
-    name = f"ROS recording {path.name}: {len(velocities)} velocities of {chosen.name}"
+    name = f"ROS recording {path.name}: {len(samples)} velocities of {chosen.name}"
+    name += ", by its positions" if chosen.by_places else ""
     name += ", attitude of the camera" if attitudes else ""
     name += f"; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock"
     # Not counted: an Odometry's velocity has been.
     bodies = in_time_order(_body_attitudes(oriented.orientations, zero_ns), Counter())
-    return Telemetry(name, by_time(velocities, attitudes), dict(+counts), body_attitudes=tuple(bodies))
+    return Telemetry(name, by_time(samples, attitudes), dict(+counts), body_attitudes=tuple(bodies))
 
 
 def _knows_turns(topic: Topic, chosen: Topic) -> tuple[bool, bool, bool, bool, int]:
@@ -133,6 +157,8 @@ def _topics(path: Path, counts: Counter[str]) -> tuple[list[Topic], dict[str, st
         topic.messages += 1
         if message.kind == topic.kind:
             _take(message, topic, counts)
+    for topic in topics.values():
+        topic.tell_by_places()
     named = {topic.name: topic.kind for topic in topics.values()}
     return list(topics.values()), dict.fromkeys(kinds - USED, "") | named
 
@@ -145,6 +171,8 @@ def _take(message: RosMessage, topic: Topic, counts: Counter[str]) -> None:
         topic.first_ns = topic.first_ns or stamp_of(content.header, message.log_ns)
         if message.kind in ORIENTATION_KINDS and (turn := orientation_of(message, content)):
             topic.orientations.append(turn)
+        if message.kind in PLACE_KINDS and (place := place_of(message, content)):
+            topic.places.append(place)
         if message.kind in VELOCITY_KINDS:
             twist = twist_of(message, content)
             if twist is None:
@@ -159,9 +187,9 @@ def _choose(path: Path, topics: Sequence[Topic], kinds: dict[str, str], name: st
     fit = [known for known in topics if known.twists and name in (None, known.name)]
     if fit:
 
-        def rank(known: Topic) -> tuple[bool, bool, bool, int, int, str]:
-            first = known.asked_for, known.still, known.name.endswith(MAVROS_GLOBAL)
-            return *first, VELOCITY_KINDS.index(known.kind), -len(known.twists), known.name
+        def rank(known: Topic) -> tuple[bool, bool, bool, bool, int, int, str]:
+            first = known.asked_for, known.still, known.by_places, known.name.endswith(MAVROS_GLOBAL)
+            return *first, (*VELOCITY_KINDS, *PLACE_KINDS).index(known.kind), -len(known.twists), known.name
 
         return min(fit, key=rank)
     listed = ", ".join(f"{known} ({kind})" if kind else known for known, kind in sorted(kinds.items()))

@@ -35,8 +35,10 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 VELOCITY_KINDS = (ODOMETRY, TWIST_WITH_COVARIANCE, TWIST)  # best first
 ORIENTATION_KINDS = (ODOMETRY, POSE, POSE_WITH_COVARIANCE, IMU)
+PLACE_KINDS = (ODOMETRY, POSE, POSE_WITH_COVARIANCE)
 IMAGE_KINDS = (IMAGE, COMPRESSED_IMAGE)
 
+FARTHEST_M = 1e8  # of a position, such as UTM's
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
 FLU_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 MAP_NAMES = ("map", "odom", "world", "earth", "enu", "local_origin")
@@ -65,6 +67,14 @@ class Orientation:
     stamp_ns: int
     ned_from_frame: Vector
     of_camera: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A position [3] in NED, metres from where its map begins."""
+
+    stamp_ns: int
+    ned: Vector
 
 
 def decoded(message: RosMessage) -> Any:
@@ -172,6 +182,17 @@ def orientation_of(message: RosMessage, content: Any) -> Orientation | None:
     rotation = turn @ rotation_of(quaternion)
     ned_from_frame = rotation if of_camera else rotation @ flu_from_body(body).T
     return Orientation(stamp_of(content.header, message.log_ns), ned_from_frame, of_camera)
+
+
+def place_of(message: RosMessage, content: Any) -> Place | None:
+    """The position in a message; None where it is none on Earth, or one that the drone itself sees."""
+    if axes_of(content.header.frame_id) in ("body", "camera"):
+        return None
+    given = (content.pose if message.kind == POSE else content.pose.pose).position
+    place = np.array([given.x, given.y, given.z], dtype=np.float64)
+    if not np.abs(place).max() < FARTHEST_M:
+        return None
+    return Place(stamp_of(content.header, message.log_ns), ned_from_map(content.header.frame_id) @ place)
 
 
 def speed_of(vector: Any) -> Vector:
