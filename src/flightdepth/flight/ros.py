@@ -157,8 +157,6 @@ def _topics(path: Path, counts: Counter[str]) -> tuple[list[Topic], dict[str, st
         topic.messages += 1
         if message.kind == topic.kind:
             _take(message, topic, counts)
-    for topic in topics.values():
-        topic.tell_by_places()
     named = {topic.name: topic.kind for topic in topics.values()}
     return list(topics.values()), dict.fromkeys(kinds - USED, "") | named
 
@@ -184,11 +182,16 @@ def _take(message: RosMessage, topic: Topic, counts: Counter[str]) -> None:
 
 
 def _choose(path: Path, topics: Sequence[Topic], kinds: dict[str, str], name: str | None) -> Topic:
-    fit = [known for known in topics if known.twists and name in (None, known.name)]
+    asked = [known for known in topics if name in (None, known.name)]
+    # Else the slopes, which take time, are not needed.
+    if all(known.asked_for or known.still for known in asked):
+        for known in asked:
+            known.tell_by_places()
+    fit = [known for known in asked if known.twists]
     if fit:
 
-        def rank(known: Topic) -> tuple[bool, bool, bool, bool, int, int, str]:
-            first = known.asked_for, known.still, known.by_places, known.name.endswith(MAVROS_GLOBAL)
+        def rank(known: Topic) -> tuple[bool, bool, bool, int, int, str]:
+            first = known.asked_for, known.still, known.name.endswith(MAVROS_GLOBAL)
             return *first, (*VELOCITY_KINDS, *PLACE_KINDS).index(known.kind), -len(known.twists), known.name
 
         return min(fit, key=rank)

@@ -60,7 +60,7 @@ class SoundDecoder:
 
     def skip_to_key_frame(self) -> None:
         """Packets before the next one were left out: what is built on them is not even decoded, which takes time."""
-        self._waiting = self._damaged = True
+        self.damage(None)
         self._skipping = MOST_SKIPPED
 
     def _is_sound(self, decoded: Any) -> bool:

@@ -88,7 +88,6 @@ class VideoStream:
 
         FFmpeg and the system keep what is not read yet: where it piles up, it is thrown away up to the newest.
         """
-        skipped = False
         log: AbstractContextManager[Told] = losses_told() if self._address.rtp else nullcontext([])
         with log as told:
             for packet in self._packets():
@@ -100,11 +99,8 @@ class VideoStream:
                 told.clear()
                 if packet.pts is not None and self._tell(clock, packet):
                     self._counts[BEHIND] += 1
-                    skipped = True
-                    continue
-                if skipped:
                     self._decoder.skip_to_key_frame()
-                    skipped = False
+                    continue
                 for decoded in self._decoder.decode(packet):
                     yield Picture(self._owned(decoded), *clock.stamp(self._nanoseconds(decoded.pts)))
         raise StreamEnded("it ended")
