@@ -1,4 +1,4 @@
-"""The snippets of docs/files.md, run on a folder that the writer wrote."""
+"""The snippets of docs/files.md, and the README's first, run on a folder that the writer wrote."""
 
 import re
 from pathlib import Path
@@ -16,6 +16,7 @@ from flightdepth.weights.card import NetworkCard
 
 TEXT = (Path(__file__).parents[1] / "docs" / "files.md").read_text(encoding="utf-8")
 PNG, NPZ, FOLDER = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 CAMERA = Camera.from_fov(64, 48, 90)
 CARD = NetworkCard(
     name="none",
@@ -78,6 +79,12 @@ def test_a_snippet_reads_depth(run, snippet, depth_format):
     depth_m = run(snippet, depth_format)["depth_m"]
     assert depth_m[:, 32:] == pytest.approx(12.34)
     assert np.isnan(depth_m[:, :32]).all()
+
+
+def test_the_readmes_snippet_reads_depth(run):
+    depth_m = run(re.findall(r"```python\n(.*?)```", README, re.DOTALL)[0], "png")["depth_m"]
+    assert depth_m[:, 32:] == pytest.approx(12.34)
+    assert (depth_m[:, :32] == 0).all()
 
 
 @pytest.mark.parametrize(("snippet", "depth_format"), [(PNG, "png"), (NPZ, "npz"), (FOLDER, "png")])

@@ -34,7 +34,7 @@ def test_of_a_video_that_does_not_it_says_what_would_be_asked_for(tmp_path, caps
     assert main(["cameras", str(make_video(tmp_path / "v.mp4", frames=2))]) == 0
     said = capsys.readouterr()
     assert said.err == ""
-    assert "run would not know it" in said.out
+    assert "does not tell its camera; `flightdepth run` would stop" in said.out
     assert "--hfov" in said.out
 
 

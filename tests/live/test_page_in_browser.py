@@ -8,11 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from page_flights import Flying
+from page_flights import Flying, page_of
 
 from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live.obstacles import SECTORS
+from flightdepth.live.page import PageServer
 from flightdepth.live.status import Health, State
 from tests_browser import chromium
 
@@ -119,8 +120,8 @@ def test_why_the_senders_clock_is_not_followed_is_shown(watched):
     )
 
 
-def test_a_server_that_died_is_said(watched):
-    watched.until("document.getElementById('state').textContent === 'ok'")
+def ended(watched: Watched) -> None:
+    """The server is gone, and the page has found out."""
     watched.flying.server.close()
     deadline = time.monotonic() + 15
     while watched.tab.inner_text("#state").lower() != "unreachable" and time.monotonic() < deadline:
@@ -128,7 +129,48 @@ def test_a_server_that_died_is_said(watched):
     assert watched.tab.inner_text("#state").lower() == "unreachable"
 
 
+def test_a_server_that_died_is_said(watched):
+    watched.until("document.getElementById('state').textContent === 'ok'")
+    ended(watched)
+
+
+def test_a_server_that_died_leaves_nothing_that_looks_free(watched):
+    """Found in use: the fan of the last moment stayed as bright as ever, with free sectors and a nearest obstacle."""
+    watched.until("document.querySelectorAll('#sectors g[data-kind=free]').length > 3")
+    ended(watched)
+    assert watched.tab.locator("#sectors g[data-kind=unknown]").count() == SECTORS
+    assert watched.tab.inner_text("#nearest") == "–"
+    assert float(watched.tab.evaluate("getComputedStyle(document.querySelector('.tiles')).opacity")) < 0.5
+
+
+def test_without_obstacles_no_empty_fan_takes_the_pictures_room(browser):
+    with PageServer(page_of(Flying.still()), "127.0.0.1:0") as server:
+        tab = browser.new_page(viewport={"width": 1440, "height": 860})
+        tab.goto(server.address)
+        tab.locator("#nearest", has_text="off").wait_for()
+        pictures = tab.locator(".pictures").bounding_box()
+        shown = tab.locator("#fan").is_visible()
+        tab.close()
+    assert not shown
+    assert pictures["width"] > 1300
+
+
+def test_one_reason_for_dropped_frames_needs_no_second_count(watched):
+    watched.until("document.getElementById('dropped').textContent.startsWith('2 ')")
+    assert watched.tab.inner_text("#dropped-more") == "a newer one came first"
+
+
 def test_it_fits_a_telephone(watched, tmp_path: Path):
     watched.tab.set_viewport_size({"width": 400, "height": 800})
     watched.until("document.querySelectorAll('#sectors g').length > 0")
     assert watched.tab.evaluate("document.documentElement.scrollWidth") <= 400
+
+
+def test_a_long_reason_has_the_width_of_a_telephone(watched):
+    """Found in use: it stood in a column of one word a line beside the state, and pushed the page out of the screen."""
+    watched.tab.set_viewport_size({"width": 390, "height": 844})
+    watched.flying.health = Health(State.DEGRADED, "the machine is too slow: 6.7 results a second of 30", 0)
+    watched.until("document.getElementById('state').textContent === 'degraded'")
+    assert watched.tab.locator("#reason").bounding_box()["width"] > 300
+    ended(watched)
+    assert watched.tab.evaluate("document.documentElement.scrollWidth") <= 390

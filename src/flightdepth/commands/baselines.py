@@ -44,7 +44,7 @@ def baselines(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="As of `flightdepth run`; given several times, they stand side by side. Default: one for any lens.",
+            help="As of `flightdepth run`; given several times, they stand side by side. Default: motion.",
         ),
     ] = None,
     baselines: Annotated[

@@ -76,7 +76,7 @@ def tell(path: Path, log: Path | None) -> None:
         try:
             chosen = choose_camera(video, None, None, told)
         except BadInput as error:  # no fault of who asks
-            say(f"run would not know it. {error}")
+            say(f"This video does not tell its camera; `flightdepth run` would stop: {error}")
             return
         camera = chosen.camera
         say(f"{path}: {camera.width}x{camera.height}, focal length {camera.fx:.0f} px; {chosen.source}")

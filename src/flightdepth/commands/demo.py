@@ -41,7 +41,9 @@ def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Output folder.")] = Path("flightdepth-demo"),
     network: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="See `flightdepth networks`. Default: one for any lens."),
+        typer.Option(
+            metavar="NAME", help="See `flightdepth networks`. Default: motion; motion-tiny is faster."
+        ),
     ] = None,
 ) -> None:
     """Run the sample flight that ships with the package: ten rendered seconds whose true depth is known.

@@ -17,7 +17,7 @@ def live(
     *,
     video: Annotated[
         str,
-        typer.Option(metavar="ADDRESS", help="RTSP, RTP, MPEG-TS, camera or file: see below."),
+        typer.Option(metavar="ADDRESS", help="RTSP, RTP, MPEG-TS, camera or file: see above."),
     ],
     mavlink: Annotated[
         str | None,
@@ -65,7 +65,9 @@ def live(
     ] = False,
     network: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="See `flightdepth networks`. Default: one for any lens."),
+        typer.Option(
+            metavar="NAME", help="See `flightdepth networks`. Default: motion; motion-tiny is faster."
+        ),
     ] = None,
     precision: PrecisionOption = "auto",
     align: AlignOption = True,

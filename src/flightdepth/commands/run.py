@@ -56,7 +56,8 @@ def run(
     network: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="See `flightdepth networks`; or an ONNX file. Default: one for any lens."
+            metavar="NAME",
+            help="See `flightdepth networks`; or an ONNX file. Default: motion; motion-tiny is faster.",
         ),
     ] = None,
     ranges: Annotated[
@@ -106,7 +107,7 @@ def run(
         typer.Option(
             metavar="NAME",
             help="A DepthNet for frames whose direction of motion is unknown, which else have no depth; "
-            "rough: see docs/networks.md.",
+            "rough: see docs/motionnet.md.",
             rich_help_panel=METHOD,
         ),
     ] = None,
@@ -149,11 +150,14 @@ def run(
 
       flightdepth run a.mp4 b.mp4 --hfov 73 --out depth
 
-    Stopped (Ctrl-C)? What was flown of a single flight stays, in DIR.interrupted-1,
-    and a line says with which --start to go on. Of several flights the same
-    command skips those that stand, and begins anew with the one that was under
-    way. On many machines that share a disk: --engine ray --address auto. A single
-    flight replaces what an earlier run left in its folder, once it is done.
+    Stopped (Ctrl-C)? What was flown of a single flight stays, in
+    DIR.interrupted-1, and a line says with which --start to go on. Of several
+    flights the same command skips those that stand, and begins anew with the
+    one that was under way. On many machines that share a disk: --engine ray
+    --address auto. A single flight replaces what an earlier run left in its
+    folder, once it is done.
+
+    How to load the files: docs/files.md. Which camera to give: docs/cameras.md.
     """
     from flightdepth.ranges.estimator import check_ranges
 

@@ -33,7 +33,7 @@ def tracks(
     start: StartOption = None,
     end: EndOption = None,
     network: Annotated[
-        str | None, typer.Option(metavar="NAME", help="As of `flightdepth run`. Default: one for any lens.")
+        str | None, typer.Option(metavar="NAME", help="As of `flightdepth run`. Default: motion.")
     ] = None,
     ranges: Annotated[
         int, typer.Option(metavar="N", help="Earlier pictures that each one is paired with, 1 to 4.")

@@ -56,6 +56,12 @@ class Fan {
     this.sectors.replaceChildren(made);
   }
 
+  // What was drawn is old: nothing may look free any more.
+  forget() {
+    const count = this.sectors.childElementCount;
+    this.draw({ max_m: this.most, sectors: Array.from({ length: count }, () => ({ kind: "unknown" })) });
+  }
+
   drawSector(parent, sector, from, to) {
     const group = element("g", { "data-kind": sector.kind }, parent);
     if (sector.kind === "unknown") {

@@ -47,7 +47,8 @@ function show(state, fan) {
   const reasons = Object.entries(state.frames.dropped);
   const dropped = reasons.reduce((sum, [, count]) => sum + count, 0);
   const share = state.frames.received ? 100 * dropped / state.frames.received : 0;
-  const why = reasons.sort((a, b) => b[1] - a[1]).slice(0, 2).map(([reason, count]) => `${count} ${reason}`).join(", ");
+  const most = reasons.sort((a, b) => b[1] - a[1]).slice(0, 2);
+  const why = most.length === 1 ? most[0][0] : most.map(([reason, count]) => `${count} ${reason}`).join(", ");
   figure("dropped", String(dropped), `${share.toFixed(0)} %`, why || `of ${state.frames.received}`);
   const pairs = state.ranges.map((pair) => `${pair.displacement_m.toFixed(2)} m in ${pair.shift}`).join(", ");
   const unit = state.ranges.at(-1)?.shift === 1 ? "frame" : "frames";
@@ -60,6 +61,7 @@ function show(state, fan) {
 }
 
 function showFan(told, fan) {
+  document.body.dataset.obstacles = told ? "on" : "off";
   if (!told) {
     put("nearest", "off");
     put("nearest-where", "start with --obstacles");
@@ -80,7 +82,7 @@ function showScale(scale) {
     label.style.left = `${100 * tick.position}%`;
     bar.append(label);
   }
-  const meanings = { farther: "farther than a bound", nearer: "nearer than one", unknown: "unknown" };
+  const meanings = { farther: "farther than it can tell", nearer: "nearer than it can tell", unknown: "unknown" };
   for (const [name, meaning] of Object.entries(meanings)) {
     const { ground, line, falling } = scale.hatches[name];
     const swatch = document.createElement("i");
@@ -116,6 +118,15 @@ async function pictures(id) {
   }
 }
 
+// What is shown is old: pictures and figures pale (page.css), and no sector stays free.
+function unreachable(fan) {
+  health("unreachable", "no answer: the run has ended, or the link is down; what is shown is old");
+  if (!document.querySelector("#sectors g")) return;
+  fan.forget();
+  put("nearest", "–");
+  put("nearest-where", "not known");
+}
+
 async function watch() {
   let fan = null;
   for (;;) {
@@ -129,7 +140,7 @@ async function watch() {
       await pause(STATE_EVERY_MS);
     } catch (error) {
       if (!(error instanceof TypeError || error instanceof DOMException)) console.error(error);
-      health("unreachable", "the page's server does not answer; what is shown is old");
+      unreachable(fan);
       await pause(AGAIN_MS);
     }
   }
