@@ -1,14 +1,17 @@
 """The offset between video and log: made-up signals, a log moved by known times, and flights that tell none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from flightdepth.flight import GyroscopeTrack, Telemetry, VelocitySample
 from flightdepth.flight.apparent_motion import ApparentMotion
-from flightdepth.flight.offset import _correlations, estimate_offset
-from flightdepth.flight.records import NS_PER_S, BodyAttitudeSample
+from flightdepth.flight.correlation import correlations
+from flightdepth.flight.offset import estimate_offset
+from flightdepth.flight.records import NS_PER_S, AttitudeSample, BodyAttitudeSample, by_time
 from flightdepth.flight.signals import Signal
-from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
+from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
 
 VIDEO_S = 30.0
 
@@ -24,8 +27,11 @@ def wandering(seed, *, rate_hz=50.0, span_s=60.0, cut_hz=1.0, columns=3):
     return at_s, values / values.std()
 
 
-def pictures(turn, flow, noise=0.0):
-    """What the pictures show, 30 a second: `turn` rad/s [n, 3] and `flow` [n] as functions of time."""
+def pictures(turn, flow, noise=0.0, course=None):
+    """What the pictures show, 30 a second: `turn` rad/s [n, 3] and `flow` [n] as functions of time.
+
+    `course`: the direction of flight to the right of where the camera looks, radians; unseen where None.
+    """
     at_s = np.arange(0, VIDEO_S, 1 / 30)
     rng = np.random.default_rng(1)
     turns = np.stack([np.interp(at_s, turn[0], column) for column in turn[1].T], axis=1)
@@ -34,7 +40,16 @@ def pictures(turn, flow, noise=0.0):
         (at_s * NS_PER_S).astype(np.int64),
         turns + noise * rng.normal(size=turns.shape),
         flows * (1 + noise * rng.normal(size=len(flows))),
+        np.full(turns.shape, np.nan) if course is None else directions(np.interp(at_s, *course), rng),
     )
+
+
+def directions(course, rng):
+    """Right, down, forward [n, 3], off by some degrees as pictures show them."""
+    ways = np.stack([np.sin(course), 0 * course, np.cos(course)], axis=1) + rng.normal(
+        0, 0.05, (len(course), 3)
+    )
+    return ways / np.linalg.norm(ways, axis=1, keepdims=True)
 
 
 def stamps_of(at_s):
@@ -126,14 +141,89 @@ def test_parts_of_a_log_are_laid_to_the_video_as_the_whole_would_be(monkeypatch,
     (at_s, turn), (_, other) = wandering(1, span_s=20), wandering(2, span_s=20)
     video = Signal(np.arange(0, 12, 1 / 30), turn[:360]).on_grid()  # of 12 s
     log = Signal(np.concatenate([at_s, at_s + 20.01 + silence_s]), np.concatenate([other, turn]))
-    split = _correlations(video, log, None)
+    split = correlations(video, log, None)
     monkeypatch.setattr(Signal, "parts", lambda signal, silence_s: [signal])
-    whole = _correlations(video, log, None)
+    whole = correlations(video, log, None)
     known, same = np.isfinite(whole.values), np.isin(whole.lags, split.lags)
     assert (np.diff(split.lags) > 0).all()
     assert same[known].all()
     np.testing.assert_array_equal(split.values, whole.values[same])
     np.testing.assert_array_equal(split.samples, whole.samples[same])
+
+
+def aside(at_s, times=(15.0,)):
+    """Ahead, then 80 degrees to the right, and back, within a second each."""
+    return sum((-1) ** k * np.radians(80) / (1 + np.exp(-(at_s - at) / 0.2)) for k, at in enumerate(times))
+
+
+def flown(course, *, from_north=0.0, frame="world", attitudes=False, speed_m_s=5.0):
+    """A log of 5 Hz at an even speed of a camera that looks `from_north` radians to the east all the time."""
+    at_s = np.arange(-5.0, 45.0, 0.2)
+    way = np.interp(at_s, *course) + from_north
+    ned = speed_m_s * np.stack([np.cos(way), np.sin(way), 0 * way], axis=1)
+    values = ned if frame == "world" else ned[:, [1, 2, 0]]
+    samples = [VelocitySample(s, v, frame) for s, v in zip(stamps_of(at_s), values, strict=True)]
+    look = quaternion_from_rotation(rotation_from_euler(0, 0, from_north) @ NED_FROM_CAMERA)
+    told = [AttitudeSample(s, look) for s in stamps_of(at_s[::3] - 0.05)] if attitudes else []
+    return Telemetry("t", by_time(samples, told))
+
+
+STEADY = np.arange(-10, 50, 0.02), np.zeros((3000, 3))
+EVEN = np.arange(-10, 50, 0.02), np.full(3000, 0.3)
+COURSE = STEADY[0], aside(STEADY[0])
+TO_AND_FRO = STEADY[0], aside(STEADY[0], range(-8, 50, 4))
+
+
+@pytest.mark.parametrize("offset_s", [-3.0, 0.0, 1.37])
+@pytest.mark.parametrize(
+    "told", [{"from_north": 2.0, "attitudes": True}, {"from_north": 2.0}, {"frame": "camera"}], ids=str
+)
+def test_a_flight_that_goes_aside_and_does_not_turn(offset_s, told):
+    """It told nothing: the camera did not turn, and the speed was even."""
+    log = flown(COURSE, **told).later_by(round(-offset_s * NS_PER_S))
+    found = estimate_offset(pictures(STEADY, EVEN, 0.01, COURSE), log)
+    assert found.witness == "direction"
+    assert found.offset_s == pytest.approx(offset_s, abs=0.05)
+
+
+def test_where_turns_tell_the_offset_the_direction_is_not_asked():
+    at_s, turn = wandering(1)
+    log = flown(COURSE, frame="camera").later_by(2 * NS_PER_S)
+    log = replace(log, gyroscope=GyroscopeTrack(np.array(stamps_of(at_s)), 0.1 * turn))
+    found = estimate_offset(pictures((at_s, 0.1 * turn), EVEN, 0.01, COURSE), log)
+    assert (found.witness, found.offset_s) == ("turn rate", pytest.approx(0, abs=0.03))
+
+
+def test_a_direction_in_the_world_says_nothing_of_a_camera_that_turns():
+    at_s, turn = wandering(1)
+    found = estimate_offset(pictures((at_s, 0.1 * turn), EVEN, 0.01, COURSE), flown(COURSE))
+    assert found.offset_s is None
+    assert "direction: the camera turns, and the log does not tell how" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("log", "reason"),
+    [
+        (flown(TO_AND_FRO), "direction: another offset fits nearly as well"),
+        (flown((STEADY[0], 0 * STEADY[0])), "direction: even within 0 degrees"),
+        (flown(COURSE, speed_m_s=0.5), "direction: the log tells too few"),
+        (replace(flown(COURSE), any_direction=True), "direction: the log has none"),
+    ],
+    ids=["to and fro", "straight", "hovering", "speeds alone"],
+)
+def test_directions_that_tell_nothing(log, reason):
+    found = estimate_offset(pictures(STEADY, EVEN, 0.01, TO_AND_FRO), log)
+    assert found.offset_s is None
+    assert reason in found.reason
+
+
+def test_directions_of_another_flight_fit_nowhere():
+    for seed in range(5):
+        (at_s, course), (_, other) = wandering(10 + seed, cut_hz=0.3), wandering(20 + seed, cut_hz=0.3)
+        found = estimate_offset(
+            pictures(STEADY, EVEN, 0.01, (at_s, course[:, 0])), flown((at_s, other[:, 0]), frame="camera")
+        )
+        assert found.offset_s is None
 
 
 def test_a_straight_even_flight_tells_nothing():
@@ -178,7 +268,7 @@ def test_a_log_that_tells_turns_too_seldom_is_not_laid_to_the_pictures():
 
 
 def test_a_video_of_one_picture_tells_nothing():
-    none = ApparentMotion(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0))
+    none = ApparentMotion(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0), np.empty((0, 3)))
     found = estimate_offset(none, Telemetry("t", even_speed()))
     assert found.offset_s is None
     assert "fewer than two pictures" in found.reason

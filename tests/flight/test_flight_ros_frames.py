@@ -112,3 +112,34 @@ def test_the_topics_are_listed_where_the_one_asked_for_is_missing(tmp_path):
     path = recorded(tmp_path, ("/left", MADE.image(0, RED, "rgb8")))
     with pytest.raises(BadInput, match=r"pictures in /right, got /left"):
         ros_frames(path, "/right")
+
+
+def raw_depth(time_s):
+    return "/camera/depth/image_rect_raw", MADE.image(
+        time_s, np.full((6, 8), 1500, np.uint16).view(np.uint8), "16UC1"
+    )
+
+
+def metric_depth(time_s):
+    array = np.full((6, 8), 1.5, np.float32).view(np.uint8)
+    return "/zed/depth/depth_registered", MADE.image(time_s, array, "32FC1")
+
+
+def packed_depth(time_s):
+    kind, message = MADE.compressed(time_s, bytes(20))
+    message.format = "16UC1; compressedDepth"
+    return "/camera/depth/image_rect_raw/compressedDepth", (kind, message)
+
+
+@pytest.mark.parametrize("depth", [raw_depth, metric_depth, packed_depth])
+def test_a_cameras_own_depth_is_no_picture_and_tells_no_time_0(tmp_path, depth):
+    """It often comes once more than the colours: all pictures were damaged, and times counted from its first one."""
+    colours = [("/camera/color/image_raw", MADE.image(0.5 + k / 10, RED + k, "rgb8")) for k in range(3)]
+    path = recorded(
+        tmp_path, *(depth(k / 10) for k in range(4)), *colours, ("/odom", MADE.odometry(0.75, (1, 0, 0)))
+    )
+    counts = Counter()
+    frames = list(ros_frames(path, counts=counts))
+    assert [frame.stamp_ns for frame in frames] == [0, 100_000_000, 200_000_000]
+    assert not counts
+    assert read_ros(path).velocities[0].stamp_ns == 250_000_000

@@ -3,20 +3,24 @@
 import json
 import re
 from fractions import Fraction
+from pathlib import Path
 
 import av
 import cv2
 import numpy as np
 import pytest
 
+import flightdepth
 from flightdepth.camera import Camera
 from flightdepth.cli import main
 from flightdepth.errors import BadInput
 from flightdepth.flight import AttitudeSample, VelocitySample, open_flight, write_csv
 from flightdepth.flight.flight_log import clock_warnings
+from flightdepth.flight.telemetry_csv import read_csv
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
 from tests_dji_records import airdata, record, steady
 
+SAMPLE = Path(flightdepth.__file__).parent / "sample"
 CAMERA = Camera.from_fov(192, 128, 70.0)
 VIDEO_S, RATE_HZ = 12.0, 15
 OFFSETS_S = [-3.0, -0.4, 0.0, 1.37, 240.0]
@@ -108,6 +112,20 @@ def test_an_offset_that_is_given_is_taken(video, tmp_path):
     ) as flight:
         assert flight.clock is None
         assert faster_from_ns(flight) == 1_250_000_000
+
+
+@pytest.mark.parametrize("off_s", [-2.0, 0.0, 1.37])
+@pytest.mark.parametrize("attitudes", [True, False])
+def test_the_sample_flight_tells_it_by_its_direction(tmp_path, off_s, attitudes):
+    """Ahead for five seconds, then to the left, without a turn and at an even speed: it was unknown."""
+    kept = (AttitudeSample, VelocitySample) if attitudes else VelocitySample
+    log = read_csv(SAMPLE / "telemetry.csv").later_by(round(-off_s * 1e9))
+    write_csv(tmp_path / "log.csv", [sample for sample in log.samples if isinstance(sample, kept)])
+    with open_flight(
+        SAMPLE / "flight.mp4", tmp_path / "log.csv", SAMPLE / "camera.json", telemetry_offset_s="auto"
+    ) as flight:
+        assert flight.clock.witness == "direction"
+        assert flight.clock.offset_s == pytest.approx(off_s, abs=0.1)
 
 
 @pytest.mark.slow

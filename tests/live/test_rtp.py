@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from live_peers import encode, free_port, until
+from live_peers import RATE_HZ, encode, free_port, skip_where_time_is_not_real, until
 
 from flightdepth.flight.decoding import BUILT_ON_DAMAGE
 from flightdepth.live.picture_clock import PictureClock
@@ -33,9 +33,10 @@ from flightdepth.live.rtp import (
     h265_parts,
 )
 from flightdepth.live.rtp_stream import RtpStream
+from flightdepth.live.sound_decoder import SoundDecoder
 from flightdepth.live.video_address import video_address
 from flightdepth.live.video_input import VideoInput, VideoListener
-from flightdepth.live.video_stream import StreamEnded
+from flightdepth.live.video_stream import BEHIND, StreamEnded
 
 GAP = "gaps in the RTP packets"
 
@@ -403,3 +404,35 @@ def test_ages_count_from_the_senders_clock(clip):
     sender.join()
     assert len(ages) > 30
     assert -10 < np.median(ages) < 30
+
+
+def test_pictures_that_pile_up_in_the_sockets_buffer_are_thrown_away(tmp_path, monkeypatch):
+    """After 20 s they were 8 s old, and told to be 2: times are those of reading, which were all as late."""
+    skip_where_time_is_not_real()
+    clip = encode(tmp_path / "flight.mp4", seconds=7)
+    port, sent, counts, decode = free_port(), [], Counter(), SoundDecoder.decode
+
+    def slowly(self, packet):
+        time.sleep(1.6 / RATE_HZ)
+        return decode(self, packet)
+
+    def in_time(i):
+        began = sent[0] if sent else time.monotonic_ns()
+        time.sleep(max(0, (began - time.monotonic_ns()) / 1e9 + i / RATE_HZ))
+        sent.append(time.monotonic_ns())
+
+    monkeypatch.setattr(SoundDecoder, "decode", slowly)
+    sender, ages, first = threading.Thread(target=send, args=(clip, port, in_time)), [], None
+    with closing(RtpStream(f"rtp://127.0.0.1:{port}", counts)) as stream:
+        sender.start()
+        for picture in stream.pictures(PictureClock(0), threading.Event()):
+            first = picture.decoded.pts if first is None else first
+            number = round((picture.decoded.pts - first) / 90_000 * RATE_HZ)
+            now_ns = time.monotonic_ns()
+            ages.append(((now_ns - sent[number]) / 1e9, (now_ns - picture.stamp_ns) / 1e9))
+            if number >= 6 * RATE_HZ:
+                break
+        sender.join()
+    assert counts[BEHIND] > 5
+    assert max(true for true, _ in ages) < 1.5  # 3.5 s where they queue
+    assert max(true - told for true, told in ages) < 0.2

@@ -1,4 +1,4 @@
-"""How the pictures of a video move: turn rate and flow, from points followed in small grey pictures."""
+"""How the pictures of a video move: turn rate, flow, direction of flight, from points followed in small grey ones."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.flight.records import NS_PER_S, Frame
-from flightdepth.flight.rotation import Flow, likeliest_rotation, rotation_flow
+from flightdepth.flight.rotation import Flow, likeliest_motion, rotation_flow
 from flightdepth.flight.steadiness import FEWEST_FOLLOWED, NOISE_PX, Grey, follow, small_camera, small_grey
 from flightdepth.motion import Vector
 
 LEAST_STEP_NS = 30_000_000  # between two pictures; of faster video every second, third, ... is followed
 # Back to which each is followed: over less time a slow turn drowns in the tracking's noise, over more a fast one blurs.
 PAIR_NS = 90_000_000
+LEAST_FLOW = 3.0  # tracking noises; where the median point moves less by flying, nothing shows which way
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +29,13 @@ class ApparentMotion:
     stamps_ns  [n]     midway between the two pictures
     turn_rad_s [n, 3]  turn rate, right-down-forward axes of the camera
     flow_1_s   [n]     median speed of the points without the turn, focal lengths a second: speed over distance
+    direction  [n, 3]  unit vector of the flight, right-down-forward; NaN where it hardly shows, too
     """
 
     stamps_ns: NDArray[np.int64]
     turn_rad_s: Vector
     flow_1_s: Vector
+    direction: Vector
 
 
 class Followed(NamedTuple):
@@ -66,17 +69,21 @@ def apparent_motion(frames: Iterable[Frame], camera: Camera) -> ApparentMotion:
     stamps, rows = [], []
     for pair in followed(frames, camera):
         stamps.append((pair.before_ns + pair.after_ns) // 2)
-        rows.append(_motion(pair, small) * NS_PER_S / (pair.after_ns - pair.before_ns))
-    table = np.array(rows, dtype=np.float64).reshape(-1, 4)
-    return ApparentMotion(np.array(stamps, dtype=np.int64), table[:, :3], table[:, 3])
+        rows.append(_motion(pair, small))
+    table = np.array(rows, dtype=np.float64).reshape(-1, 7)
+    return ApparentMotion(np.array(stamps, dtype=np.int64), table[:, :3], table[:, 3], table[:, 4:])
 
 
 def _motion(pair: Followed, camera: Camera) -> Vector:
-    """Rotation vector (3,) and median flow without it, (4,), from one picture to the next."""
+    """Turn rate (3,), median flow a second without it, direction of flight (3,) between two pictures: (7,)."""
     if len(pair.before) < FEWEST_FOLLOWED:
-        return np.full(4, np.nan)
+        return np.full(7, np.nan)
+    noise = NOISE_PX / camera.fx
     flow = Flow.between(pair.before, pair.after, camera)
-    turn = likeliest_rotation(flow, NOISE_PX / camera.fx)
+    turn, direction = likeliest_motion(flow, noise)
     along_x, along_y = rotation_flow(flow.points)
     left = flow.motions - np.stack([along_x @ turn, along_y @ turn], axis=1)
-    return np.append(turn, np.median(np.linalg.norm(left, axis=1)))
+    moved = np.median(np.linalg.norm(left, axis=1))
+    shows = moved >= LEAST_FLOW * noise
+    span_s = (pair.after_ns - pair.before_ns) / NS_PER_S
+    return np.concatenate([turn / span_s, [moved / span_s], direction if shows else np.full(3, np.nan)])

@@ -1,23 +1,18 @@
 """ArduPilot's DataFlash log (.bin): velocity of the EKF or, at worst, of the GPS; attitude of the body and the gimbal.
 
-A log describes itself: each record is A3 95, a type, and fields that a record of type FMT has announced
-(https://ardupilot.org/copter/docs/logmessages.html). The meaning of the field letters comes from pymavlink.
-The records are walked here, because pymavlink's reader prints what it skips and counts nothing. They are walked twice:
-what a log holds decides what is read of it, and all of its numbers at once take fifty times the file in memory.
+Its records (`dataflash_records`) are walked twice: what a log holds decides what is read of it, and all of its numbers
+at once take fifty times the file in memory.
 """
 
 from __future__ import annotations
 
 import math
-import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from flightdepth.errors import MissingExtra
 from flightdepth.flight.autopilot import (
-    DAMAGED_BYTES,
     LAST_STAMP_US,
     OTHER_GIMBALS,
     BodyAttitude,
@@ -26,37 +21,15 @@ from flightdepth.flight.autopilot import (
     autopilot_telemetry,
     longest_boot,
 )
+from flightdepth.flight.dataflash_records import FMT, MAGIC, Fields, Layout, field_letters, wanted_rows
 from flightdepth.flight.file_bytes import log_bytes
 from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags, turned
 from flightdepth.flight.records import Telemetry
 from flightdepth.motion import quaternion_from_rotation
 
-MAGIC = b"\xa3\x95"
-FMT = 0x80
-FMT_LAYOUT = struct.Struct("<BB4s16s64s")  # type, length, name, letters of the fields, names of the fields
-Fields = dict[str, float]
 GPS_FIX_3D = 3
 # Bits of the EKF's solution status (SS): horizontal and vertical velocity are good.
 VELOCITY_VALID = 2 | 4
-
-
-@dataclass(frozen=True)
-class Layout:
-    """How one type of record is packed; `factors` scale to the unit of the docs (c: hundredths, ...)."""
-
-    name: str
-    length: int
-    packed: struct.Struct
-    columns: tuple[str, ...]
-    factors: tuple[float | None, ...]
-
-    def fields(self, body: bytes) -> Fields:
-        """The numbers of a record by name; texts are left out."""
-        numbers: Fields = {}
-        for name, value, factor in zip(self.columns, self.packed.unpack(body), self.factors, strict=True):
-            if not isinstance(value, bytes):
-                numbers[name] = value if factor is None else value * factor
-        return numbers
 
 
 def looks_like_dataflash(head: bytes, path: Path) -> bool:
@@ -68,77 +41,17 @@ def read_dataflash(path: Path) -> Telemetry:
     """Read a DataFlash log; what came before a cut is used, damaged bytes are skipped and counted."""
     counts: Counter[str] = Counter()
     data, letters = log_bytes(path), field_letters(path)
-    selection = Selection.of(Survey.of(wanted_rows(data, letters, Counter())), counts)
+    selection = Selection.of(Survey.of(wanted_rows(data, letters, WANTED, Counter())), counts)
     velocity, attitude, records = selection.velocity, selection.attitude, []
-    for layout, body in wanted_rows(data, letters, counts):
-        if (name := layout.name) not in selection.used:
-            continue
+    for layout, body in wanted_rows(data, letters, selection.used, counts):
         try:
-            records += selection.records(name, layout.fields(body))
+            records += selection.records(layout.name, layout.fields(body))
         except KeyError as error:
-            counts[f"{name} records without {error.args[0]}"] += 1
+            counts[f"{layout.name} records without {error.args[0]}"] += 1
         except (ValueError, OverflowError):
-            counts[f"{name} records with a number that cannot be"] += 1
+            counts[f"{layout.name} records with a number that cannot be"] += 1
     what = f"DataFlash {path.name}, {velocity or 'no'} velocity, {attitude or 'no'} attitude"
     return autopilot_telemetry(what, longest_boot(records, counts), counts)
-
-
-def field_letters(path: Path) -> dict[str, tuple[str, float | None]]:
-    """The struct code and the factor of each field letter."""
-    try:
-        from pymavlink.DFReader import FORMAT_TO_STRUCT
-    except ModuleNotFoundError as error:
-        raise MissingExtra(f"reading the DataFlash log {path.name}", "ardupilot") from error
-    return {letter: (code, factor) for letter, (code, factor, _) in FORMAT_TO_STRUCT.items()}
-
-
-def wanted_rows(
-    data: bytes, letters: dict[str, tuple[str, float | None]], counts: Counter[str]
-) -> Iterator[tuple[Layout, bytes]]:
-    """Layout and body of the records in WANTED, in the order of the log."""
-    layouts: dict[int, Layout] = {FMT: Layout("FMT", 3 + FMT_LAYOUT.size, FMT_LAYOUT, (), ())}
-    for kind, body in bodies(data, layouts, counts):
-        if kind == FMT:
-            announce(body, letters, layouts, counts)
-        elif layouts[kind].name in WANTED:
-            yield layouts[kind], body
-
-
-def bodies(data: bytes, layouts: dict[int, Layout], counts: Counter[str]) -> Iterator[tuple[int, bytes]]:
-    """Type and body of each record. After damage, only what another record or the end follows is one."""
-    at, in_step = 0, True
-    while at < len(data):
-        known = len(data) >= at + 3 and data.startswith(MAGIC, at)
-        layout = layouts.get(data[at + 2]) if known else None
-        end = at + (layout.length if layout else 0)
-        if layout and end <= len(data) and (in_step or end == len(data) or data.startswith(MAGIC, end)):
-            yield data[at + 2], data[at + 3 : end]
-            at, in_step = end, True
-        else:
-            found = data.find(MAGIC, at + 1)
-            next_at = found if found >= 0 else len(data)
-            counts[DAMAGED_BYTES] += next_at - at
-            at, in_step = next_at, False
-
-
-def announce(
-    body: bytes,
-    letters: dict[str, tuple[str, float | None]],
-    layouts: dict[int, Layout],
-    counts: Counter[str],
-) -> None:
-    """Take the layout that a FMT record announces, if it agrees with itself."""
-    kind, length, *texts = FMT_LAYOUT.unpack(body)
-    name, codes, columns = (text.split(b"\0")[0].decode("ascii", "replace") for text in texts)
-    names = tuple(columns.split(",")) if columns else ()
-    known = all(code in letters for code in codes) and len(codes) == len(names)
-    packed = struct.Struct("<" + "".join(letters[code][0] for code in codes if code in letters))
-    if kind == FMT:
-        return
-    if not known or packed.size + 3 != length:
-        counts["damaged announcements of a layout"] += 1
-        return
-    layouts[kind] = Layout(name, length, packed, names, tuple(letters[code][1] for code in codes))
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""The offset between a video and its log, from what both say: how the camera turns, and how fast it flies.
+"""The offset between a video and its log, from what both say: how the camera turns, how fast and which way it flies.
 
 The log's signal is moved along the video's; the normalised cross-correlation peaks where the two fit. A peak is
 believed only if it is high, alone and narrow: a straight flight at an even speed, or one that turns to and fro
@@ -11,19 +11,20 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.flight.apparent_motion import ApparentMotion
+from flightdepth.flight.correlation import LEAST_OVERLAP_S, Curve, correlations
 from flightdepth.flight.records import NS_PER_S, Telemetry
-from flightdepth.flight.signals import STEP_S, Signal, speed_signal, turn_signal
+from flightdepth.flight.signals import STEP_S, Signal, direction_signal, speed_signal, turn_signal
 from flightdepth.motion import Vector
 
-Witness = Literal["turn rate", "speed"]
+Witness = Literal["turn rate", "speed", "direction"]
 
-LEAST_OVERLAP_S = 6.0
-OVERLAP_SHARE = 0.5  # of the shorter signal
 LEAST_TURN_RAD_S = 0.02  # deviation over time; less is what tracking makes of a steady camera
 LEAST_SPEED_SHARE = 0.1  # deviation of a speed over its mean
+LEAST_DIRECTION = (
+    0.2  # deviation of a direction, radians; on a straight flight pictures show less than half of it
+)
 LEAST_CORRELATION = 0.6
 WORST_DOUBT = 0.01
 BEST_CORRELATION = 0.98  # more is not believed: the model is not as good as that
@@ -68,6 +69,7 @@ class ClockOffset:
 def estimate_offset(motion: ApparentMotion, log: Telemetry, within_s: float | None = None) -> ClockOffset:
     """What to add to the log's times; the witness with the narrower peak decides, if it is believed at all.
 
+    Where neither turns nor speeds tell it, the direction may: a flight that goes ahead, then aside.
     `within_s`: larger offsets are not looked at, where the log tells about when the video began.
     """
     turns = Signal(motion.stamps_ns / NS_PER_S, motion.turn_rad_s)
@@ -78,6 +80,9 @@ def estimate_offset(motion: ApparentMotion, log: Telemetry, within_s: float | No
     ]
     known = [each for each in tries if each.offset_s is not None]
     if not known:
+        tries.append(_by_direction(motion, turns, log, within_s))
+        known = [each for each in tries if each.offset_s is not None]
+    if not known:
         reasons = "; ".join(f"{each.witness}: {each.reason}" for each in tries)
         best = max(tries, key=lambda each: each.correlation)
         return replace(best, reason=reasons)
@@ -85,6 +90,18 @@ def estimate_offset(motion: ApparentMotion, log: Telemetry, within_s: float | No
     if any(other.contradicts(best.offset_s or 0.0) for other in known):
         return replace(best, offset_s=None, reason="turn rate and speed disagree")
     return best
+
+
+def _by_direction(
+    motion: ApparentMotion, turns: Signal, log: Telemetry, within_s: float | None
+) -> ClockOffset:
+    """The offset by the direction of flight in the camera's axes, or in unknown ones of a camera that hardly turns."""
+    told = direction_signal(log)
+    turning = len(turns.at_s) and _too_even("turn rate", turns.on_grid()[1], few="few") is None
+    if told is not None and not told.axes and turning:
+        return _unknown("direction", "the camera turns, and the log does not tell how")
+    seen = Signal(motion.stamps_ns / NS_PER_S, motion.direction)
+    return _compared("direction", seen, told, within_s)
 
 
 def _compared(witness: Witness, seen: Signal, told: Signal | None, within_s: float | None) -> ClockOffset:
@@ -98,7 +115,7 @@ def _compared(witness: Witness, seen: Signal, told: Signal | None, within_s: flo
     reason = reason or _too_even(witness, told.values, few="the log tells too few")
     if reason is not None:
         return _unknown(witness, reason)
-    curve = _correlations(video, told, within_s)
+    curve = correlations(video, told, within_s)
     if not np.isfinite(curve.values).any():
         return _unknown(witness, f"less than {LEAST_OVERLAP_S:g} s in common")
     return _judged(witness, curve, video[1])
@@ -110,88 +127,15 @@ def _too_even(witness: Witness, values: Vector, *, few: str) -> str | None:
     if len(known) < 3:
         return few
     deviation = float(np.sqrt(known.var(axis=0).sum()))
+    if witness == "direction":
+        return None if deviation >= LEAST_DIRECTION else f"even within {np.degrees(deviation):.0f} degrees"
     if witness == "turn rate":
         return None if deviation >= LEAST_TURN_RAD_S else f"even within {np.degrees(deviation):.1f} degrees/s"
     share = deviation / max(float(known.mean()), 1e-9)
     return None if share >= LEAST_SPEED_SHARE else f"even within {share:.0%}"
 
 
-@dataclass(frozen=True, eq=False)
-class _Curve:
-    """Correlation at each offset STEP_S * lags; NaN where the two overlap too little. samples: of the overlap."""
-
-    lags: NDArray[np.int64]
-    values: Vector
-    samples: NDArray[np.int64]
-
-
-def _correlations(video: tuple[int, Vector], told: Signal, within_s: float | None) -> _Curve:
-    """The log moved over the video: each part of it alone, so that it costs what it tells and not what it spans."""
-    seen = video[1]
-    start, end = told.steps
-    least = round(max(LEAST_OVERLAP_S / STEP_S, OVERLAP_SHARE * min(len(seen), end - start)))
-    parts = told.parts(len(seen) * STEP_S)  # no offset lays the video over two of them
-    curves = [
-        _moved(video, part, least, within_s)
-        for part in reversed(parts)  # lags rise
-        if part.told_s >= LEAST_OVERLAP_S - STEP_S
-    ]
-    return _joined([curve for curve in curves if len(curve.lags)])
-
-
-def _joined(curves: list[_Curve]) -> _Curve:
-    """One after the other, with an unknown value between two."""
-    lags, values, samples = [np.empty(0, np.int64)], [np.empty(0)], [np.empty(0, np.int64)]
-    for number, curve in enumerate(curves):
-        if number > 0:
-            lags.append(curve.lags[:1] - 1)
-            values.append(np.array([np.nan]))
-            samples.append(np.zeros(1, np.int64))
-        lags.append(curve.lags)
-        values.append(curve.values)
-        samples.append(curve.samples)
-    return _Curve(np.concatenate(lags), np.concatenate(values), np.concatenate(samples))
-
-
-def _moved(video: tuple[int, Vector], told: Signal, least: int, within_s: float | None) -> _Curve:
-    """A part of the log moved over the video, by whole steps, as far as `least` of them are in common."""
-    first, seen = video
-    start, log = told.on_grid()
-    end = start + len(log)
-    lags = np.arange(first - end + least, first + len(seen) - start - least + 1)
-    lags = lags if within_s is None else lags[np.abs(lags) * STEP_S <= within_s]
-    values, samples = np.full(len(lags), np.nan), np.zeros(len(lags), dtype=np.int64)
-    whole = _size(seen[np.isfinite(seen).all(axis=1)])
-    for k, lag in enumerate(lags.tolist()):
-        low, high = max(first, start + lag), min(first + len(seen), end + lag)
-        a, b = seen[low - first : high - first], log[low - lag - start : high - lag - start]
-        both = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
-        if np.count_nonzero(both) >= least:
-            # A fit with a small part of what the video shows says less than one with all of it.
-            share = min(_size(a[both]) / whole, 1.0)
-            values[k], samples[k] = (
-                share * _correlation(a[both], b[both], axes=told.axes),
-                np.count_nonzero(both),
-            )
-    return _Curve(lags, values, samples)
-
-
-def _correlation(a: Vector, b: Vector, *, axes: bool) -> float:
-    """Of [n, c] values, means taken off. Between unknown axes the best rotation is meant: the nuclear norm."""
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    size = np.linalg.norm(a) * np.linalg.norm(b)
-    if size < 1e-12:
-        return 0.0
-    product = a.T @ b
-    return float((np.trace(product) if axes else np.linalg.norm(product, "nuc")) / size)
-
-
-def _size(values: Vector) -> float:
-    """Length of a signal [n, c] without its mean."""
-    return float(np.linalg.norm(values - values.mean(axis=0)))
-
-
-def _judged(witness: Witness, curve: _Curve, video: Vector) -> ClockOffset:
+def _judged(witness: Witness, curve: Curve, video: Vector) -> ClockOffset:
     """The peak between its steps, and whether it can be believed."""
     values = np.where(np.isfinite(curve.values), curve.values, -1.0)
     top = int(values.argmax())

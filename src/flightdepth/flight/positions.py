@@ -144,8 +144,10 @@ def filled(times_s: Vector, kept: Indices) -> Indices:
     A line around a time between two fixes tells its velocity as well as one around a fix.
     """
     found, middles_s = [kept], (times_s[1:] + times_s[:-1]) / 2
-    for first_s, last_s in pairwise(times_s[kept].tolist()):
-        parts = math.ceil((last_s - first_s) / APART_S - 0.25)
+    for first, last in pairwise(kept.tolist()):
+        first_s, last_s = times_s[first], times_s[last]
+        # A clock that is set while it is recorded leaves a gap of years, in which nothing was told.
+        parts = min(math.ceil((last_s - first_s) / APART_S - 0.25), last - first)
         found.append(np.searchsorted(middles_s, np.linspace(first_s, last_s, max(parts, 1) + 1)[1:-1]))
     return np.unique(np.concatenate(found))
 

@@ -1,11 +1,11 @@
 """Telemetry from ROS recordings: ROS 1 bags, ROS 2 folders (MCAP or SQLite) and MCAP files.
 
 One topic gives the velocity: the one asked for, else the best kind (Odometry, TwistWithCovarianceStamped,
-TwistStamped) with the most messages. One that is zero throughout comes after those that move: many lidar odometries
-never fill in their twist. Where no velocity moves, but positions do (Odometry, poses), it is their slope. Other topics
-with an orientation turn a body-frame velocity into the world, or are the attitude of the camera if their frame's name
-says so ("optical"). The orientation of the body is not taken for the camera's: nobody tells how the camera is mounted,
-or whether a gimbal turns it.
+TwistStamped, Vector3Stamped) with the most messages. One that is zero throughout comes after those that move: many
+lidar odometries never fill in their twist. Where no velocity moves, but positions do (Odometry, poses, at last
+NavSatFix), it is their slope. Other topics with an orientation turn a body-frame velocity into the world, or are the
+attitude of the camera if their frame's name says so ("optical"). The orientation of the body is not taken for the
+camera's: nobody tells how the camera is mounted, or whether a gimbal turns it.
 
 Times are those of the messages' headers, counted from the first picture in the recording, so that its own
 pictures (`ros_frames`) are on the same clock; from the first velocity where it holds no pictures.
@@ -14,16 +14,13 @@ pictures (`ros_frames`) are on the same clock; from the first velocity where it 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.file_bytes import head_of
 from flightdepth.flight.order import in_time_order
-from flightdepth.flight.positions import velocities, without_jumps
 from flightdepth.flight.records import (
     NS_PER_S,
     AttitudeSample,
@@ -32,27 +29,20 @@ from flightdepth.flight.records import (
     VelocitySample,
     by_time,
 )
-from flightdepth.flight.ros1_bag import looks_like_ros1, ros1_messages
-from flightdepth.flight.ros2_bag import looks_like_ros2, ros2_messages
+from flightdepth.flight.ros1_bag import looks_like_ros1
+from flightdepth.flight.ros2_bag import looks_like_ros2
 from flightdepth.flight.ros_messages import (
     FLU_FROM_OPTICAL,
     FRD_FROM_FLU,
     IMAGE_KINDS,
     IMU,
     MAVROS_GLOBAL,
-    ORIENTATION_KINDS,
-    PLACE_KINDS,
     VELOCITY_KINDS,
     Orientation,
-    Place,
     Twist,
-    decoded,
-    orientation_of,
-    place_of,
-    stamp_of,
-    twist_of,
 )
-from flightdepth.flight.ros_records import DamagedError, RosMessage, Wanted
+from flightdepth.flight.ros_places import NAV_SAT_FIX, PLACE_KINDS
+from flightdepth.flight.ros_topics import Topic, topics_of
 from flightdepth.motion import (
     Vector,
     mixed_quaternions,
@@ -60,50 +50,8 @@ from flightdepth.motion import (
     rotation_from_quaternion,
 )
 
-LEAST_PLACES, FINEST_M = 5, 1e-4  # positions that tell a velocity, and their rounding at least
 NEAR_NS = 100_000_000  # an orientation farther away says nothing of a velocity
-ASKED_FOR = ("setpoint", "goal", "target", "cmd")
-UNREADABLE = "messages that cannot be read"
-USED = frozenset([*VELOCITY_KINDS, *ORIENTATION_KINDS, *IMAGE_KINDS])
-
-
-@dataclass
-class Topic:
-    """What one topic of a recording said."""
-
-    name: str
-    kind: str
-    messages: int = 0
-    first_ns: int | None = None
-    twists: list[Twist] = field(default_factory=list)
-    orientations: list[Orientation] = field(default_factory=list)
-    places: list[Place] = field(default_factory=list)
-    by_places: bool = False  # whether the twists are those of the places
-
-    @property
-    def asked_for(self) -> bool:
-        """Whether its name says that it tells how the drone is to fly, not how it does."""
-        return any(word in self.name for word in ASKED_FOR)
-
-    @property
-    def still(self) -> bool:
-        """Whether it never told of any movement."""
-        return not any(np.any(twist.velocity) for twist in self.twists)
-
-    def tell_by_places(self) -> None:
-        """Where no twist tells of a movement, and the places do, the velocity is their slope."""
-        placed = {place.stamp_ns: place.ned for place in self.places}
-        if self.asked_for or not self.still or len(placed) < LEAST_PLACES:
-            return
-        stamps_ns = np.array(sorted(placed), dtype=np.int64)
-        ned = np.stack([placed[stamp_ns] for stamp_ns in stamps_ns.tolist()])
-        kept = without_jumps(ned)
-        found = velocities(stamps_ns[kept], ned[kept], steps_m=(FINEST_M, FINEST_M))
-        if np.any(found.velocity_ned):
-            self.by_places = True
-            self.twists = [
-                Twist(each.stamp_ns, each.velocity, each.frame, each.sigma) for each in found.samples()
-            ]
+KINDS = (*VELOCITY_KINDS, *PLACE_KINDS, NAV_SAT_FIX)  # that tell a velocity, the best first
 
 
 def looks_like_ros(head: bytes, path: Path) -> bool:
@@ -111,16 +59,10 @@ def looks_like_ros(head: bytes, path: Path) -> bool:
     return looks_like_ros1(head, path) or looks_like_ros2(head, path)
 
 
-def ros_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterator[RosMessage]:
-    """The messages of the wanted types in any ROS recording."""
-    reader = ros1_messages if looks_like_ros1(head_of(path, 16), path) else ros2_messages
-    return reader(path, wanted, counts)
-
-
 def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     """Read a recording; `topic` chooses the velocity where the best guess is not the right one."""
     counts: Counter[str] = Counter()
-    topics, kinds = _topics(path, counts)
+    topics, kinds = topics_of(path, counts)
     chosen = _choose(path, topics, kinds, topic)
     oriented = max(topics, key=lambda known: _knows_turns(known, chosen))
     first_ns = _first_picture_ns(topics)
@@ -128,7 +70,9 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     samples = in_time_order(_velocities(chosen.twists, oriented.orientations, zero_ns, counts), counts)
     attitudes = in_time_order(_camera_attitudes(topics, zero_ns), counts)
     name = f"ROS recording {path.name}: {len(samples)} velocities of {chosen.name}"
-    name += ", by its positions" if chosen.by_places else ""
+    if chosen.by_places:
+        name += ", by its positions"
+        counts += chosen.unsound
     name += ", attitude of the camera" if attitudes else ""
     name += f"; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock"
     # Not counted: an Odometry's velocity has been.
@@ -144,43 +88,6 @@ def _knows_turns(topic: Topic, chosen: Topic) -> tuple[bool, bool, bool, bool, i
     return count > 0, topic is chosen, not topic.asked_for, topic.kind != IMU, count
 
 
-def _topics(path: Path, counts: Counter[str]) -> tuple[list[Topic], dict[str, str]]:
-    kinds: set[str] = set()
-    topics: dict[str, Topic] = {}
-
-    def wanted(kind: str) -> bool:
-        kinds.add(kind)
-        return kind in USED
-
-    for message in ros_messages(path, wanted, counts):
-        topic = topics.setdefault(message.topic, Topic(message.topic, message.kind))
-        topic.messages += 1
-        if message.kind == topic.kind:
-            _take(message, topic, counts)
-    named = {topic.name: topic.kind for topic in topics.values()}
-    return list(topics.values()), dict.fromkeys(kinds - USED, "") | named
-
-
-def _take(message: RosMessage, topic: Topic, counts: Counter[str]) -> None:
-    if message.kind in IMAGE_KINDS and topic.first_ns is not None:
-        return
-    try:
-        content = decoded(message)
-        topic.first_ns = topic.first_ns or stamp_of(content.header, message.log_ns)
-        if message.kind in ORIENTATION_KINDS and (turn := orientation_of(message, content)):
-            topic.orientations.append(turn)
-        if message.kind in PLACE_KINDS and (place := place_of(message, content)):
-            topic.places.append(place)
-        if message.kind in VELOCITY_KINDS:
-            twist = twist_of(message, content)
-            if twist is None:
-                counts[f"velocities of unknown axes (frame {content.header.frame_id[:40]!r})"] += 1
-            else:
-                topic.twists.append(twist)
-    except DamagedError:
-        counts[UNREADABLE] += 1
-
-
 def _choose(path: Path, topics: Sequence[Topic], kinds: dict[str, str], name: str | None) -> Topic:
     asked = [known for known in topics if name in (None, known.name)]
     # Else the slopes, which take time, are not needed.
@@ -192,7 +99,7 @@ def _choose(path: Path, topics: Sequence[Topic], kinds: dict[str, str], name: st
 
         def rank(known: Topic) -> tuple[bool, bool, bool, int, int, str]:
             first = known.asked_for, known.still, known.name.endswith(MAVROS_GLOBAL)
-            return *first, (*VELOCITY_KINDS, *PLACE_KINDS).index(known.kind), -len(known.twists), known.name
+            return *first, KINDS.index(known.kind), -len(known.twists), known.name
 
         return min(fit, key=rank)
     listed = ", ".join(f"{known} ({kind})" if kind else known for known, kind in sorted(kinds.items()))
@@ -201,7 +108,8 @@ def _choose(path: Path, topics: Sequence[Topic], kinds: dict[str, str], name: st
 
 
 def _first_picture_ns(topics: Sequence[Topic]) -> int | None:
-    pictures = [topic for topic in topics if topic.kind in IMAGE_KINDS and topic.first_ns is not None]
+    images = [topic for topic in topics if topic.kind in IMAGE_KINDS and not topic.of_depth]
+    pictures = [topic for topic in images if topic.first_ns is not None]
     best = min(pictures, key=lambda topic: (-topic.messages, topic.name), default=None)
     return None if best is None else best.first_ns
 

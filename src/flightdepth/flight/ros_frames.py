@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import Frame
-from flightdepth.flight.ros import ros_messages
-from flightdepth.flight.ros_messages import COMPRESSED_IMAGE, IMAGE_KINDS, decoded, stamp_of
+from flightdepth.flight.ros_messages import COMPRESSED_IMAGE, IMAGE_KINDS, decoded, is_depth_map, stamp_of
 from flightdepth.flight.ros_records import DamagedError, RosMessage
+from flightdepth.flight.ros_topics import ros_messages
 
 Picture = NDArray[np.uint8]
 # Channels of an encoding (sensor_msgs/image_encodings.h) and how OpenCV turns it into RGB.
@@ -41,11 +41,16 @@ ENCODINGS: dict[str, tuple[int, int | None]] = {
 
 
 def image_topics(path: Path) -> dict[str, int]:
-    """The topics with pictures and how many each holds, those with most first."""
+    """The topics with pictures and how many each holds, those with most first; not depth that a camera measures."""
     found: Counter[str] = Counter()
+    of_depth: dict[str, bool] = {}
     for message in ros_messages(path, lambda kind: kind in IMAGE_KINDS, Counter()):
         found[message.topic] += 1
-    return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
+        if message.topic not in of_depth:
+            with suppress(DamagedError):
+                of_depth[message.topic] = is_depth_map(message, decoded(message))
+    shown = [item for item in found.items() if not of_depth.get(item[0])]
+    return dict(sorted(shown, key=lambda item: (-item[1], item[0])))
 
 
 def ros_frames(path: Path, topic: str | None = None, counts: Counter[str] | None = None) -> Iterator[Frame]:

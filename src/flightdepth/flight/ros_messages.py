@@ -10,6 +10,7 @@ Which axes a twist has:
                               child_frame_id is empty or the same
     TwistStamped, ...         those of frame_id: a map frame (map, odom, world, earth, enu, ned, local_origin)
                               or a body frame (base_link, base_footprint, body, fcu, imu...) or an optical one
+    Vector3Stamped            those of frame_id, a map frame with "enu" in its name: DJI's drivers tell velocities so
 """
 
 from __future__ import annotations
@@ -28,17 +29,17 @@ from flightdepth.motion import NED_FROM_ENU, Vector, rotation_from_quaternion
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistWithCovarianceStamped"
 TWIST = "geometry_msgs/msg/TwistStamped"
+VECTOR = "geometry_msgs/msg/Vector3Stamped"
 POSE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 IMU = "sensor_msgs/msg/Imu"
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
-VELOCITY_KINDS = (ODOMETRY, TWIST_WITH_COVARIANCE, TWIST)  # best first
+VELOCITY_KINDS = (ODOMETRY, TWIST_WITH_COVARIANCE, TWIST, VECTOR)  # best first
 ORIENTATION_KINDS = (ODOMETRY, POSE, POSE_WITH_COVARIANCE, IMU)
-PLACE_KINDS = (ODOMETRY, POSE, POSE_WITH_COVARIANCE)
 IMAGE_KINDS = (IMAGE, COMPRESSED_IMAGE)
+DEPTH_ENCODINGS = ("16UC1", "32FC1")
 
-FARTHEST_M = 1e8  # of a position, such as UTM's
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
 FLU_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 MAP_NAMES = ("map", "odom", "world", "earth", "enu", "local_origin")
@@ -69,14 +70,6 @@ class Orientation:
     of_camera: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Place:
-    """A position [3] in NED, metres from where its map begins."""
-
-    stamp_ns: int
-    ned: Vector
-
-
 def decoded(message: RosMessage) -> Any:
     """The message through rosbags, by the definitions that ROS ships (those of the types above never changed)."""
     store = _definitions(message.serial)
@@ -93,6 +86,13 @@ def _definitions(serial: str) -> Any:
     return typesys.get_typestore(
         typesys.Stores.ROS1_NOETIC if serial == "ros1" else typesys.Stores.ROS2_HUMBLE
     )
+
+
+def is_depth_map(message: RosMessage, content: Any) -> bool:
+    """Whether an image is what a camera measures of depth (REP 118), not what it sees."""
+    if message.kind == COMPRESSED_IMAGE:
+        return "compressedDepth" in content.format
+    return content.encoding in DEPTH_ENCODINGS
 
 
 def stamp_of(header: Any, log_ns: int) -> int:
@@ -124,10 +124,18 @@ def flu_from_body(frame_id: str) -> Vector:
     return FRD_FROM_FLU if frame_id.lower().endswith("frd") else np.eye(3)
 
 
+def tells_velocity(message: RosMessage) -> bool:
+    """Whether a message is one of a velocity; of a bare vector its topic says so ("/dji_osdk_ros/velocity")."""
+    named = message.kind != VECTOR or message.topic.rsplit("/", 1)[-1].startswith("velocity")
+    return named and message.kind in VELOCITY_KINDS
+
+
 def twist_of(message: RosMessage, content: Any) -> Twist | None:
     """The velocity in a message; None where the frame's name does not tell its axes."""
     if message.kind == ODOMETRY:
         return _odometry_twist(message, content)
+    if message.kind == VECTOR:
+        return _vector_twist(message, content)
     inner = content.twist.twist if message.kind == TWIST_WITH_COVARIANCE else content.twist
     covariance = content.twist.covariance if message.kind == TWIST_WITH_COVARIANCE else None
     name = MAP if message.topic.endswith(MAVROS_LOCAL) else content.header.frame_id
@@ -136,6 +144,13 @@ def twist_of(message: RosMessage, content: Any) -> Twist | None:
     if turn is None:
         return None
     return _twist(message, content, turn @ speed_of(inner.linear), axes, covariance)
+
+
+def _vector_twist(message: RosMessage, content: Any) -> Twist | None:
+    # The first versions of DJI's driver told north, east, up, in "/map".
+    if "enu" not in content.header.frame_id.lower():
+        return None
+    return _twist(message, content, NED_FROM_ENU @ speed_of(content.vector), "world", None)
 
 
 def _odometry_twist(message: RosMessage, content: Any) -> Twist:
@@ -182,17 +197,6 @@ def orientation_of(message: RosMessage, content: Any) -> Orientation | None:
     rotation = turn @ rotation_of(quaternion)
     ned_from_frame = rotation if of_camera else rotation @ flu_from_body(body).T
     return Orientation(stamp_of(content.header, message.log_ns), ned_from_frame, of_camera)
-
-
-def place_of(message: RosMessage, content: Any) -> Place | None:
-    """The position in a message; None where it is none on Earth, or one that the drone itself sees."""
-    if axes_of(content.header.frame_id) in ("body", "camera"):
-        return None
-    given = (content.pose if message.kind == POSE else content.pose.pose).position
-    place = np.array([given.x, given.y, given.z], dtype=np.float64)
-    if not np.abs(place).max() < FARTHEST_M:
-        return None
-    return Place(stamp_of(content.header, message.log_ns), ned_from_map(content.header.frame_id) @ place)
 
 
 def speed_of(vector: Any) -> Vector:

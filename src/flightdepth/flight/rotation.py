@@ -60,6 +60,11 @@ def likeliest_rotation(flow: Flow, noise: float) -> Vector:
 
     `noise` is the tracking noise in normalised units. Where turning and flying explain the flow alike it is small.
     """
+    return likeliest_motion(flow, noise)[0]
+
+
+def likeliest_motion(flow: Flow, noise: float) -> tuple[Vector, Vector]:
+    """That rotation vector and the direction of t, a unit vector [3], forward along what moves."""
     steady = steady_direction(flow, noise)
     directions = np.concatenate([_hemisphere(COARSE_DIRECTIONS), steady[None]])
     turns, costs = _rotations(flow, directions, noise)
@@ -68,8 +73,8 @@ def likeliest_rotation(flow: Flow, noise: float) -> Vector:
     motion = _forward(flow, _Motion(turns, np.concatenate([directions[best], steady[None]])))
     for _ in range(STEPS):
         motion = _improved(flow, motion, noise)
-    likeliest: Vector = motion.turns[int(np.argmin(_costs(flow, motion, noise)))]
-    return likeliest
+    likeliest = int(np.argmin(_costs(flow, motion, noise)))
+    return motion.turns[likeliest], motion.directions[likeliest]
 
 
 def steady_direction(flow: Flow, noise: float) -> Vector:

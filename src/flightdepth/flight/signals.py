@@ -1,4 +1,4 @@
-"""What a video or a log says over time, as columns of numbers on one clock: turn rates, speeds."""
+"""What a video or a log says over time, as columns of numbers on one clock: turn rates, speeds, directions."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.flight.records import MAX_GAP_S, NS_PER_S, Telemetry
-from flightdepth.motion import Vector, rotations_from_quaternions
+from flightdepth.flight.records import MAX_GAP_S, NS_PER_S, AttitudeSample, Telemetry
+from flightdepth.motion import Vector, mixed_quaternions, rotations_from_quaternions
 
 Stamps = NDArray[np.int64]
 
 STEP_S = 0.04
+SLOWEST_M_S = 1.0  # a slower flight has no direction that could be told from noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +73,36 @@ def speed_signal(log: Telemetry) -> Signal:
     """Speeds, m/s."""
     speeds = np.array([np.linalg.norm(each.velocity) for each in log.velocities])
     return Signal(np.array([each.stamp_ns for each in log.velocities]) / NS_PER_S, speeds[:, None])
+
+
+def direction_signal(log: Telemetry) -> Signal | None:
+    """Directions of flight, unit vectors, NaN where it is slow: in the camera's axes where the log tells them.
+
+    Else in the world's, which a camera that does not turn sees in one rotation. None where no direction is told.
+    """
+    told = log.velocities
+    if log.any_direction:
+        return None
+    at_s = np.array([each.stamp_ns for each in told]) / NS_PER_S
+    velocities = np.array([each.velocity for each in told])
+    axes = told[0].frame == "camera"
+    if not axes and len(cameras := log.attitudes) > 2:
+        axes, velocities = True, _in_camera(at_s, velocities, cameras)
+    speeds = np.linalg.norm(velocities, axis=1, keepdims=True)
+    return Signal(at_s, velocities / np.where(speeds >= SLOWEST_M_S, speeds, np.nan), axes)
+
+
+def _in_camera(at_s: Vector, velocities_n3: Vector, cameras: list[AttitudeSample]) -> Vector:
+    """World velocities [n, 3] in the axes of the camera at those times; NaN where its attitude is not told."""
+    turned_s = np.array([each.stamp_ns for each in cameras]) / NS_PER_S
+    quaternions = np.array([each.world_from_camera for each in cameras])
+    after = np.searchsorted(turned_s, at_s).clip(1, len(turned_s) - 1)
+    gap_s = turned_s[after] - turned_s[after - 1]
+    share = (at_s - turned_s[after - 1]) / gap_s
+    mixed = mixed_quaternions(quaternions[after - 1], quaternions[after], share.clip(0, 1))
+    known = (share >= 0) & (share <= 1) & (gap_s <= MAX_GAP_S)
+    turned = np.einsum("nji,nj->ni", rotations_from_quaternions(mixed), velocities_n3)
+    return np.where(known[:, None], turned, np.nan)
 
 
 def attitude_rates(stamps_ns: Stamps, quaternions_n4: Vector, *, axes: bool = True) -> Signal:

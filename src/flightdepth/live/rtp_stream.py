@@ -17,11 +17,12 @@ from urllib.parse import urlsplit
 import av
 
 from flightdepth.flight.records import NS_PER_S
+from flightdepth.live.backlog import Backlog
 from flightdepth.live.picture_clock import PictureClock
 from flightdepth.live.rtp import CLOCK_HZ, Continuity, Reorder, RtpPacket, SenderReport, Unit, Units, begins
 from flightdepth.live.sound_decoder import SoundDecoder
 from flightdepth.live.video_address import codec_of
-from flightdepth.live.video_stream import READ_S, Picture, StreamEnded
+from flightdepth.live.video_stream import BEHIND, READ_S, Picture, StreamEnded
 
 PAYLOAD_TYPE = 96
 BUFFER_BYTES = 1 << 21  # a key frame comes in one burst
@@ -50,6 +51,7 @@ class RtpStream:
         self._heard_ns = 0
         self._report: tuple[int, int] | None = None
         self._begun = False
+        self._backlog, self._waited_ns = Backlog(), 0  # since the last whole picture
         assert parts.port is not None
         host = parts.hostname or "0.0.0.0"
         self._selector = selectors.DefaultSelector()
@@ -67,12 +69,18 @@ class RtpStream:
             each.close()
 
     def pictures(self, clock: PictureClock, stop: threading.Event) -> Iterator[Picture]:
-        """Pictures as they come, stamped by `clock`; raises StreamEnded or TimeoutError when it breaks."""
+        """Pictures as they come, stamped by `clock`; raises StreamEnded or TimeoutError when it breaks.
+
+        The socket keeps what is not read yet: where it piles up, it is thrown away up to the newest.
+        """
         for packet, came_ns, lost in self._packets(stop):
             if lost:
                 self._counts["gaps in the RTP packets"] += 1
             for unit in self._units.add(packet, came_ns, lost=lost):
-                self._tell(clock, unit)
+                if self._tell(clock, unit):
+                    self._counts[BEHIND] += 1
+                    self._decoder.skip_to_key_frame()
+                    continue
                 for decoded in self._decoded(unit):
                     yield Picture(decoded, *clock.stamp(nanoseconds(decoded.pts)))
 
@@ -92,10 +100,12 @@ class RtpStream:
     def _packets(self, stop: threading.Event) -> Iterator[tuple[RtpPacket, int, bool]]:
         heard_s = time.monotonic()
         while not stop.is_set():
+            asked_ns = time.monotonic_ns()
             ready = [key.fileobj for key, _ in self._selector.select(LOOK_S)]
+            now_ns = time.monotonic_ns()
+            self._waited_ns += now_ns - asked_ns
             if not ready and time.monotonic() - heard_s > READ_S:
                 raise TimeoutError("nothing came in time")
-            now_ns = time.monotonic_ns()
             if self._control in ready:
                 self._take_report(self._control.recv(BIGGEST))
             if self._data in ready:
@@ -130,14 +140,21 @@ class RtpStream:
         if report is not None and self._source in (None, report.source):
             self._report = nanoseconds(self._units.unwrapped(report.timestamp)), report.wall_ns
 
-    def _tell(self, clock: PictureClock, unit: Unit) -> None:
+    def _tell(self, clock: PictureClock, unit: Unit) -> bool:
+        """Let the clock hear of a picture; whether it lay in the socket's buffer, and is to be thrown away."""
         own_ns, sender_wall_ns = nanoseconds(unit.ticks), None
         if self._report is not None:
             sender_wall_ns = self._report[1] + own_ns - self._report[0]
-        since_ns = time.monotonic_ns() - unit.came_ns
+        now_ns, self._waited_ns, waited_ns = time.monotonic_ns(), 0, self._waited_ns
+        self._backlog.read(now_ns, waited_ns)
         clock.packet(
-            own_ns, unit.came_ns, sender_wall_ns=sender_wall_ns, wall_now_ns=time.time_ns() - since_ns
+            own_ns,
+            unit.came_ns,
+            sender_wall_ns=sender_wall_ns,
+            wall_now_ns=time.time_ns() - (now_ns - unit.came_ns),
+            queued=self._backlog.hurried,
         )
+        return self._backlog.skips(clock.late_ns(own_ns, unit.came_ns))
 
     def _listen(self, host: str, port: int) -> socket.socket:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
