@@ -50,6 +50,13 @@ def test_one_set_at_a_time(rooms, beside, capsys):
     assert f"got {beside[0]}" in " ".join(capsys.readouterr().err.split())
 
 
+def test_what_is_refused_leaves_no_folder(rooms, tmp_path):
+    """Once folders were made, the network opened and all photos read before the options were looked at."""
+    folders = [each for name in ("--pictures", "--report") for each in (name, str(tmp_path / name))]
+    assert cli.main(["evaluate", "network", "motion", "--set", str(rooms), "--outdoor", *folders]) == 2
+    assert not any(tmp_path.iterdir())
+
+
 def test_a_network_for_one_lens_refuses_another(rooms, capsys):
     assert cli.main(["evaluate", "network", "tiny-clamped-512", "--set", str(rooms)]) == 2
     told = " ".join(capsys.readouterr().err.split())

@@ -1,5 +1,6 @@
 """train, export, evaluate and render on the command line, with a network and a set of next to no size."""
 
+import errno
 import json
 import os
 import signal
@@ -12,11 +13,12 @@ import pytest
 import torch
 
 from flightdepth import cli
+from flightdepth.commands import export
 from flightdepth.commands.signals import stop_request
-from flightdepth.evaluation import int8_ranges
+from flightdepth.evaluation import int8_ranges, peer
 from flightdepth.files import held
 from flightdepth.scenes.config import SET_VERSION
-from flightdepth.training import loop
+from flightdepth.training import learner, loop
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.export import weights_of
 from flightdepth.weights.store import read_network
@@ -128,6 +130,25 @@ def test_a_signal_saves_and_resume_ends_as_if_nothing_had_been(sent, monkeypatch
     assert cli.main([*TRAIN, "--resume"]) == 0
     ends = [Path(runs, "small", "checkpoint.safetensors").read_bytes() for runs in ("whole", "runs")]
     assert ends[0] == ends[1]
+
+
+def test_a_full_disk_says_how_to_go_on(monkeypatch, capsys):
+    """Once all that was said was `[Errno 28] No space left on device`."""
+    save, first = learner.save_checkpoint, []
+
+    def full(path, *given):
+        if first:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        first.append(save(path, *given))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(learner, "save_checkpoint", full)
+        assert cli.main([*TRAIN]) == 3
+    assert capsys.readouterr().err == (
+        "error: no room left on the disk of runs/small; what stands there is valid."
+        " Free some room and give the same command with --resume\n"
+    )
+    assert cli.main([*TRAIN, "--resume"]) == 0
 
 
 def test_a_lost_terminal_that_is_ignored_stays_ignored(monkeypatch):
@@ -263,6 +284,28 @@ def test_evaluate_writes_pictures(exported, tmp_path):
     network = str(exported / "small.onnx")
     assert cli.main(["evaluate", "network", network, "--scenes", "2", "--pictures", "seen"]) == 0
     assert sorted(path.name for path in (tmp_path / "seen").iterdir()) == ["000.png", "001.png"]
+
+
+@pytest.mark.parametrize("options", ["--scenes 1", "--outdoor --scenes 1", "--textures DIR --scenes 1"])
+def test_a_page_repeats_the_options_that_it_was_made_with(options, exported, tmp_path):
+    """Once a page of flights outdoors named the command that measures rooms."""
+    (tmp_path / "photos").mkdir()
+    cv2.imwrite(str(tmp_path / "photos/one.png"), np.full((8, 8, 3), 90, np.uint8))
+    given = options.replace("DIR", "photos").split()
+    assert cli.main(["evaluate", "network", str(exported / "small.onnx"), *given, "--report", "pages"]) == 0
+    page = (tmp_path / "pages/small.md").read_text()
+    assert f"`flightdepth evaluate network small {options} --report DIR`" in page
+
+
+def test_a_run_whose_peer_can_tell_nothing_is_exported(exported, tmp_path, monkeypatch, capsys):
+    """Once an export of a network with a short displacement and a wide lens ended in a traceback."""
+    monkeypatch.setattr(export, "with_int8_ranges", lambda card, *_: card)
+    monkeypatch.setattr(export, "PRECISIONS", ())
+    monkeypatch.setattr(peer, "BLIND_PX", 1e9)
+    run = str(exported / "runs/small")
+    assert cli.main(["export", run, "--scenes", "1", "--full-precision", "--out", "blind"]) == 0
+    assert "classical peer - m" in capsys.readouterr().out
+    assert "classical_l1_m" not in read_network(tmp_path / "blind/small.onnx").card.metrics
 
 
 def test_evaluate_noise_writes_what_it_takes_to_repeat_it(exported):

@@ -5,6 +5,7 @@ import pytest
 
 from flightdepth.errors import BadInput
 from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set, set_name
+from flightdepth.evaluation.pairs import Task
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import Picture
 from tests_networks import difference_card
@@ -18,6 +19,24 @@ def test_pictures_are_as_wide_as_90_degrees_at_the_card_s_focal_length():
 
 def test_of_wide_pictures_crops_are_measured_whatever_size_was_trained_on():
     assert fixed_set(difference_card(width=320, height=192, focal_px=256.0)).picture == Picture(256, 256, 512)
+
+
+@pytest.mark.parametrize(  # 64, 128 and 256 px through 110 degrees; crops of 100, 160 and 300 px
+    ("focal_px", "px"), [(22.4, 64), (44.8, 64), (89.6, 192), (50.0, 128), (80.0, 128), (150.0, 256)]
+)
+def test_a_network_of_any_focal_length_has_a_test_set(focal_px, px):
+    """Once a recipe with `horizontal_fov_deg = 110` trained to its end, and could not be exported."""
+    card = difference_card(focal_px=focal_px)
+    rooms, outdoors = fixed_set(card, scenes=1), outdoor_set(card, scenes=1)
+    assert rooms.picture.width == px
+    for pair in (rooms.pair(0), outdoors.pair(0)):
+        assert Task.of(pair, card).camera.fx == pytest.approx(focal_px, rel=0.01)
+
+
+def test_a_name_tells_a_lens_of_another_angle():
+    card = difference_card(focal_px=89.6)
+    assert set_name(fixed_set(card)) == "Still Box 192 px, shift 3, 93.95 degrees"
+    assert set_name(outdoor_set(card, scenes=1)) == "outdoor flights 192 px, 93.95 degrees"
 
 
 def test_the_rule_is_the_network_s():

@@ -84,3 +84,12 @@ def test_two_networks_of_one_name_are_no_two_columns():
     flat = Network(difference_card(focal_px=64.0), Flat())
     with pytest.raises(BadInput, match="different names, got difference, difference"):
         noise_rows([flat, flat], [])
+
+
+@pytest.mark.parametrize("other", [{"depth_max_m": 60.0}, {"depth_min_m": 10.0}, {"D0_m": 0.5}])
+def test_errors_in_other_metres_do_not_stand_side_by_side(other):
+    """Once a network clamped to 10-60 m at 0.5 m had its L1 beside that of one for 0-100 m at 0.3 m."""
+    cards = (difference_card(focal_px=64.0), difference_card(name="other", focal_px=64.0, **other))
+    pair = plane_pair(CAMERA, (0.3, 0.0, 0.0), distance_m=9.6)
+    with pytest.raises(BadInput, match="expected networks of one range, got difference 0 to 100 m"):
+        noise_rows([Network(card, Flat()) for card in cards], [pair])

@@ -11,6 +11,7 @@ from test_evaluate_network import CAMERA, CARD, D0, Constant, pairs
 
 from flightdepth.evaluation.network import evaluate_network
 from flightdepth.evaluation.page import GAP_PX, markdown, page_text, sheets, write_page
+from flightdepth.evaluation.sparsification import curve_svg
 from flightdepth.evaluation.spread import LEFT_OUT
 from flightdepth.runtimes.network import Network
 from flightdepth.weights.card import Predecessor, Stage
@@ -58,6 +59,11 @@ def test_the_page_tells_the_command_and_the_seed(network, result):
     assert of_a_seed.endswith(", seed 3.\n")
     assert f"`flightdepth evaluate network {CARD.name} --set DIR --report DIR`" in of_files
     assert "seed" not in of_files
+
+
+def test_the_page_tells_the_options_of_its_set(network, result):
+    text = page_text(network.card, result, "x.jpg", "--outdoor --scenes 4")
+    assert f"`flightdepth evaluate network {CARD.name} --outdoor --scenes 4 --report DIR`" in text
 
 
 def test_every_table_has_as_many_cells_in_each_row(network, result):
@@ -125,3 +131,12 @@ def test_the_curve_is_written_beside_the_page(network, result, tmp_path):
     drops = [(points[0][1] - points[-1][1]) for points in (own, best)]
     assert drops[0] / drops[1] == pytest.approx(0.8, abs=0.01)
     assert own[-1][0] - own[0][0] == pytest.approx(0.9 * 360)  # nine tenths of the width between the margins
+
+
+def test_the_last_share_on_the_curves_axis_is_whole():
+    """Once the page cut it: half of "100%" lay beyond the picture's edge."""
+    svg = ElementTree.fromstring(curve_svg(SPREAD))
+    (last,) = (each for each in svg.iter("{http://www.w3.org/2000/svg}text") if each.text == "100%")
+    widest_px = 4 * 9  # of 12 px: a % is about nine wide
+    assert last.get("text-anchor") == "middle"
+    assert float(last.get("x")) + widest_px / 2 <= float(svg.get("width"))

@@ -38,6 +38,12 @@ def test_a_plot_shows_the_figures(found):
     assert list(line.y) == pytest.approx(shown)
 
 
+def test_the_legend_tells_the_numbers_of_ranges_apart(found):
+    """Once bars of one method were paler for fewer ranges, and all of them the same in the legend."""
+    bars = [trace for trace in plots(found)["spans"].data if "direction estimated" not in trace.name]
+    assert len({trace.marker.color for trace in bars}) == len(bars)
+
+
 def _plain(row):
     return Trial(row["trial"]["method"], row["trial"]["ranges"]).facts
 

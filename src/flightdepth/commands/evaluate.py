@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -106,12 +107,12 @@ def evaluate_network_command(
     check_figures(json)
     if held_out and stored is None:
         raise BadInput("--held-out", expected="--set beside it", got="it alone")
+    _refuse_other_sets(outdoor=outdoor, stored=stored, textures=textures, fov=fov)
     for option, target in (("--pictures", pictures), ("--report", report)):
         if target is not None:
             make_folder(option, target)
     opened = load_network(network, "openvino", precision="f32")
     own = None if textures is None else textures_from_folder(textures)
-    _refuse_other_sets(outdoor=outdoor, stored=stored, textures=textures, fov=fov)
     count = SCENES if scenes is None else scenes
     pairs: AnySet
     if stored is not None:
@@ -129,7 +130,28 @@ def evaluate_network_command(
     show(result)
     keep(result, opened, pairs, json, pictures)
     if report is not None:
-        write_report(report, result, opened, pairs)
+        options: dict[str, Path | float | None] = {
+            "--set": stored,
+            "--held-out": held_out,
+            "--outdoor": outdoor,
+            "--textures": textures,
+            "--fov": fov if fov != 90 else None,
+            "--scenes": scenes,
+        }
+        write_report(report, result, opened, pairs, as_given(options))
+
+
+def as_given(options: Mapping[str, Path | float | None]) -> str:
+    """Options of the command line as a page repeats them, folders without their names."""
+    words = []
+    for name, value in options.items():
+        if isinstance(value, Path):
+            words.append(f"{name} DIR")
+        elif value is True:
+            words.append(name)
+        elif value:
+            words.append(f"{name} {value:g}")
+    return " ".join(words)
 
 
 def _refuse_other_sets(*, outdoor: bool, stored: Path | None, textures: Path | None, fov: float) -> None:
@@ -181,9 +203,10 @@ def keep(
         say(f"pictures: {len(write_sheets(network, first, pictures))} in {pictures}")
 
 
-def write_report(folder: Path, result: dict[str, Any], network: Network, pairs: AnySet) -> None:
-    """Write the network's page."""
+def write_report(folder: Path, result: dict[str, Any], network: Network, pairs: AnySet, given: str) -> None:
+    """Write the network's page; `given`: the options that say which pairs were measured."""
     from flightdepth.evaluation.page import write_page
 
-    page, *_ = write_page(folder, network, result, map(pairs.pair, range(min(SHOWN, len(pairs)))))
+    first = map(pairs.pair, range(min(SHOWN, len(pairs))))
+    page, *_ = write_page(folder, network, result, first, given)
     say(f"page: {page}")

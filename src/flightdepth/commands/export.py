@@ -176,6 +176,7 @@ def write_network(
     full_precision: bool,
 ) -> Path:
     """Choose the storage, measure, write; the ONNX file's path."""
+    from flightdepth.evaluation.network_tables import number
     from flightdepth.runtimes.devices import BF16_COST
     from flightdepth.training.export import deployed, to_onnx
     from flightdepth.weights.store import save_network
@@ -190,11 +191,10 @@ def write_network(
     card = card.model_copy(update={"metrics": metrics})
     path = save_network(out, card, onnx)
     say(f"{path}: {len(onnx) / 1e6:.1f} MB, {storage}, {card.samples:,} training pairs")
-    errors = card.metrics
-    say(
-        f"L1 {errors['l1_m']:.3f} m on {len(pairs)} scenes;"
-        f" best constant {errors['constant_l1_m']:.3f} m, classical peer {errors['classical_l1_m']:.3f} m"
+    own, constant, classical = (
+        number(card.metrics.get(f"{who}l1_m"), 3) for who in ("", "constant_", "classical_")
     )
+    say(f"L1 {own} m on {len(pairs)} scenes; best constant {constant} m, classical peer {classical} m")
     return path
 
 

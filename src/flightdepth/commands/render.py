@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import errno
 import re
-from collections.abc import Generator, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Generator
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
@@ -13,10 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 import typer
 
 from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.full_disk import room_on_the_disk
 from flightdepth.commands.ray_option import check_engine
 from flightdepth.commands.terminal import progress_bar, say
 from flightdepth.commands.textures import PROCEDURAL, gathered_textures
-from flightdepth.errors import BadInput, FlightDepthError
+from flightdepth.errors import BadInput
 from flightdepth.files import held
 
 if TYPE_CHECKING:
@@ -104,7 +104,10 @@ def render(
     count = scene_count(scenes, knobs.get("scenes", SCENES), original)
     source = Source(wanted, chosen(renderer, samples))
     dressed = dressing(wanted, textures, procedural)
-    with room_on_the_disk(out), held(out, "set", "render", "give another --out"):
+    with (
+        room_on_the_disk(out, "give the same command again"),
+        held(out, "set", "render", "give another --out"),
+    ):
         target = open_set(out, Layout(layout), f"stillbox-{name}", source.arguments(dressed), count)
         rest = range(target.standing, count)
         introduce(out, rest, original)
@@ -194,17 +197,3 @@ def started(
     if engine == "threads":
         return on_threads(source, textures, numbers)
     return on_ray(source, textures, numbers, address)
-
-
-@contextmanager
-def room_on_the_disk(out: Path) -> Iterator[None]:
-    """A full disk is said in one line that says how to go on."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-            raise
-        raise FlightDepthError(
-            f"no room left on the disk of {out}; what stands there is valid."
-            " Free some room and give the same command again"
-        ) from error

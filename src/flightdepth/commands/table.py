@@ -14,6 +14,7 @@ import typer
 from flightdepth.commands.export import card_of, running
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.figures import JsonOption, check_figures, write_figures
+from flightdepth.commands.full_disk import room_on_the_disk
 from flightdepth.commands.terminal import counted, say, show_table, warn
 from flightdepth.commands.textures import PROCEDURAL, gathered_textures
 from flightdepth.commands.train import run
@@ -91,7 +92,8 @@ def train_all(runs: Path, textures: Textures, samples: int | None) -> None:
     for number, name in enumerate(RECIPES, 1):
         recipe = scaled(load_recipe(name), samples)
         say(f"{number} of {len(RECIPES)}: {name}, {recipe.samples:,} pairs in {len(recipe.stages)} stages")
-        run(recipe, textures, runs / name, resume=True)
+        with room_on_the_disk(runs, "give the same command again"):
+            run(recipe, textures, runs / name, resume=True)
         if read_trained(runs / name).progress.stage < len(recipe.stages):
             say("stopped; the same command goes on from here")
             raise typer.Exit(130)

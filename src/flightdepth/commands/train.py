@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.full_disk import room_on_the_disk
 from flightdepth.commands.signals import stop_request
 from flightdepth.commands.terminal import ToldProgress, progress_bar, say
 from flightdepth.commands.textures import PROCEDURAL, gathered_textures
@@ -106,7 +107,8 @@ def train(
                 )
         stored = opened_sets(sets or [], wanted)
         dressed = Textures.from_images([]) if stored else gathered_textures(textures, procedural)
-        run(wanted, dressed, folder, resume=resume, shipped=start, sets=stored, workers=workers)
+        with room_on_the_disk(folder, "give the same command with --resume"):
+            run(wanted, dressed, folder, resume=resume, shipped=start, sets=stored, workers=workers)
         conclude(wanted, folder)
 
 

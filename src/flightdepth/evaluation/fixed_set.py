@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from flightdepth.evaluation.pairs import SAME_FOCAL
 from flightdepth.runtimes.contract import STRIDE
 from flightdepth.scenes import StillBoxConfig, Textures
 from flightdepth.stillbox import OutdoorTestSet, PairRule, Picture, StoredTestSet, TestSet
-from flightdepth.stillbox.sets import changed
+from flightdepth.stillbox.sets import ANY_FLIGHT, changed
 from flightdepth.stillbox.stored import open_stored_set
 from flightdepth.stillbox.testset import SCENES
 from flightdepth.weights.card import FLIGHT_DETAIL, NetworkCard
@@ -23,7 +24,8 @@ MOST_PX = 256  # of the pictures that a network for one lens is measured on: cro
 def outdoor_set(card: NetworkCard, *, scenes: int) -> OutdoorTestSet:
     """Flights outdoors, like no training room, `full_width` wide."""
     _check(scenes)
-    return OutdoorTestSet(full_width(card), scenes)
+    width, fov_deg = _in_strides(card, full_width(card), ANY_FLIGHT.horizontal_fov_deg)
+    return OutdoorTestSet(width, scenes, config=changed(ANY_FLIGHT, {"horizontal_fov_deg": fov_deg}))
 
 
 def fixed_set(
@@ -35,6 +37,8 @@ def fixed_set(
 ) -> TestSet:
     """Nominal pairs, square, of pictures `full_width` wide or crops of them, clipped to the network's range.
 
+    Where that is narrow and no whole number of strides, of the nearest that is, through a lens that fits.
+
     `textures` None takes the fixed set's own; others make a set of one's own, not to be compared, and so does
     another field of view, which a network for any lens alone can take.
     """
@@ -44,6 +48,8 @@ def fixed_set(
         )
     _check(scenes)
     full = full_width(card)
+    if full <= MOST_PX:
+        full, horizontal_fov_deg = _in_strides(card, full, horizontal_fov_deg)
     width = full if card.any_lens else min(full, MOST_PX)
     rule = PairRule(card.nominal_shift, card.depth_min_m, card.depth_max_m)
     config = changed(StillBoxConfig(), {"horizontal_fov_deg": horizontal_fov_deg})
@@ -91,6 +97,17 @@ def full_width(card: NetworkCard) -> int:
     return STRIDE * max(1, round(2 * card.focal_px / FLIGHT_DETAIL / STRIDE))
 
 
+def _in_strides(card: NetworkCard, width: int, fov_deg: float) -> tuple[int, float]:
+    """A width that networks take as it is, and the field of view in degrees that has the card's focal length there.
+
+    Both as given where that is one: of whole pictures of 64, 128, 256 and 512 px through 90 degrees.
+    """
+    if width % STRIDE == 0:
+        return width, fov_deg
+    whole = STRIDE * max(1, round(width / STRIDE))
+    return whole, round(math.degrees(2 * math.atan(whole / 2 / card.focal_px)), 2)
+
+
 def set_name(pairs: AnySet) -> str:
     """What a table calls a test set; own textures by the beginning of their hash."""
     if isinstance(pairs, StoredTestSet):
@@ -99,10 +116,15 @@ def set_name(pairs: AnySet) -> str:
         part = "held-out scenes" if pairs.held_out else "scenes"
         return f"{stored.folder.name}, {lens}, by {stored.renderer}, {part} {stored.digest}"
     if isinstance(pairs, OutdoorTestSet):
-        return f"outdoor flights {pairs.width} px"
+        return f"outdoor flights {pairs.width} px{_lens(pairs)}"
     picture = pairs.picture
     textures = "" if pairs.textures is None else f", own textures {pairs.textures.digest[:12]}"
     crop = "" if picture.width == picture.full_width else f", crops of {picture.full_width} px"
-    fov = pairs.config.horizontal_fov_deg
-    lens = "" if fov == 90 else f", {fov:g} degrees"
+    lens = _lens(pairs)
     return f"Still Box {picture.width} px{crop}, shift {pairs.rule.nominal_shift}{lens}{textures}"
+
+
+def _lens(pairs: TestSet | OutdoorTestSet) -> str:
+    """The field of view, where it is another than usual."""
+    fov_deg = pairs.config.horizontal_fov_deg
+    return "" if fov_deg == 90 else f", {fov_deg:g} degrees"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.errors import BadInput
 from flightdepth.evaluation.metrics import picture_errors
 from flightdepth.evaluation.pairs import Task, TruePair, refuse_namesakes
 from flightdepth.ranges.derotation import derotated
@@ -45,6 +46,9 @@ def noise_rows(
 
     Every network is asked about the same wrong pairs; the truth stays what it is. `derotate` adds the L1 of
     each after the rotation and the direction seen in the pictures have mended the pair.
+
+    Raises:
+        BadInput: two have one name, or answer in other metres.
     """
     refuse_namesakes("networks", networks)
     rows: dict[tuple[str, float], dict[str, list[float]]] = {
@@ -52,6 +56,7 @@ def noise_rows(
     }
     for number, pair in enumerate(pairs):
         networks = [network.at_focal(pair.focal_px) for network in networks]
+        _refuse_other_metres(networks)
         for (kind, size), columns in rows.items():
             for network in networks:
                 for name, error_m in _errors_m(
@@ -62,6 +67,18 @@ def noise_rows(
         {"kind": kind, "size": size} | {name: float(np.mean(column)) for name, column in columns.items()}
         for (kind, size), columns in rows.items()
     ]
+
+
+def _refuse_other_metres(networks: Sequence[Network]) -> None:
+    """Errors can be compared where all depths are clipped alike and are metres at one displacement."""
+    told = [
+        f"{card.depth_min_m:g} to {card.depth_max_m:g} m at {card.D0_m:.3g} m"
+        for card in (network.card for network in networks)
+    ]
+    if len(set(told)) > 1:
+        got = ", ".join(f"{each.card.name} {range_m}" for each, range_m in zip(networks, told, strict=True))
+        mend = "Measure them one after the other."
+        raise BadInput("networks", expected="networks of one range", got=got, mend=mend)
 
 
 def _errors_m(

@@ -33,16 +33,16 @@ NAMES = {"network": "network", "classical": "classical peer", "constant": "best 
 
 
 def write_page(
-    folder: Path, network: Network, result: Mapping[str, Any], pairs: Iterable[TruePair]
+    folder: Path, network: Network, result: Mapping[str, Any], pairs: Iterable[TruePair], given: str = ""
 ) -> list[Path]:
     """NAME.md and NAME.jpg in an existing folder, of `evaluate_network`'s result and some pairs to be shown.
 
-    Where the network tells an error bar, NAME.svg too, its sparsification curve.
+    Where the network tells an error bar, NAME.svg too, its sparsification curve. `given`: see `page_text`.
     """
     name = network.card.name
     picture, page = folder / f"{name}.jpg", folder / f"{name}.md"
     write_atomic(picture, jpeg(sheets(network, pairs), QUALITY))
-    write_atomic(page, page_text(network.card, result, picture.name).encode())
+    write_atomic(page, page_text(network.card, result, picture.name, given).encode())
     if "spread" not in result:
         return [page, picture]
     curve = folder / f"{name}.svg"
@@ -74,8 +74,8 @@ def predecessor(card: NetworkCard) -> list[str]:
     ]
 
 
-def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str) -> str:
-    """The page."""
+def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str, given: str = "") -> str:
+    """The page; `given` are the options that say which pairs were measured."""
     parts = [
         f"# {card.name}",
         what_it_is(card),
@@ -106,7 +106,7 @@ def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str) -> str
         places_table(result),
         *spread(card, result),
         pictures_text(card, picture),
-        written_by(card, result),
+        written_by(card, result, given),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -172,11 +172,12 @@ def pictures_text(card: NetworkCard, picture: str) -> str:
     )
 
 
-def written_by(card: NetworkCard, result: Mapping[str, Any]) -> str:
+def written_by(card: NetworkCard, result: Mapping[str, Any], given: str) -> str:
     """Where the figures come from; a set on the disk has no seed of ours."""
-    which, seed = (" --set DIR", "") if result["seed"] is None else ("", f", seed {result['seed']}")
+    which, seed = ("--set DIR", "") if result["seed"] is None else ("", f", seed {result['seed']}")
+    options = " ".join(each for each in (card.name, given or which, "--report DIR") if each)
     return (
-        f"Written by `flightdepth evaluate network {card.name}{which} --report DIR`: {result['runtime']},"
+        f"Written by `flightdepth evaluate network {options}`: {result['runtime']},"
         f" weights {result['weights_sha256'][:16]}, commit {short(result['commit'])}{seed}."
     )
 

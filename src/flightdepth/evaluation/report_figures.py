@@ -99,7 +99,8 @@ def span_plot(rows: Rows) -> go.Figure:
         opacity = (0.4 + 0.15 * trial.ranges) if trial.telemetry.directed else 0.3
         bar = go.Bar(name=label, x=["near, 0-15 m", "middle, 15-50 m", "far, 50-150 m"])
         bar.update(y=percent(errors), error_y=whiskers(errors))
-        bar.update(marker={"color": COLOURS[trial.method], "opacity": opacity})
+        # A legend does not look at a marker's opacity.
+        bar.update(marker={"color": f"{COLOURS[trial.method]}{round(255 * opacity):02x}"})
         bar.update(hovertemplate="%{y:.1f} %")
         plot.add_trace(bar)
     plot.update_layout(barmode="group")

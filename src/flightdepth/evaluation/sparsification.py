@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-WIDTH, HEIGHT = 420, 260
-LEFT, RIGHT, TOP, BOTTOM = 48, 12, 14, 40  # margins, px
+WIDTH, HEIGHT = 428, 260
+LEFT, RIGHT, TOP, BOTTOM = 48, 20, 14, 40  # margins, px
 TICKS = 5
 CURVES = (("by_sigma", "by sigma", "#c2410c", ""), ("by_error", "by the true error", "#1d4ed8", "5 4"))
 

@@ -48,9 +48,9 @@ def path_from(facts: Mapping[str, Any]) -> tuple[Floats, Floats]:
     else:
         step = np.array(facts["speed"], dtype=np.float64) * facts["time_step"]
         position = np.arange(frames)[:, None] * step
-    still = np.repeat([[1.0, 0.0, 0.0, 0.0]], frames, axis=0)
-    orientation = np.array(facts.get("orientation") or still, dtype=np.float64) * MIRRORED_QUATERNION
-    return position * MIRRORED, np.array([rotation_from_quaternion(each) for each in orientation])
+    known = np.array(facts.get("orientation") or [[1.0, 0.0, 0.0, 0.0]], dtype=np.float64)
+    turns = np.array([rotation_from_quaternion(each) for each in known * MIRRORED_QUATERNION])
+    return position * MIRRORED, np.repeat(turns, frames // len(turns), axis=0)  # one for all, or one each
 
 
 def _orientation(turns: Floats) -> list[list[float]]:

@@ -10,6 +10,7 @@ from functools import lru_cache
 from flightdepth.camera import Camera
 from flightdepth.renderers.raycast import render
 from flightdepth.scenes import Scene, StillBoxConfig, Textures, draw_scene
+from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.scenes.outdoor_textures import outdoor_textures
 from flightdepth.scenes.scene import Floats
 from flightdepth.stillbox.pairs import Depth, Image, PairRule
@@ -76,13 +77,14 @@ class TestSet:
 
 @dataclass(frozen=True)
 class OutdoorTestSet:
-    """Pairs of frames 0.1 s apart (0.4 to 0.6 m) of drone flights outdoors, any heading, under a sky; 90 degrees."""
+    """Pairs of frames 0.1 s apart (0.4 to 0.6 m) of drone flights outdoors, any heading, under a sky."""
 
     __test__ = False
 
     width: int
     scenes: int
     seed: int = SEED
+    config: OutdoorConfig = ANY_FLIGHT
 
     def __len__(self) -> int:
         return self.scenes
@@ -93,7 +95,7 @@ class OutdoorTestSet:
 
     def pair(self, number: int) -> TestPair:
         """The pair of flight `number`, in the middle of its first or second leg in turns."""
-        drawn = SceneSet(ANY_FLIGHT, self.width, self.width, self.seed)
+        drawn = SceneSet(self.config, self.width, self.width, self.seed)
         frames = (15, 16) if number % 2 else (45, 46)
         scene = drawn.scene(number, 0)
         return _seen(scene, outdoor_textures(self.seed), drawn.camera, frames)

@@ -1,0 +1,23 @@
+"""What a command says whose disk is full."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from flightdepth.errors import FlightDepthError
+
+
+@contextmanager
+def room_on_the_disk(out: Path, then: str) -> Iterator[None]:
+    """A full disk is said in one line that says how to go on with what stands in `out`: `then`, once there is room."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise FlightDepthError(
+            f"no room left on the disk of {out}; what stands there is valid. Free some room and {then}"
+        ) from error
