@@ -7,7 +7,16 @@ from output_samples import HEIGHT, SOURCE, WIDTH, known
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.outputs import voxels
-from flightdepth.outputs.cloud import CloudSettings, View, agreed, cloud_of, looked_up, off_edges, seen_points
+from flightdepth.outputs.cloud import (
+    CloudSettings,
+    View,
+    agreed,
+    cloud_of,
+    looked_up,
+    off_edges,
+    seen_points,
+    views,
+)
 from flightdepth.outputs.cloud_files import write_las, write_ply
 from flightdepth.outputs.voxels import Cloud, VoxelGrid
 
@@ -20,10 +29,10 @@ def folder(tmp_path_factory):
     return write_flown(tmp_path_factory.mktemp("flown") / "out")
 
 
-def view(depth_m, at=None, confidence=0.8, camera=CAMERA):
-    result = known(depth_m)
-    image = np.full((HEIGHT, WIDTH, 3), RED, np.uint8)
-    return View(image, result.depth_m, np.full_like(result.depth_m, confidence), at or pose(0, 0.0), camera)
+def view(depth_m, at=None, confidence=0.8, camera=CAMERA, step=1):
+    depth_m = known(depth_m).depth_m
+    image = np.full((HEIGHT, WIDTH, 3), RED, np.uint8)[::step, ::step]
+    return View(image, depth_m, np.full(image.shape[:2], confidence, np.float32), at or pose(0, 0.0), camera)
 
 
 def test_every_point_lies_on_the_wall(folder):
@@ -52,6 +61,14 @@ def test_a_lens_that_zoomed_sees_a_narrower_wall(tmp_path):
     assert np.ptp(points[:, 0]) == pytest.approx(WALL_M - 4 * STEP_M, rel=0.02)
 
 
+def test_views_that_wait_hold_no_more_of_a_picture_than_is_used(folder):
+    """Found in review: seventeen whole pictures waited at a time, 1.9 GB for a video of 3840x2160."""
+    first = next(views(folder, 1, 8))
+    for kept in (first.image, first.confidence):
+        assert kept.shape[:2] == (HEIGHT // 8, WIDTH // 8)
+        assert kept.base is None
+
+
 def test_a_camera_that_looks_east_sees_points_in_the_east():
     east = pose(0, 0.0)
     object.__setattr__(east, "world_from_camera", LOOKING_EAST)
@@ -65,7 +82,7 @@ def test_a_camera_that_looks_east_sees_points_in_the_east():
 @pytest.mark.parametrize("model", ["pinhole", "fisheye"])
 def test_a_lens_is_undone(model):
     lens = Camera(WIDTH, HEIGHT, 48, 48, 47.5, 31.5, (0.05, -0.01, 0.0, 0.0), model)
-    one = view(10, camera=lens)
+    one = view(10, camera=lens, step=5)
     points, _, _ = seen_points(one, 5, EVERY)
     there_m, stored_m = looked_up(points, one)  # back through the lens to the pixel it came from
     assert there_m == pytest.approx(10)
@@ -100,13 +117,13 @@ def test_an_edge_and_its_surroundings_are_left_out():
 
 
 def test_a_point_that_the_others_contradict_is_left_out():
-    wrong, right = view(5), [view(10, pose(i, 0.5 * i)) for i in range(1, 5)]
+    wrong, right = view(5, step=4), [view(10, pose(i, 0.5 * i)) for i in range(1, 5)]
     points, _, _ = seen_points(wrong, 4, EVERY)
     assert not agreed(points, right)[0].any()
 
 
 def test_points_move_to_the_mean_of_what_agrees():
-    points, _, _ = seen_points(view(10), 8, EVERY)
+    points, _, _ = seen_points(view(10, step=8), 8, EVERY)
     kept, farther = agreed(points, [view(10.5) for _ in range(4)])
     assert kept.all()
     assert farther == pytest.approx((1 + 4 * 1.05) / 5)

@@ -1,6 +1,7 @@
 import av
 import numpy as np
 import pytest
+from av.video.reformatter import ColorRange, Colorspace
 
 from flightdepth.errors import BadInput
 from flightdepth.outputs.film import Film
@@ -42,6 +43,14 @@ def test_it_is_h264_that_browsers_play(tmp_path):
     with av.open(str(tmp_path / "film.mp4")) as container:
         codec = container.streams.video[0].codec_context
         assert (codec.name, codec.pix_fmt) == ("h264", "yuv420p")
+
+
+def test_it_tells_players_how_its_colours_were_made(tmp_path):
+    """Found in review: it told nothing, and of large pictures mpv and VLC then take them for those of BT.709."""
+    write(tmp_path / "film.mp4", [0, 40_000_000])
+    with av.open(str(tmp_path / "film.mp4")) as container:
+        picture = next(container.decode(video=0))
+    assert (picture.colorspace, picture.color_range) == (Colorspace.ITU601, ColorRange.MPEG)
 
 
 def test_an_odd_size_is_refused(tmp_path):

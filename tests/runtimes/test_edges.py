@@ -123,6 +123,28 @@ def test_no_depth_lies_beyond_those_around_it_and_padding_has_no_say(depth_m, pi
     assert np.array_equal(elsewhere[seen], edges.inverse_depth[seen])
 
 
+@given(depths, pictures, arrays.arrays(bool, (8, 12)))
+@settings(max_examples=80, deadline=None)
+def test_padding_holds_no_depth_that_nothing_shown_has(depth_m, picture, valid):
+    """Found in review: through a lens the source's outermost pixels lie on it, and were up to 64 times as far off."""
+    inverse = AlongEdges(depth_m, picture, Blocks(valid)).inverse_depth
+    shown = depth_m[valid & np.isfinite(depth_m)]
+    found = 1 / inverse[inverse > 0]
+    assert not len(found) or found.max() <= shown.max() * 1.001
+    assert not len(found) or found.min() >= shown.min() * 0.999
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=NAMES)
+def test_where_the_horizon_leaves_the_picture_no_depth_is_beyond_the_ground(camera):
+    """Found in review: 26 pixels a frame of a lens with distortion, at its sides, lay up to 64 times too far."""
+    grid = NetworkGrid(camera, 150)
+    picture = np.random.default_rng(0).integers(0, 256, (grid.camera.height, grid.camera.width, 3), np.uint8)
+    ground = np.full(grid.valid.shape, 20.0, np.float32)
+    ground[: len(ground) // 2] = np.nan
+    found = grid.along_edges(ground, picture).depth_m
+    assert np.allclose(found[np.isfinite(found)], 20.0)
+
+
 def test_other_maps_take_the_same_side():
     near = disc()
     depth_m, picture = clean_sides(near)

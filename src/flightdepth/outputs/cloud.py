@@ -57,7 +57,11 @@ class CloudSettings:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One frame: picture [H, W, 3], depth and confidence [H, W], the camera's place, and the camera as it zoomed."""
+    """One frame: depth [H, W], the camera's place, and the camera as it zoomed.
+
+    image, confidence  [h, w, 3], [h, w], of every `step`-th pixel of every `step`-th row: views wait for those after
+                       them, and of a large video whole ones would take gigabytes
+    """
 
     image: Picture
     depth_m: Map
@@ -71,7 +75,7 @@ def cloud_of(
 ) -> Cloud:
     """The cloud of a whole flight, east-north-up, origin at the first camera of its longest segment."""
     grid, step = VoxelGrid(settings.voxel_m), max(1, folder.record.source.camera.width // COLUMNS)
-    for view, others in with_neighbours(views(folder, settings.every), NEIGHBOURS):
+    for view, others in with_neighbours(views(folder, settings.every, step), NEIGHBOURS):
         points_ned, rows, columns = seen_points(view, step, settings)
         on_view()
         if not len(points_ned):
@@ -83,14 +87,14 @@ def cloud_of(
     return grid.cloud()
 
 
-def views(folder: FlightFolder, every: int) -> Iterator[View]:
+def views(folder: FlightFolder, every: int, step: int) -> Iterator[View]:
     """Each `every`-th frame, where it has depth and a known pose in the longest segment."""
     poses = placed(folder)
     depths = {row.index for row in folder.rows if not row.reason}
     for index, image in pictures(folder, every):
         if index in poses and index in depths:
-            depth_m, confidence = folder.depth_m(index), folder.confidence(index)
-            yield View(image, depth_m, confidence, poses[index], folder.camera(index))
+            thin, confidence = image[::step, ::step].copy(), folder.confidence(index)[::step, ::step].copy()
+            yield View(thin, folder.depth_m(index), confidence, poses[index], folder.camera(index))
 
 
 def placed(folder: FlightFolder) -> dict[int, FramePose]:
@@ -126,13 +130,12 @@ def with_neighbours(every: Iterable[View], reach: int) -> Iterator[tuple[View, l
 def seen_points(
     view: View, step: int, settings: CloudSettings
 ) -> tuple[Vector, NDArray[np.intp], NDArray[np.intp]]:
-    """Points (NED) [N, 3] of the pixels that count, every `step`-th, and their rows and columns [N]."""
-    usable = (view.confidence >= max(settings.min_confidence, 1 / 512)) & off_edges(view.depth_m)
-    usable &= np.nan_to_num(view.depth_m, nan=np.inf) <= settings.max_range_m
-    rows, columns = np.nonzero(usable[::step, ::step])
+    """Points (NED) [N, 3] of the pixels that count, every `step`-th, and their rows and columns in `view.image` [N]."""
+    depth_m, clear = view.depth_m[::step, ::step], off_edges(view.depth_m)[::step, ::step]
+    usable = (view.confidence >= max(settings.min_confidence, 1 / 512)) & (depth_m <= settings.max_range_m)
+    rows, columns = np.nonzero(usable & clear)
     rays = pixel_rays(view.camera, step)[rows, columns]
-    rows, columns = rows * step, columns * step
-    points = rays * view.depth_m[rows, columns].astype(np.float64)[:, None]
+    points = rays * depth_m[rows, columns].astype(np.float64)[:, None]
     return points @ view.pose.ned_from_camera.T + view.pose.position_ned, rows, columns
 
 

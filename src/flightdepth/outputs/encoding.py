@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import cv2
@@ -35,21 +36,22 @@ PNG_SETTINGS = (
 
 def centimetres_from_depth(depth_m: Map) -> NDArray[np.uint16]:
     """Metres [H, W], NaN = unknown, to uint16 centimetres, rounded; nothing known becomes 0 by rounding."""
-    bounded = np.clip(np.nan_to_num(depth_m * 100, nan=0.0), UNKNOWN, FARTHEST)
-    centimetres = np.rint(bounded).astype(np.uint16)
-    too_near = depth_m * 100 <= 0.5
-    if too_near.any():
-        centimetres[too_near] = 1
-    return centimetres
+    centimetres = np.rint(np.clip(depth_m * 100, UNKNOWN + 1, FARTHEST))
+    return np.asarray(np.nan_to_num(centimetres, copy=False, nan=UNKNOWN), np.uint16)
 
 
 def rounded_centimetres(sigma_m: Map) -> NDArray[np.uint16]:
     """A standard deviation [H, W] to uint16 centimetres of six binary digits: within 1/64, in a third of the bytes."""
-    centimetres = centimetres_from_depth(sigma_m).astype(np.float32)
-    _, digits = np.frexp(centimetres)
-    step = np.ldexp(np.float32(1), np.maximum(digits - 6, 0))
-    rounded = np.minimum(np.rint(centimetres / step) * step, FARTHEST)
-    return np.asarray(rounded, dtype=np.uint16)
+    return np.asarray(np.take(_six_digits(), centimetres_from_depth(sigma_m)), np.uint16)
+
+
+@cache
+def _six_digits() -> NDArray[np.uint16]:
+    """Each whole number 0 .. FARTHEST with its first six binary digits, rounded."""
+    whole = np.arange(FARTHEST + 1, dtype=np.float64)
+    _, digits = np.frexp(whole)
+    step = np.ldexp(1.0, np.maximum(digits - 6, 0))
+    return np.asarray(np.minimum(np.rint(whole / step) * step, FARTHEST), np.uint16)
 
 
 def depth_from_centimetres(centimetres: NDArray[np.uint16]) -> Map:

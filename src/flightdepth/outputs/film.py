@@ -9,6 +9,7 @@ from typing import Any
 import av
 import cv2
 import numpy as np
+from av.video.reformatter import ColorRange, Colorspace
 from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
@@ -39,6 +40,9 @@ class Film:
         self._stream: Any = self._container.add_stream("libx264", rate=30, options=ENCODER)
         self._stream.width, self._stream.height, self._stream.pix_fmt = width, height, "yuv420p"
         self._stream.codec_context.time_base = Fraction(1, TICKS_PER_S)
+        # As OpenCV converts. Of untold ones players take large pictures for BT.709, and show other colours.
+        self._stream.codec_context.colorspace = Colorspace.ITU601
+        self._stream.codec_context.color_range = ColorRange.MPEG
 
     def add(self, stamp_ns: int, picture: NDArray[np.uint8]) -> None:
         """Append one picture, shown from `stamp_ns` on; stamps must rise."""

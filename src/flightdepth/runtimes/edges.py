@@ -45,7 +45,8 @@ class Blocks:
 
     valid   [h, w]: the block shows the source, not padding
     shown   [h, w]: each block's own index in the flat map, for padding that of the nearest block that is none
-    around  [h w, 9]: the indices of the blocks around each, itself too; at borders some come twice
+    around  [h w, 9]: the indices of the blocks around each, itself too; at borders some come twice. Around padding,
+            on which through a lens the source's outermost pixels lie, those that are shown there
     """
 
     def __init__(self, valid: Flags) -> None:
@@ -54,7 +55,8 @@ class Blocks:
         height, width = valid.shape
         rows, columns = np.indices(valid.shape).reshape(2, -1)
         beside = [((rows + r).clip(0, height - 1), (columns + c).clip(0, width - 1)) for r, c in AROUND]
-        self.around = np.stack([row * width + column for row, column in beside], 1)
+        around = np.stack([row * width + column for row, column in beside], 1)
+        self.around = np.where(valid.ravel()[:, None], around, self.shown.ravel()[around])
 
 
 class SourceGrid(Protocol):
@@ -76,7 +78,7 @@ class AlongEdges:
         self._shown, valid = blocks.shown, blocks.valid
         known = valid & (depth_m > 0)  # NaN is not
         inverse = np.divide(1, depth_m, out=np.zeros_like(depth_m), where=known)
-        self._edges = np.nonzero(_has_edge(inverse.ravel()[self._shown], known, valid))
+        self._edges = np.nonzero(_has_edge(inverse.ravel()[self._shown], known.ravel()[self._shown]))
         self._around = blocks.around[self._edges[0] * valid.shape[1] + self._edges[1]]  # [N, 9]
         near_by, unknown = self._around, valid & ~known
         sides = _sides(inverse.ravel()[near_by], known.ravel()[near_by], unknown.ravel()[near_by])
@@ -149,17 +151,17 @@ def _nearest_shown(valid: Flags) -> NDArray[np.intp]:
     return nearest
 
 
-def _has_edge(inverse: Maps, known: Flags, valid: Flags) -> Flags:
+def _has_edge(inverse: Maps, known: Flags) -> Flags:
     """Whether depth jumps or bends at a block or beside it, or is known at some of those blocks and not at others.
 
-    `inverse` [h, w] in 1/m, in padding as beside it. Along a plane, however steep, its second differences are 0.
+    `inverse` [h, w] in 1/m; both in padding as beside it. Along a plane, however steep, its second differences are 0.
     """
     around = np.ones((3, 3), np.uint8)
     bends = [cv2.filter2D(inverse, -1, line, borderType=cv2.BORDER_REPLICATE) for line in (BEND, BEND.T)]
     bend = cv2.dilate(np.maximum(*(np.abs(each) for each in bends)), around)
-    some_known, some_not = (cv2.dilate(each.astype(np.uint8), around) > 0 for each in (known, valid & ~known))
+    some_known, some_not = (cv2.dilate(each.astype(np.uint8), around) > 0 for each in (known, ~known))
     jumps = bend > np.float32(STEP) * cv2.dilate(inverse, around)
-    return np.asarray(valid & some_known & (jumps | some_not))
+    return np.asarray(some_known & (jumps | some_not))
 
 
 def _has_step(inverse: Maps) -> Flags:

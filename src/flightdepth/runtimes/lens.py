@@ -13,13 +13,16 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.runtimes.contract import OUTPUT_STRIDE, STRIDE
-from flightdepth.runtimes.sampling import without_nan
+from flightdepth.runtimes.sampling import too_small, without_nan
 
 # A pinhole picture grows with the tangent; no network saw more than 45 degrees off the axis at its edges.
 WIDEST_RAD = math.radians(60)
 # Beyond the calibrated field a polynomial folds back: there, distorting and undistorting does not return.
 ROUND_TRIP_PX = 0.5
 LATTICE = 257  # rays across and down along which the view's bounds are looked for
+# They reach so many times as far as the view would without distortion: a long lens sees few of those up to WIDEST_RAD.
+LOOKED_AROUND = 8
+BAND_ROWS = 256  # of the source, looked at together: for a whole picture that takes 100 bytes a pixel
 PRECISE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 1e-6)
 
 Points = NDArray[np.float64]
@@ -32,6 +35,9 @@ class LensSampling:
     def __init__(self, camera: Camera, focal_px: float) -> None:
         left, right, top, bottom = (bound * focal_px for bound in view_bounds(camera))
         self.extent = right - left, bottom - top
+        undistorted_px = focal_px * min(camera.width / camera.fx, camera.height / camera.fy)
+        if undistorted_px < OUTPUT_STRIDE:
+            raise too_small(undistorted_px)
         width, height = map(padded, self.extent)
         # The view's middle becomes the picture's middle, so padding is shared between both sides.
         cx = (width - 1) / 2 - (left + right) / 2
@@ -74,17 +80,20 @@ class LensSampling:
 
     def _source_tables(self, camera: Camera) -> tuple[dict[int, Table], NDArray[np.float32]]:
         """By their height, for maps of the output's size and for ones of the picture's."""
-        columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-        rays = undistort(np.stack([columns, rows], axis=-1).astype(np.float64), camera)
-        pixels = rays * self.camera.fx + (self.camera.cx, self.camera.cy)
-        seen = inside(pixels, self.camera)
-        tables = {
-            self.camera.height // step: fixed_point(
-                np.where(seen[..., None], (pixels + 0.5) / step - 0.5, 0).astype(np.float32)
-            )
-            for step in (1, OUTPUT_STRIDE)
-        }
-        return tables, np.where(seen, np.float32(0), np.float32(np.nan))
+        size, steps = (camera.height, camera.width), (1, OUTPUT_STRIDE)
+        tables = {step: (np.empty((*size, 2), np.int16), np.empty(size, np.uint16)) for step in steps}
+        unseen = np.empty(size, np.float32)
+        for top in range(0, camera.height, BAND_ROWS):
+            band = slice(top, min(top + BAND_ROWS, camera.height))
+            columns, rows = np.meshgrid(np.arange(camera.width), np.arange(band.start, band.stop))
+            rays = undistort(np.stack([columns, rows], axis=-1).astype(np.float64), camera)
+            pixels = rays * self.camera.fx + (self.camera.cx, self.camera.cy)
+            seen = inside(pixels, self.camera)
+            unseen[band] = np.where(seen, np.float32(0), np.float32(np.nan))
+            for step, (coarse, fine) in tables.items():
+                there = np.where(seen[..., None], (pixels + 0.5) / step - 0.5, 0).astype(np.float32)
+                coarse[band], fine[band] = fixed_point(there)
+        return {self.camera.height // step: table for step, table in tables.items()}, unseen
 
 
 def fixed_point(points: NDArray[np.float32]) -> Table:
@@ -104,7 +113,11 @@ def view_bounds(camera: Camera) -> tuple[float, float, float, float]:
 
     Found by looking along a lattice of rays: undistorting the border instead would fail beyond 90 degrees.
     """
-    limit = math.tan(WIDEST_RAD)
+    reach = max(
+        *((camera.cx + 0.5) / camera.fx, (camera.width - 0.5 - camera.cx) / camera.fx),
+        *((camera.cy + 0.5) / camera.fy, (camera.height - 0.5 - camera.cy) / camera.fy),
+    )
+    limit = min(math.tan(WIDEST_RAD), LOOKED_AROUND * reach)
     across = np.linspace(-limit, limit, LATTICE)
     x, y = np.meshgrid(across, across)
     rays = np.stack([x, y], axis=-1)

@@ -53,12 +53,7 @@ class Axis:
             )
         inner = int(source * scale + 0.5) // OUTPUT_STRIDE * OUTPUT_STRIDE
         if inner == 0:
-            raise BadInput(
-                "camera",
-                expected=f"a view of at least {OUTPUT_STRIDE} px at the network's focal length",
-                got=f"{source * scale:.1f} px",
-                mend="Is its focal length in pixels, its field of view in degrees?",
-            )
+            raise too_small(source * scale)
         halvings = max(0, int(math.log2(1 / scale)))
         step = 2**halvings
         used = min(round(inner / scale / step), source // step) * step
@@ -80,6 +75,16 @@ class Axis:
     def pixels(self) -> slice:
         """The source pixels in use."""
         return slice(self.start, self.start + self.used)
+
+
+def too_small(extent_px: float) -> BadInput:
+    """The refusal of a camera that shows no more than so many pixels across or down at the network's focal length."""
+    return BadInput(
+        "camera",
+        expected=f"a view of at least {OUTPUT_STRIDE} px at the network's focal length",
+        got=f"{extent_px:.1f} px",
+        mend="Is its focal length in pixels, its field of view in degrees?",
+    )
 
 
 def pinhole_axes(camera: Camera, focal_px: float | None) -> tuple[Axis, Axis]:
