@@ -42,6 +42,7 @@ LAST_STAMP_US = 4 * 10**15
 # Reasons that readers share.
 DAMAGED_BYTES = "bytes skipped: damaged or cut off"
 OTHER_POWER_UPS = "records of other power-ups of the autopilot"
+DAMAGED_TIMES = "records with a damaged time"
 OTHER_GIMBALS = "attitudes of other gimbals"
 # A filter's output that does not change for so long while moving has died.
 STUCK_NS = 2 * NS_PER_S
@@ -83,7 +84,7 @@ def boots(stamps_ns: Stamps, counts: Counter[str], received_ns: Stamps | None = 
     runs = np.split(np.arange(len(stamps_ns)), breaks) if len(stamps_ns) else []
     long_runs = [run for run in runs if len(run) >= SHORTEST_RUN] or runs
     if lost := len(stamps_ns) - sum(map(len, long_runs)):
-        counts["records with a damaged time"] += lost
+        counts[DAMAGED_TIMES] += lost
     found: list[Indices] = []
     for run in long_runs:
         if found and _goes_on(stamps_ns, received_ns, found[-1][-1], run[0]):

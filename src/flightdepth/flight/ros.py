@@ -1,14 +1,16 @@
 """Telemetry from ROS recordings: ROS 1 bags, ROS 2 folders (MCAP or SQLite) and MCAP files.
 
-One topic gives the velocity: the one asked for, else the best kind (Odometry, TwistWithCovarianceStamped,
-TwistStamped, Vector3Stamped) with the most messages. One that is zero throughout comes after those that move: many
-lidar odometries never fill in their twist. Where no velocity moves, but positions do (Odometry, poses, at last
-NavSatFix), it is their slope. Other topics with an orientation turn a body-frame velocity into the world, or are the
-attitude of the camera if their frame's name says so ("optical"). The orientation of the body is not taken for the
-camera's: nobody tells how the camera is mounted, or whether a gimbal turns it.
+One topic gives the velocity: the one asked for, else the best kind (PX4's own VehicleLocalPosition and
+VehicleOdometry, Odometry, TwistWithCovarianceStamped, TwistStamped, Vector3Stamped) with the most messages. One that
+is zero throughout comes after those that move: many lidar odometries never fill in their twist. Where no velocity
+moves, but positions do (Odometry, poses, at last NavSatFix), it is their slope. Other topics with an orientation turn
+a body-frame velocity into the world, or are the attitude of the camera if their frame's name says so ("optical"). The
+orientation of the body is not taken for the camera's: nobody tells how the camera is mounted, or whether a gimbal
+turns it; the one that PX4 reports of a gimbal is the camera's.
 
-Times are those of the messages' headers, counted from the first picture in the recording, so that its own
-pictures (`ros_frames`) are on the same clock; from the first velocity where it holds no pictures.
+Times are those of the messages' headers (`ros_px4` knows those of PX4's messages), counted from the first picture in
+the recording, so that its own pictures (`ros_frames`) are on the same clock; from the first velocity where it holds no
+pictures.
 """
 
 from __future__ import annotations
@@ -34,7 +36,6 @@ from flightdepth.flight.ros2_bag import looks_like_ros2
 from flightdepth.flight.ros_messages import (
     FLU_FROM_OPTICAL,
     FRD_FROM_FLU,
-    IMAGE_KINDS,
     IMU,
     MAVROS_GLOBAL,
     VELOCITY_KINDS,
@@ -42,7 +43,8 @@ from flightdepth.flight.ros_messages import (
     Twist,
 )
 from flightdepth.flight.ros_places import NAV_SAT_FIX, PLACE_KINDS
-from flightdepth.flight.ros_topics import Topic, topics_of
+from flightdepth.flight.ros_px4 import DEFINE, PX4_VELOCITY_KINDS, UNDEFINED
+from flightdepth.flight.ros_topics import Topic, first_picture, topics_of
 from flightdepth.motion import (
     Vector,
     mixed_quaternions,
@@ -51,7 +53,8 @@ from flightdepth.motion import (
 )
 
 NEAR_NS = 100_000_000  # an orientation farther away says nothing of a velocity
-KINDS = (*VELOCITY_KINDS, *PLACE_KINDS, NAV_SAT_FIX)  # that tell a velocity, the best first
+TOLD_KINDS = (*PX4_VELOCITY_KINDS, *VELOCITY_KINDS)  # PX4's are fused, and say when they are not valid
+KINDS = (*TOLD_KINDS, *PLACE_KINDS, NAV_SAT_FIX)  # that tell a velocity, the best first
 
 
 def looks_like_ros(head: bytes, path: Path) -> bool:
@@ -63,32 +66,37 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     """Read a recording; `topic` chooses the velocity where the best guess is not the right one."""
     counts: Counter[str] = Counter()
     topics, kinds = topics_of(path, counts)
-    chosen = _choose(path, topics, kinds, topic)
+    chosen = _choose(path, topics, kinds, topic, counts)
     oriented = max(topics, key=lambda known: _knows_turns(known, chosen))
-    first_ns = _first_picture_ns(topics)
+    picture = first_picture(topics)
+    first_ns = None if picture is None else picture.first_ns
     zero_ns = chosen.twists[0].stamp_ns if first_ns is None else first_ns
     samples = in_time_order(_velocities(chosen.twists, oriented.orientations, zero_ns, counts), counts)
     attitudes = in_time_order(_camera_attitudes(topics, zero_ns), counts)
     name = f"ROS recording {path.name}: {len(samples)} velocities of {chosen.name}"
     if chosen.by_places:
         name += ", by its positions"
-        counts += chosen.unsound
+    counts += chosen.unsound
     name += ", attitude of the camera" if attitudes else ""
+    name += f" ({oriented.resets} resets of the attitude)" if oriented.resets else ""
     name += f"; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock"
     # Not counted: an Odometry's velocity has been.
     bodies = in_time_order(_body_attitudes(oriented.orientations, zero_ns), Counter())
     return Telemetry(name, by_time(samples, attitudes), dict(+counts), body_attitudes=tuple(bodies))
 
 
-def _knows_turns(topic: Topic, chosen: Topic) -> tuple[bool, bool, bool, bool, int]:
+def _knows_turns(topic: Topic, chosen: Topic) -> tuple[bool, bool, bool, bool, bool, int]:
     """What ranks the topics that tell how the body is turned: the velocity's own, one that tells how it is and not how
-    it is to be, a pose before a mere gyroscope's.
+    it is to be, a pose before a mere gyroscope's, one of the velocity's source, whose north is the same.
     """
     count = sum(not turn.of_camera for turn in topic.orientations)
-    return count > 0, topic is chosen, not topic.asked_for, topic.kind != IMU, count
+    of_its_source = topic.folder == chosen.folder
+    return count > 0, topic is chosen, not topic.asked_for, topic.kind != IMU, of_its_source, count
 
 
-def _choose(path: Path, topics: Sequence[Topic], kinds: dict[str, str], name: str | None) -> Topic:
+def _choose(
+    path: Path, topics: Sequence[Topic], kinds: dict[str, str], name: str | None, counts: Counter[str]
+) -> Topic:
     asked = [known for known in topics if name in (None, known.name)]
     # Else the slopes, which take time, are not needed.
     if all(known.asked_for or known.still for known in asked):
@@ -103,15 +111,15 @@ def _choose(path: Path, topics: Sequence[Topic], kinds: dict[str, str], name: st
 
         return min(fit, key=rank)
     listed = ", ".join(f"{known} ({kind})" if kind else known for known, kind in sorted(kinds.items()))
-    expected = f"a velocity in {name}" if name else f"a topic with a velocity ({', '.join(VELOCITY_KINDS)})"
-    raise BadInput(f"telemetry {path}", expected=expected, got=(listed or "no message")[:1000])
-
-
-def _first_picture_ns(topics: Sequence[Topic]) -> int | None:
-    images = [topic for topic in topics if topic.kind in IMAGE_KINDS and not topic.of_depth]
-    pictures = [topic for topic in images if topic.first_ns is not None]
-    best = min(pictures, key=lambda topic: (-topic.messages, topic.name), default=None)
-    return None if best is None else best.first_ns
+    expected = f"a velocity in {name}" if name else f"a topic with a velocity ({', '.join(TOLD_KINDS)})"
+    lost = sum((known.unsound for known in asked), counts)
+    why = "".join(f"; {count} {reason}" for reason, count in (+lost).items())
+    raise BadInput(
+        f"telemetry {path}",
+        expected=expected,
+        got=(listed or "no message")[:1000] + why,
+        mend=DEFINE if counts[UNDEFINED] else None,
+    )
 
 
 def _velocities(

@@ -41,6 +41,7 @@ class Connection:
 
     topic: str
     kind: str
+    definition: str
 
 
 def looks_like_ros1(head: bytes, path: Path) -> bool:
@@ -89,7 +90,9 @@ def _message(
         described = _fields(data)
         type_name = described.get(b"type", b"").decode("latin-1")
         connections[number] = Connection(
-            fields.get(b"topic", b"").decode("utf-8", errors="replace"), ros_kind(type_name)
+            fields.get(b"topic", b"").decode("utf-8", errors="replace"),
+            ros_kind(type_name),
+            described.get(b"message_definition", b"").decode("utf-8", errors="replace"),
         )
     if kind != MESSAGE:
         return None
@@ -100,7 +103,8 @@ def _message(
     if not wanted(connection.kind):
         return None
     seconds, nanoseconds = struct.unpack("<LL", fields[b"time"])
-    return RosMessage(connection.topic, connection.kind, "ros1", seconds * NS_PER_S + nanoseconds, data)
+    log_ns = seconds * NS_PER_S + nanoseconds
+    return RosMessage(connection.topic, connection.kind, "ros1", log_ns, data, connection.definition)
 
 
 def _records(file: BinaryIO, left: int) -> Iterator[tuple[Fields, bytes]]:

@@ -2,7 +2,8 @@
 
 MCAP after its specification (mcap.dev/spec): records of a code, a length and data, some inside chunks. The
 `mcap` package parses each record; what is read and how much of it is decided here, because a recording that
-was cut off has no index. SQLite after rosbag2's tables `topics` and `messages`.
+was cut off has no index. SQLite after rosbag2's tables `topics` and `messages`, and `message_definitions`, which
+ROS 2 before Iron does not write.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import tempfile
 import zlib
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -45,15 +46,16 @@ SQLITE_HEADER = 100
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 3, 4, 5, 6, 15
 RECORD = struct.Struct("<BQ")
+MSG_ENCODINGS = ("ros2msg", "ros1msg")  # of definitions
 MESSAGE_LIMIT = 1 << 28
 
 
 @dataclass
 class Channels:
-    """What has been said of the channels so far: number to (topic, kind, encoding)."""
+    """What has been said so far: numbers to (kind, definition), and to (topic, kind, encoding, definition)."""
 
-    schemas: dict[int, str] = field(default_factory=dict)
-    channels: dict[int, tuple[str, str, str]] = field(default_factory=dict)
+    schemas: dict[int, tuple[str, str]] = field(default_factory=dict)
+    channels: dict[int, tuple[str, str, str, str]] = field(default_factory=dict)
 
 
 def looks_like_ros2(head: bytes, path: Path) -> bool:
@@ -132,11 +134,12 @@ def _mcap_message(
     try:
         if code == SCHEMA:
             schema = _parsed("Schema", data)
-            known.schemas[schema.id] = ros_kind(schema.name)
+            text = schema.data.decode("utf-8", "replace") if schema.encoding in MSG_ENCODINGS else ""
+            known.schemas[schema.id] = ros_kind(schema.name), text
         elif code == CHANNEL:
             channel = _parsed("Channel", data)
-            kind = known.schemas.get(channel.schema_id, "")
-            known.channels[channel.id] = (channel.topic, kind, channel.message_encoding)
+            kind, definition = known.schemas.get(channel.schema_id, ("", ""))
+            known.channels[channel.id] = (channel.topic, kind, channel.message_encoding, definition)
         elif code == MESSAGE:
             return _chosen(_parsed("Message", data, len(data)), known, wanted)
     except DamagedError:
@@ -147,10 +150,10 @@ def _mcap_message(
 def _chosen(message: Any, known: Channels, wanted: Wanted) -> RosMessage | None:
     if message.channel_id not in known.channels:
         raise DamagedError("a message of an unknown channel")
-    topic, kind, encoding = known.channels[message.channel_id]
+    topic, kind, encoding, definition = known.channels[message.channel_id]
     if encoding not in ("cdr", "ros1") or not wanted(kind):
         return None
-    return RosMessage(topic, kind, encoding, message.log_time, message.data)
+    return RosMessage(topic, kind, encoding, message.log_time, message.data, definition)
 
 
 def _parsed(name: str, data: bytes, *arguments: int) -> Any:
@@ -184,12 +187,13 @@ def sqlite_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterato
 
 
 def _sqlite_message(
-    row: tuple[Any, Any, Any], topics: dict[int, tuple[str, str]], counts: Counter[str]
+    row: tuple[Any, Any, Any], topics: dict[int, tuple[str, str, str]], counts: Counter[str]
 ) -> RosMessage | None:
     number, log_ns, data = row
     try:
         if isinstance(data, bytes) and isinstance(log_ns, int) and number in topics:
-            return RosMessage(*topics[number], "cdr", log_ns, _unpacked(data))
+            topic, kind, definition = topics[number]
+            return RosMessage(topic, kind, "cdr", log_ns, _unpacked(data), definition)
     except DamagedError:
         pass
     counts[DAMAGED_RECORDS] += 1
@@ -224,10 +228,24 @@ def _whole_pages(path: Path, counts: Counter[str]) -> Iterator[Path]:
         yield copy
 
 
-def _topics(connection: sqlite3.Connection, wanted: Wanted) -> dict[int, tuple[str, str]]:
+def _topics(connection: sqlite3.Connection, wanted: Wanted) -> dict[int, tuple[str, str, str]]:
+    """Of each number the name, kind and definition."""
+    definitions = _definitions(connection)
     rows = connection.execute("SELECT id, name, type FROM topics WHERE serialization_format = 'cdr'")
     named = [(number, name, kind) for number, name, kind in rows if isinstance(kind, str)]
-    return {number: (str(name), kind) for number, name, kind in named if wanted(kind)}
+    return {
+        number: (str(name), kind, definitions.get(kind, "")) for number, name, kind in named if wanted(kind)
+    }
+
+
+def _definitions(connection: sqlite3.Connection) -> dict[str, str]:
+    """Of each type that the file defines."""
+    columns = "topic_type, encoded_message_definition"
+    found: dict[str, str] = {}
+    with suppress(sqlite3.Error, UnicodeDecodeError):  # no such table, or a damaged one
+        rows = connection.execute(f"SELECT {columns} FROM message_definitions WHERE encoding = 'ros2msg'")
+        found.update((kind, text) for kind, text in rows if isinstance(text, str))
+    return found
 
 
 def _unpacked(data: bytes) -> bytes:

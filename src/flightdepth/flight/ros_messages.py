@@ -16,8 +16,9 @@ Which axes a twist has:
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -71,8 +72,13 @@ class Orientation:
 
 
 def decoded(message: RosMessage) -> Any:
-    """The message through rosbags, by the definitions that ROS ships (those of the types above never changed)."""
+    """The message through rosbags, by the definitions that ROS ships (those of the types above never changed).
+
+    A type that ROS does not know is read by the recording's own definition.
+    """
     store = _definitions(message.serial)
+    if message.kind not in store.fielddefs:
+        store = _own_definition(message.kind, message.definition)
     read = store.deserialize_ros1 if message.serial == "ros1" else store.deserialize_cdr
     try:
         return read(message.data, message.kind)
@@ -86,6 +92,30 @@ def _definitions(serial: str) -> Any:
     return typesys.get_typestore(
         typesys.Stores.ROS1_NOETIC if serial == "ros1" else typesys.Stores.ROS2_HUMBLE
     )
+
+
+@lru_cache(maxsize=16)
+def _own_definition(kind: str, definition: str) -> Any:
+    """A store with one type of numbers; with none where that is not what the definition tells.
+
+    Rosbags unfolds an array of texts before it looks whether a message holds so many.
+    """
+    typesys = required("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.EMPTY)
+    with suppress(Exception):  # a damaged text ends in what Python raises
+        _, fields = typesys.get_types_from_msg(definition, kind)[kind]
+        if all(_of_numbers(described) for _, described in fields):
+            store.register({kind: ([], fields)})
+    return store
+
+
+def _of_numbers(described: Any) -> bool:
+    """Whether rosbags describes a number or an array of them: (node, (name, size)), (node, (described, length))."""
+    node, inner = described
+    nodes = required("rosbags.interfaces").Nodetype
+    if node in (nodes.ARRAY, nodes.SEQUENCE):
+        node, inner = inner[0]
+    return node == nodes.BASE and "string" not in inner[0]
 
 
 def is_depth_map(message: RosMessage, content: Any) -> bool:

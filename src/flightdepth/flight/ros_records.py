@@ -24,13 +24,17 @@ DAMAGED_RECORDS = "damaged records"
 
 @dataclass(frozen=True)
 class RosMessage:
-    """One message: `kind` as ROS 2 writes types ("nav_msgs/msg/Odometry"), `serial` "ros1" or "cdr"."""
+    """One message: `kind` as ROS 2 writes types ("nav_msgs/msg/Odometry"), `serial` "ros1" or "cdr".
+
+    `definition` is the text of its type's .msg file, empty where the recording does not hold it.
+    """
 
     topic: str
     kind: str
     serial: str
     log_ns: int
     data: bytes
+    definition: str = ""
 
 
 Wanted = Callable[[str], bool]  # of a `kind`: messages of other types are passed over unread

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from flightdepth.flight.file_bytes import head_of
+from flightdepth.flight.records import LATEST_NS, BodyAttitudeSample
 from flightdepth.flight.ros1_bag import looks_like_ros1, ros1_messages
 from flightdepth.flight.ros2_bag import ros2_messages
 from flightdepth.flight.ros_messages import (
@@ -36,11 +37,23 @@ from flightdepth.flight.ros_places import (
     velocities_of_fixes,
     velocities_of_places,
 )
+from flightdepth.flight.ros_px4 import (
+    IN_STEP_NS,
+    PX4_GIMBAL,
+    PX4_KINDS,
+    PX4_VELOCITY_KINDS,
+    UNDEFINED,
+    Px4Rows,
+    orientations_of,
+    px4_gate,
+    twists_of,
+)
 from flightdepth.flight.ros_records import DamagedError, RosMessage, Wanted
+from flightdepth.flight.ulog import reset_count
 
 ASKED_FOR = ("setpoint", "goal", "target", "cmd")
 UNREADABLE = "messages that cannot be read"
-USED = frozenset([*VELOCITY_KINDS, *ORIENTATION_KINDS, NAV_SAT_FIX, *IMAGE_KINDS])
+USED = frozenset([*PX4_KINDS, *VELOCITY_KINDS, *ORIENTATION_KINDS, NAV_SAT_FIX, *IMAGE_KINDS])
 
 
 @dataclass
@@ -51,13 +64,21 @@ class Topic:
     kind: str
     messages: int = 0
     first_ns: int | None = None
+    ahead_ns: int = 0  # of the clock of the headers before that of the recording, at first
     of_depth: bool = False  # an image topic that shows no colours
     twists: list[Twist] = field(default_factory=list)
     orientations: list[Orientation] = field(default_factory=list)
     places: list[Place] = field(default_factory=list)
     fixes: list[Fix] = field(default_factory=list)
-    unsound: Counter[str] = field(default_factory=Counter)  # positions left out
+    px4: Px4Rows = field(default_factory=Px4Rows)
+    resets: int = 0  # of the attitude
+    unsound: Counter[str] = field(default_factory=Counter)  # positions or velocities left out
     by_places: bool = False  # whether the twists are those of the places
+
+    @property
+    def folder(self) -> str:
+        """What a topic has in common with those of the same source: "/fmu/out"."""
+        return self.name.rpartition("/")[0]
 
     @property
     def asked_for(self) -> bool:
@@ -103,6 +124,7 @@ def topics_of(path: Path, counts: Counter[str]) -> tuple[list[Topic], dict[str, 
         topic.messages += 1
         if message.kind == topic.kind:
             _take(message, topic, counts)
+    _tell_px4(list(topics.values()), counts)
     named = {topic.name: topic.kind for topic in topics.values()}
     return list(topics.values()), dict.fromkeys(kinds - USED, "") | named
 
@@ -110,9 +132,14 @@ def topics_of(path: Path, counts: Counter[str]) -> tuple[list[Topic], dict[str, 
 def _take(message: RosMessage, topic: Topic, counts: Counter[str]) -> None:
     if message.kind in IMAGE_KINDS and topic.first_ns is not None:
         return
+    if message.kind in PX4_KINDS:
+        _take_px4(message, topic, counts)
+        return
     try:
         content = decoded(message)
-        topic.first_ns = topic.first_ns or stamp_of(content.header, message.log_ns)
+        if topic.first_ns is None:
+            topic.first_ns = stamp_of(content.header, message.log_ns)
+            topic.ahead_ns = topic.first_ns - min(message.log_ns, LATEST_NS)
         topic.of_depth = message.kind in IMAGE_KINDS and is_depth_map(message, content)
         if message.kind in ORIENTATION_KINDS and (turn := orientation_of(message, content)):
             topic.orientations.append(turn)
@@ -135,3 +162,38 @@ def _take_fix(fix: Fix | None, topic: Topic) -> None:
         topic.unsound[UNFIXED] += 1
     else:
         topic.fixes.append(fix)
+
+
+def _take_px4(message: RosMessage, topic: Topic, counts: Counter[str]) -> None:
+    try:
+        if message.definition:
+            topic.px4.take(message)
+        else:
+            counts[UNDEFINED] += 1
+    except DamagedError:
+        counts[UNREADABLE] += 1
+
+
+def first_picture(topics: Sequence[Topic]) -> Topic | None:
+    """The topic with most pictures, whose first is time 0; depth that a camera measures left aside."""
+    images = [topic for topic in topics if topic.kind in IMAGE_KINDS and not topic.of_depth]
+    pictures = [topic for topic in images if topic.first_ns is not None]
+    return min(pictures, key=lambda topic: (-topic.messages, topic.name), default=None)
+
+
+def _tell_px4(topics: Sequence[Topic], counts: Counter[str]) -> None:
+    """What PX4's topics say, once all is read; gimbals last, whose yaw may count from the drone's heading."""
+    picture = first_picture(topics)
+    ahead_ns = picture.ahead_ns if picture else 0
+    if abs(ahead_ns) <= IN_STEP_NS:
+        ahead_ns = 0  # the same clock: that is the way of a picture
+    bodies: dict[str, list[BodyAttitudeSample]] = {}
+    told = [topic for topic in topics if topic.px4.rows]
+    for topic in sorted(told, key=lambda topic: topic.kind == PX4_GIMBAL):
+        of_camera = topic.kind == PX4_GIMBAL
+        lost = topic.unsound if topic.kind in PX4_VELOCITY_KINDS else counts
+        columns, known = topic.px4.columns(), bodies.get(topic.folder, [])
+        gate = px4_gate(topic.kind, columns, ahead_ns, known if of_camera else [], lost)
+        topic.twists, topic.orientations = twists_of(gate), orientations_of(gate, of_camera=of_camera)
+        topic.resets = reset_count(columns)
+        bodies[topic.folder] = max(known, gate.bodies, key=len)

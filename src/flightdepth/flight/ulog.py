@@ -210,7 +210,7 @@ def gimbal_attitudes(columns: Columns, counts: Counter[str]) -> Iterator[Record]
     """GimbalDeviceAttitudeStatus: as MAVLink's; older logs have no `delta_yaw`."""
     stamps = stamps_us(columns)
     delta_yaws = columns["delta_yaw"].tolist() if "delta_yaw" in columns else [math.nan] * len(stamps)
-    flags = columns["device_flags"].tolist()
+    flags = columns["device_flags"].astype(np.int64).tolist()
     rows = zip(stamps, quaternions(columns), flags, delta_yaws, strict=True)
     for stamp, quaternion, flag, delta_yaw in rows:
         if stamp < LAST_STAMP_US:
