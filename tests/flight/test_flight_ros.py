@@ -10,9 +10,9 @@ from flightdepth.errors import BadInput, MissingExtra
 from flightdepth.flight import ros_messages
 from flightdepth.flight.records import AttitudeSample, VelocitySample
 from flightdepth.flight.ros import read_ros
-from flightdepth.flight.ros2_bag import ZSTD_MAGIC
 from flightdepth.flight.ros_messages import axes_of, ned_from_map
 from flightdepth.flight.ros_records import DamagedError
+from flightdepth.flight.ros_sqlite import ZSTD_MAGIC
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
 from tests_recordings import ROS_CONTAINERS, Messages, odometry_flight, write_mcap, write_ros1, write_ros2
