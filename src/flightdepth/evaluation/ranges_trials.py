@@ -106,7 +106,7 @@ def more_ranges() -> tuple[Trial, ...]:
 
 def default_fusion() -> tuple[Trial, ...]:
     """As `flightdepth run` does it: outputs at the ends of a range are bounds."""
-    counts = {DEPTHNET: (1, 2), TINY: (1, 2, 4), MOTION: (1, 2, 3)}
+    counts = {DEPTHNET: (1, 2), CLAMPED: (1, 2), TINY: (1, 2, 4), MOTION: (1, 2, 3)}
     return tuple(Trial(method, n, "saturation") for method, ns in counts.items() for n in ns)
 
 
