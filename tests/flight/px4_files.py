@@ -210,23 +210,23 @@ def gimbal(
 def write_px4(path, messages, plugin="MCAP"):
     """A folder as rosbags writes it."""
     with Ros2Writer(path, version=9, storage_plugin=StoragePlugin[plugin]) as bag:
-        connections = {}
-        for topic, at_ns, kind, _, store, message in messages:
-            if topic not in connections:
-                connections[topic] = bag.add_connection(topic, kind, typestore=store)
-            bag.write(connections[topic], at_ns, bytes(store.serialize_cdr(message, kind)))
+        _fill(bag, messages, lambda store: store.serialize_cdr)
     return path
 
 
 def write_px4_ros1(path, messages):
     """A bag of ROS 1, as its branch of px4_msgs gives."""
     with Ros1Writer(path) as bag:
-        connections = {}
-        for topic, at_ns, kind, _, store, message in messages:
-            if topic not in connections:
-                connections[topic] = bag.add_connection(topic, kind, typestore=store)
-            bag.write(connections[topic], at_ns, bytes(store.serialize_ros1(message, kind)))
+        _fill(bag, messages, lambda store: store.serialize_ros1)
     return path
+
+
+def _fill(bag, messages, serializer):
+    connections = {}
+    for topic, at_ns, kind, _, store, message in messages:
+        if topic not in connections:
+            connections[topic] = bag.add_connection(topic, kind, typestore=store)
+        bag.write(connections[topic], at_ns, bytes(serializer(store)(message, kind)))
 
 
 def write_px4_mcap(path, messages, *, compression="NONE", chunk_size=2000, encoding="ros2msg"):

@@ -94,9 +94,10 @@ class Topic:
         """Where no twist tells of a movement, and the places do, the velocity is their slope."""
         if self.asked_for or not self.still:
             return
-        found = velocities_of_places(self.places)
-        if self.fixes:
+        if self.kind == NAV_SAT_FIX:
             found = velocities_of_fixes(self.fixes, self.unsound)
+        else:
+            found = velocities_of_places(self.places)
         if np.any(found.velocity_ned):
             self.by_places = True
             self.twists = [
