@@ -1,4 +1,4 @@
-"""The commands and snippets of the docs' part about sets on the disk, in their order, with few scenes."""
+"""The commands and snippets of the docs' parts about Still Box, in their order, with few scenes."""
 
 import gc
 import re
@@ -12,9 +12,11 @@ import pytest
 from flightdepth import cli
 from flightdepth.stillbox import shards
 
-TEXT = (Path(__file__).parents[1] / "docs" / "stillbox-disk.md").read_text("utf-8")
+DOCS = Path(__file__).parents[1] / "docs"
+TEXT = (DOCS / "stillbox-disk.md").read_text("utf-8")
 COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL) for line in block.splitlines()]
-FOLDER, SHARDS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+FOLDER, READ, SHARDS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+[LOOP] = re.findall(r"```python\n(.*?)```", (DOCS / "stillbox.md").read_text("utf-8"), re.DOTALL)
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +51,23 @@ def test_numpy_and_opencv_read_the_folder(rendered, monkeypatch):
     assert all(depth_m.shape == (16, 16) and depth_m.min() > 0 for depth_m in names["depths_m"])
     assert names["focal_px"] == pytest.approx(8)
     assert np.linalg.norm(names["metres_a_frame"]) == pytest.approx(0.1)
+
+
+def test_this_package_reads_the_folder(rendered, monkeypatch):
+    monkeypatch.chdir(rendered)
+    names = run(READ)
+    assert (len(names["learnt_from"]), len(names["held_out"])) == (160, 40)
+    assert names["previous"].shape == names["current"].shape == (*names["depth_m"].shape, 3) == (16, 16, 3)
+    assert np.linalg.norm(names["displacement"]) == pytest.approx(0.3)
+
+
+def test_pairs_are_drawn_for_a_loop_of_ones_own():
+    names = run(LOOP.replace("128", "32").replace("200", "2").replace("1000", "1"))
+    batch = names["batch"]
+    assert batch.pairs.shape == (32, 32, 32, 6)
+    assert batch.target_m.shape == (32, 32, 32)
+    assert all(np.linalg.norm(pair.displacement) < 0.6001 for pair in batch.each)
+    assert all(pair.camera.fx == pytest.approx(16) for pair in batch.each)
 
 
 def test_webdataset_reads_the_shards(rendered, monkeypatch):

@@ -164,7 +164,7 @@ def stopped_run(work, number, *flights):
         "preexec_fn": partial(signal.signal, number, signal.SIG_DFL)
     }
     with subprocess.Popen(command, cwd=work, stderr=subprocess.PIPE, text=True, **heeding) as running:
-        while len(list(work.rglob(".*.partial*/depth/*.png"))) < 5:
+        while len(list(work.rglob(".*.*-*/depth/*.png"))) < 5:
             assert running.poll() is None
             time.sleep(0.05)
         running.send_signal(number)

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from command_flights import FRAMES, SIZE, make_log, make_video
 
+from flightdepth.camera import Camera
 from flightdepth.cli import main
+from flightdepth.commands.single_flight import closer
 from flightdepth.outputs import FlightFolder, FlightWriter
 from flightdepth.ranges.direction import SeenDirections
+from flightdepth.runtimes.network import load_network
 
 
 @pytest.fixture
@@ -48,6 +51,22 @@ def refused(outcome, work, *words):
 
 
 # What it does
+
+
+@pytest.mark.parametrize(
+    ("hfov", "advice"),
+    [("90", "expect coarse depth; `--network motion` looks closer"), ("150", "expect coarse depth")],
+    ids=["the video is finer", "it has no more pixels"],
+)
+def test_who_is_warned_of_a_narrow_picture_hears_what_helps(run, hfov, advice):
+    """A DepthNet was told to take `--detail 2`, which it refuses."""
+    _, _, stderr = run(hfov=hfov)
+    assert " ".join(stderr.split()).endswith(advice)
+
+
+def test_a_network_for_any_lens_may_look_closer_by_itself(save_difference_network):
+    network = load_network(save_difference_network(any_lens=True))
+    assert closer(network, Camera.from_fov(128, 128, 90)) == "; `--detail 2` looks closer"
 
 
 def test_a_flight_gives_depth(run, work):

@@ -180,6 +180,10 @@ def test_photos_are_counted(tmp_path, capsys):
     [
         (["train", "nothing"], "recipe: expected a .toml file or one of clamped-256, depthnet-256"),
         (["train", "small.toml", "--textures", "nowhere"], "--textures: expected a folder of images"),
+        (
+            ["train", "small.toml", "--runs", "small.toml"],
+            "--runs: expected a folder, got the file small.toml",
+        ),
         (["train", "small.toml", "--procedural", "0"], "--procedural: expected at least 1"),
         (["export", "nowhere"], "checkpoint nowhere"),
         (["export", "small.toml"], "expected a checkpoint of flightdepth train"),

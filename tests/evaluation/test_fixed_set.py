@@ -6,7 +6,7 @@ import pytest
 from flightdepth.errors import BadInput
 from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set, set_name
 from flightdepth.evaluation.pairs import Task
-from flightdepth.scenes import Textures
+from flightdepth.scenes import StillBoxConfig, Textures
 from flightdepth.stillbox import Picture
 from tests_networks import difference_card
 
@@ -42,6 +42,15 @@ def test_a_name_tells_a_lens_of_another_angle():
 def test_the_rule_is_the_network_s():
     rule = fixed_set(difference_card(nominal_shift=5, depth_min_m=10.0, depth_max_m=60.0)).rule
     assert (rule.nominal_shift, rule.depth_min_m, rule.depth_max_m) == (5, 10, 60)
+
+
+def test_pairs_are_as_far_apart_as_in_training():
+    """Once a recipe with `speed_m_s = 5` was measured 0.3 m apart, five times nearer than it had learnt."""
+    own = fixed_set(difference_card(D0_m=1.5), scenes=1)
+    assert np.linalg.norm(own.pair(0).displacement) == pytest.approx(1.5)
+    assert set_name(own) == "Still Box 64 px, shift 3 of 0.5 m"
+    usual = fixed_set(difference_card(D0_m=3 * 0.1), scenes=1)
+    assert usual.config == StillBoxConfig()
 
 
 def test_names_tell_sets_apart():

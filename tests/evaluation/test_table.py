@@ -13,14 +13,13 @@ from rich.console import Console
 
 from flightdepth import cli
 from flightdepth.commands import table
-from flightdepth.commands.table import same_textures
 from flightdepth.evaluation import table as paper
 from flightdepth.runtimes.network import load_network
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import PairStream
 from flightdepth.training import loop, recipe_files, recipe_names
 from flightdepth.training.checkpoint import read_progress
-from flightdepth.training.run_folder import SETS, keep_textures, parent_checkpoint, read_trained
+from flightdepth.training.run_folder import SETS, drawn_in, keep_textures, parent_checkpoint, read_trained
 from flightdepth.weights.store import find_network, read_card, shipped_networks
 
 SMALL = 8, 8  # feature maps of every network, pairs of every batch
@@ -221,10 +220,10 @@ def test_a_run_in_the_folder_fills_its_row(world, capsys):
 
 def test_training_scenes_are_drawn_again_in_the_same_textures_only(tmp_path):
     keep_textures(tmp_path, Textures.procedural(2, 1))
-    assert same_textures(tmp_path, Textures.procedural(2, 1))
-    assert not same_textures(tmp_path, Textures.procedural(2, 2))
+    assert drawn_in(tmp_path, Textures.procedural(2, 1))
+    assert not drawn_in(tmp_path, Textures.procedural(2, 2))
     (tmp_path / SETS).write_text("{}")
-    assert not same_textures(tmp_path, Textures.procedural(2, 1))
+    assert not drawn_in(tmp_path, Textures.procedural(2, 1))
 
 
 @pytest.mark.slow

@@ -93,8 +93,11 @@ def gyro_payload(rates, scale=1000) -> bytes:
     )
 
 
-def gps5_payload(rows, *, fix=3) -> bytes:
-    """A HERO5's payload: rows of (latitude, longitude, height, speed over ground, speed in space)."""
+def gps5_payload(rows, *, fix=3, beside=b"") -> bytes:
+    """A HERO5's payload: rows of (latitude, longitude, height, speed over ground, speed in space).
+
+    `beside` is what newer models write there too.
+    """
     scale = [10**7, 10**7, 1000, 1000, 100]
     raw = np.round(np.asarray(rows) * scale).astype(">i4")
     return nest(
@@ -103,6 +106,7 @@ def gps5_payload(rows, *, fix=3) -> bytes:
         nest(
             "STRM",
             klv("GPSF", "L", 4, 1, struct.pack(">L", fix)),
+            beside,
             klv("SCAL", "l", 4, 5, struct.pack(">5l", *scale)),
             klv("GPS5", "l", 20, len(raw), raw.tobytes()),
         ),

@@ -139,11 +139,27 @@ float32 yawspeed
 float32[21] velocity_covariance
 uint8 reset_counter
 """
+GLOBAL_1_13 = """uint64 timestamp
+uint64 timestamp_sample
+float64 lat
+float64 lon
+float32 alt
+float32 alt_ellipsoid
+float32 delta_alt
+uint8 lat_lon_reset_counter
+uint8 alt_reset_counter
+float32 eph
+float32 epv
+float32 terrain_alt
+bool terrain_alt_valid
+bool dead_reckoning
+"""
 KINDS = {
     "position": "px4_msgs/msg/VehicleLocalPosition",
     "odometry": "px4_msgs/msg/VehicleOdometry",
     "attitude": "px4_msgs/msg/VehicleAttitude",
     "gimbal": "px4_msgs/msg/GimbalDeviceAttitudeStatus",
+    "global": "px4_msgs/msg/VehicleGlobalPosition",
 }
 SYNCED_US = START_NS // 1000  # what PX4's clock says at time 0, where it keeps the time of its agent
 SINCE_POWER_US = 7_000_000  # and where it does not
@@ -205,6 +221,10 @@ def gimbal(
     i, *, clock_us=SYNCED_US, definition=GIMBAL, topic="/fmu/out/gimbal_device_attitude_status", **values
 ):
     return px4("gimbal", definition, topic, i / 10, clock_us, **values)
+
+
+def global_position(i, *, clock_us=SYNCED_US, topic="/fmu/out/vehicle_global_position", **values):
+    return px4("global", GLOBAL_1_13, topic, i / 10, clock_us, **values)
 
 
 def write_px4(path, messages, plugin="MCAP"):

@@ -88,21 +88,25 @@ def test_the_longest_power_up_is_kept():
 
 def test_late_records_are_put_in_order_and_doubles_counted():
     records = [Record(stamp, Velocity((stamp, 0, 0))) for stamp in (10, 30, 20, 20, 40)]
-    telemetry = autopilot_telemetry("log", records, counts := Counter())
+    telemetry = autopilot_telemetry("log", records, counts := Counter(), told_by=[])
     assert [(s.stamp_ns, s.velocity[0]) for s in telemetry.samples] == [(0, 10), (10, 20), (20, 30), (30, 40)]
     assert +counts == {"velocities not later than the one before": 1}
 
 
 def test_a_deviation_that_is_none_is_left_out():
     records = [Record(i, Velocity((0, 0, 0), sigma)) for i, sigma in enumerate((-1.0, float("nan"), 0.5))]
-    assert [s.sigma for s in autopilot_telemetry("log", records, Counter()).samples] == [None, None, 0.5]
+    assert [s.sigma for s in autopilot_telemetry("log", records, Counter(), told_by=[]).samples] == [
+        None,
+        None,
+        0.5,
+    ]
 
 
 @pytest.mark.parametrize("bad", [(0, 0, 0, 0), (float("nan"), 0, 0, 0), (2, 0, 0, 0), (0, 1e30, 0, 1)])
 def test_attitudes_that_are_no_rotation_are_counted(bad):
     assert not is_rotation(bad)
     records = [Record(0, Velocity((0, 0, 0))), Record(1, BodyAttitude(bad))]
-    telemetry = autopilot_telemetry("log", records, Counter())
+    telemetry = autopilot_telemetry("log", records, Counter(), told_by=[])
     assert telemetry.body_attitudes == ()
     assert telemetry.counts == {"attitudes that are no rotation": 1}
 
@@ -119,7 +123,7 @@ def seen_by_a_gimbal(at_s, turn_deg_s=40.0, start_deg=160.0):
     for k in range(9):
         records.append(Record(k * NS_PER_S // 4, BodyAttitude(heading(start_deg + turn_deg_s * k / 4))))
     records += [Record(round(at * NS_PER_S), ahead) for at in at_s]
-    telemetry = autopilot_telemetry("log", records, counts := Counter())
+    telemetry = autopilot_telemetry("log", records, counts := Counter(), told_by=[])
     looks = [rotation_from_quaternion(camera.world_from_camera)[:, 2] for camera in telemetry.attitudes]
     return [float(np.degrees(np.arctan2(east, north))) % 360 for north, east, _ in looks], counts
 

@@ -128,6 +128,11 @@ def test_blank_lines_and_a_byte_order_mark_do_not_matter(tmp_path):
             WORLD.replace("\n", f",{ANGLES}\n") + "0,1,2,3,0,nan,0\n",
             "line 2.*a finite number for camera_pitch_deg",
         ),
+        (WORLD.replace("\n", ",latitude_deg\n"), "no longitude_deg"),
+        (
+            WORLD.replace("\n", ",latitude_deg,longitude_deg\n") + "0,1,2,3,473977000,85455000\n",
+            "line 2.*a latitude within 90 degrees",
+        ),
         ("time_s,speed_m_s\n0,-1\n", "line 2.*a speed of 0 m/s or more, got -1"),
         ("time_s,speed_m_s\n0,160\n", "line 2.*at most 150 m/s"),
         (WORLD.replace("\n", ",speed_m_s\n"), "one set of velocity columns"),

@@ -194,7 +194,7 @@ def test_a_layout_that_contradicts_itself_is_left_out(tmp_path, letters, length)
 
 
 def test_a_log_without_velocity_says_so(tmp_path):
-    with pytest.raises(BadInput, match=r"no velocity.*expected a velocity"):
+    with pytest.raises(BadInput, match=r"no velocity.*expected a velocity \(XKF1 or NKF1 or GPS\)"):
         read(tmp_path, dataflash_head() + dataflash_record("IMU", START_US, 0, 1, 2, 3))
 
 

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from flightdepth.flight import Frame, Steadiness, VelocitySample, open_flight
+from flightdepth.flight.positions import local_ned
+from flightdepth.ranges.displacement import integrate
 
 SHARED = Path(os.environ.get("FLIGHTDEPTH_SHARED", Path(__file__).parents[3] / "shared"))
 KARMA = SHARED / "data" / "karma.mp4"
@@ -32,6 +34,19 @@ def test_all_frames_and_velocities_come(judged):
     assert len(rates) == 362
     assert sum(isinstance(item, VelocitySample) for item in items) == 47
     assert flight.counts == {}
+
+
+def test_its_way_follows_the_positions_that_its_drone_tells(judged):
+    """81 m along the cliff of Carlsbad: summed velocities end within 3 m of where the drone says that it is."""
+    flight, items, _ = judged
+    track = flight.places
+    assert track.above == "mean sea level"
+    assert track.at(6 * 10**9)[:2] == pytest.approx((33.1257, -117.3312), abs=1e-4)
+    velocities = [item for item in items if isinstance(item, VelocitySample)]
+    stamps = np.array([item.stamp_ns for item in velocities])
+    way, _ = integrate(stamps, np.array([item.velocity for item in velocities]), track.stamps_ns)
+    apart = way - local_ned(track.places[:, :2], track.places[:, 2])
+    assert np.linalg.norm((apart - np.median(apart, axis=0))[:, :2], axis=1).max() < 3.5
 
 
 def test_the_speed_rises_from_1_to_8_m_s(judged):

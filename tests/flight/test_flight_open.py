@@ -121,6 +121,23 @@ def test_a_log_of_a_part_of_the_video_is_told(video, tmp_path, first_ms, last_ms
         assert "the log tells of" not in " ".join(flight.warnings)
 
 
+def told_of_gaps(video, path, **part):
+    with open_flight(video, path, hfov_deg=60, **part) as flight:
+        return [line for line in flight.warnings if "tells no velocity" in line]
+
+
+def test_a_gap_within_a_log_is_told_before_the_flight(tmp_path):
+    """Nothing was said of it until frames had no depth."""
+    video = make_video(tmp_path / "v.mp4", range(0, 12000, 500))
+    path = log(tmp_path, [*range(0, 4000, 100), *range(8000, 12000, 100)])
+    (line,) = told_of_gaps(video, path)
+    assert "no velocity from 3.900 s to 8.000 s of the video: frames in there have no depth" in line
+    assert told_of_gaps(video, path, end_s=4.3) == told_of_gaps(video, path, start_s=8.5) == []
+    often = log(tmp_path, [*range(0, 2000, 100), *range(4000, 8000, 100), *range(11000, 12000, 100)])
+    (line,) = told_of_gaps(video, often)
+    assert "no velocity 2 times, for 5.200 s in all, the longest from 7.900 s to 11.000 s" in line
+
+
 def test_a_flight_with_its_telemetry_inside(video):
     rows = [(5000 + 250 * k, 1.0, 0.0, 0.0) for k in range(8)]
     with open_flight(
@@ -249,6 +266,13 @@ def test_a_log_beside_the_video_that_is_not_known_is_named(video):
         open_flight(video, hfov_deg=60)
     with pytest.raises(BadInput, match="semicolons"):
         open_flight(video, table, hfov_deg=60)
+
+
+def test_what_was_looked_for_is_told_where_there_is_no_log(video):
+    """It said "none inside the video", and nothing of a log beside it."""
+    said = r"none inside the video, and no log beside it whose name is v and an ending\. Give --telemetry LOG"
+    with pytest.raises(BadInput, match=said):
+        open_flight(video, hfov_deg=60)
 
 
 def test_a_video_that_lost_its_track_takes_that_of_another_copy(video, tmp_path):

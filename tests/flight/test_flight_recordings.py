@@ -167,6 +167,7 @@ def test_without_a_recording_time_0_is_the_first_velocity(video, tmp_path):
     with opened(video, tmp_path / "log.csv", text) as flight:
         assert first_stamp_s(flight) == 0
         assert "time 0 is its first velocity, 100.000 s of its clock" in flight.telemetry_name
+        assert any("the video 20 s, and both are taken to begin together" in line for line in flight.warnings)
 
 
 @pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="stands for a file that may not be read")

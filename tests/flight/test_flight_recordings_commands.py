@@ -8,7 +8,9 @@ from flight_files import make_video
 from flightdepth.cli import main
 from flightdepth.commands.live_session import recorded
 from flightdepth.errors import BadInput
+from flightdepth.flight import open_flight
 from tests_dji_records import airdata, record
+from tests_logs import ulog_flight
 
 BOTH = ((5, 15), (30, 50))
 
@@ -75,3 +77,28 @@ def test_a_run_is_refused_in_one_line(video, tmp_path, capsys):
     said = capsys.readouterr().err
     assert said.count("error:") == 1
     assert "1: 10 s, --telemetry-offset -5.05; 2: 10 s, --telemetry-offset -30.05" in " ".join(said.split())
+
+
+def test_live_tells_of_a_gap_in_the_log(video, tmp_path, capsys):
+    """Nothing was said of it, nor of a log that tells a velocity seldom."""
+    log = tmp_path / "log.csv"
+    rows = [f"{k / 10},{1 + k / 100},0,0" for k in (*range(80), *range(120, 200))]
+    log.write_text("\n".join(["time_s,vn_m_s,ve_m_s,vd_m_s", *rows, ""]), encoding="utf-8")
+    live(video, log)
+    said = " ".join(capsys.readouterr().err.split())
+    assert "the log tells no velocity from 7.900 s to 12.000 s of the video" in said
+
+
+@pytest.mark.parametrize(("seconds", "doubted"), [(60, True), (21, False), (5, True)])
+def test_a_log_of_an_autopilot_and_a_video_of_another_length(video, tmp_path, capsys, seconds, doubted):
+    """They were taken to begin together without a word, so depth came from another part of the flight."""
+    log = tmp_path / "log.ulg"
+    log.write_bytes(ulog_flight(seconds * 10 + 1))
+    said = f"the log lasts {seconds} s, the video 20 s, and both are taken to begin together"
+    live(video, log)
+    assert (said in " ".join(capsys.readouterr().err.split())) == doubted
+    live(video, log, 1.0)
+    assert "begin together" not in " ".join(capsys.readouterr().err.split())
+    for offset_s, told in ((0.0, doubted), (1.0, False)):
+        with open_flight(video, log, hfov_deg=73, telemetry_offset_s=offset_s) as flight:
+            assert any(said in line for line in flight.warnings) == told

@@ -58,7 +58,9 @@ def test_pictures_and_telemetry_count_from_the_same_picture_though_it_cannot_be_
     pictures = [("/image", MADE.compressed(k / 10, data[: None if k else 20])) for k in range(3)]
     path = recorded(tmp_path, *pictures, ("/odom", MADE.odometry(0.1, (1, 0, 0))))
     assert [frame.stamp_ns for frame in ros_frames(path)] == [100_000_000, 200_000_000]
-    assert read_ros(path).velocities[0].stamp_ns == 100_000_000
+    telemetry = read_ros(path)
+    assert telemetry.velocities[0].stamp_ns == 100_000_000
+    assert telemetry.time_0_told
 
 
 def test_a_jpeg_is_unpacked(tmp_path):

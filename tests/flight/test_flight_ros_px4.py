@@ -78,6 +78,7 @@ def test_what_px4_publishes_is_read_from_each_container(tmp_path, container):
     assert len(telemetry.body_attitudes) == 30
     assert telemetry.counts == {}
     assert "of /fmu/out/vehicle_local_position_v1; its time 0 is 1700000000.000 s" in telemetry.name
+    assert not telemetry.time_0_told  # no picture in it
 
 
 def test_sqlite_without_definitions_is_refused_with_what_to_do(tmp_path):

@@ -6,6 +6,7 @@ import pytest
 from pyulog import ULog
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.gimbal import GimbalFlags
 from flightdepth.flight.records import VelocitySample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_euler, rotation_from_quaternion
@@ -53,6 +54,14 @@ def test_what_pyulog_writes_is_read_alike(tmp_path):
     ULog(str(first)).write_ulog(str(tmp_path / "b.ulg"))
     a, b = read_telemetry(first), read_telemetry(tmp_path / "b.ulg")
     assert [tuple(s.velocity) for s in a.samples] == [tuple(s.velocity) for s in b.samples]
+
+
+def test_a_time_of_measurement_that_nobody_set_is_that_of_publication(tmp_path):
+    """All but one of the velocities were left out as "not later than the one before"."""
+    bodies = [local_position(START_US + i * 100_000, velocity(i)) for i in range(5)]
+    telemetry = read(tmp_path, positions(*[body[:8] + bytes(8) + body[16:] for body in bodies]))
+    assert [sample.stamp_ns for sample in telemetry.samples] == [i * 100_000_000 for i in range(5)]
+    assert telemetry.counts == {}
 
 
 def test_two_power_ups_in_one_log_are_not_mixed(tmp_path):
@@ -126,6 +135,24 @@ def test_the_first_instance_of_a_topic_counts(tmp_path):
     data += [(5, local_position(START_US + i, velocity(i))) for i in range(3)]
     telemetry = read(tmp_path, ulog_bytes([LOCAL_POSITION], names, data))
     assert [tuple(s.velocity) for s in telemetry.samples] == [velocity(i) for i in range(3)]
+
+
+def test_the_first_gimbal_carries_the_camera(tmp_path):
+    """The others' attitudes were left out without a word."""
+    names = [*NAMES, (0, 2, "gimbal_device_attitude_status"), (1, 3, "gimbal_device_attitude_status")]
+    data = [(0, local_position(START_US + i, velocity(i))) for i in range(3)]
+    data += [(2, gimbal(START_US + i, quaternion(i), GimbalFlags.YAW_LOCK)) for i in range(3)]
+    data += [(3, gimbal(START_US + i, (1, 0, 0, 0), GimbalFlags.YAW_LOCK)) for i in range(4)]
+    telemetry = read(tmp_path, ulog_bytes([LOCAL_POSITION, ATTITUDE, GIMBAL], names, data))
+    assert len(telemetry.attitudes) == 3
+    assert telemetry.counts == {"attitudes of other gimbals": 4}
+
+
+def test_a_log_without_a_velocity_is_refused_with_what_it_lacks(tmp_path):
+    """It said "expected a velocity, got none" only."""
+    data = [(1, attitude(START_US + i, quaternion(i))) for i in range(3)]
+    with pytest.raises(BadInput, match=r"expected a velocity \(vehicle_local_position\), got none$"):
+        read(tmp_path, ulog_bytes([ATTITUDE], NAMES[1:], data))
 
 
 def test_resets_of_the_attitude_are_noted(tmp_path):

@@ -55,6 +55,15 @@ class Vehicle:
             at_s,
         )
 
+    def global_position(self, at_s, ned_m_s=(5.0, 0.0, 0.0), place=(481_000_000, 115_000_000)):
+        velocity = (round(metres * 100) for metres in ned_m_s)
+        self.send(
+            mavlink.MAVLink_global_position_int_message(
+                self.boot_ms(at_s), *place, 520_000, 12_000, *velocity, 65535
+            ),
+            at_s,
+        )
+
 
 @pytest.fixture
 def store():
@@ -120,6 +129,18 @@ def test_odometry_counts_only_while_nothing_better_comes(vehicle, store):
     assert [s.velocity[0] for s in store.take_new()] == [3.0]
     vehicle.odometry(101.5)
     assert [s.velocity[0] for s in store.take_new()] == [9.0]
+
+
+def test_a_global_position_tells_the_velocity_where_nothing_better_comes(vehicle, store, feed):
+    """It was not read: an autopilot without local positions flew without a velocity."""
+    vehicle.velocity(100)
+    vehicle.global_position(100.1)
+    assert [s.velocity[0] for s in store.take_new()] == [3.0]
+    vehicle.global_position(101.5)
+    assert [s.velocity[0] for s in store.take_new()] == [5.0]
+    vehicle.global_position(101.6, place=(0, 0))  # before the first fix
+    assert store.take_new() == []
+    assert feed.counts["positions without a fix"] == 1
 
 
 def test_a_gimbal_tells_the_camera_on_its_own_clock(vehicle, feed, store):

@@ -249,6 +249,9 @@ def test_rates_and_ages_by_hand():
         rate.add(i * S // 20)
     assert rate.hz(3 * S) == pytest.approx(20)
     assert rate.hz(30 * S) == 0
+    for i in range(20):
+        rate.add(40 * S + i * MS)
+    assert rate.hz(40 * S + 20 * MS) == 0  # a burst: it was told as 1000 a second
     assert ages.p95_ms is None
     for i in range(101):
         ages.add(0, float(i))

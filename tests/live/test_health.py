@@ -196,6 +196,12 @@ def test_since_holds_while_only_figures_change(flight):
     assert len({health.reason for health in late}) > 5  # the figure counts on
 
 
+def test_a_source_that_died_is_not_a_frozen_picture(flight):
+    """For half a second, before no picture had come for long enough."""
+    told = {health.kind[1] for health in flight.fly(3, pictures=False) if health.reason}
+    assert told == {SILENT}
+
+
 def test_a_slow_machine(flight):
     flight.monitor.pictures_hz, flight.monitor.results_hz = 30.0, 3.0
     told = flight.fly(FRAME_S)[-1].reason

@@ -116,7 +116,8 @@ def test_nothing_counts(convert, work):
 
 
 @pytest.mark.parametrize(
-    ("kind", "module", "extra"), [("las", "laspy", "clouds"), ("mcap", "mcap.writer", "ros")]
+    ("kind", "module", "extra"),
+    [("las", "laspy", "clouds"), ("laz", "pyproj", "clouds"), ("mcap", "mcap.writer", "ros")],
 )
 def test_without_the_extra_it_says_which(convert, monkeypatch, kind, module, extra):
     monkeypatch.setitem(sys.modules, module, None)  # an import of it fails

@@ -108,3 +108,17 @@ def test_an_unknown_attitude_comes_back_unknown():
     back = poses_from_csv(csv_text(COLUMNS, pose_cells(pose)))[0]
     assert back.attitude == "unknown"
     assert np.isnan(back.world_from_camera).all()
+
+
+@given(st.floats(-90, 90), st.floats(-180, 180), st.floats(-400, 9000) | st.just(np.nan))
+def test_a_place_comes_back_to_the_millimetre(latitude, longitude, altitude):
+    pose = FramePose(0, 0, 0, np.zeros(3), LOOKING_NORTH, "log", np.array([latitude, longitude, altitude]))
+    back = poses_from_csv(csv_text(COLUMNS, pose_cells(pose)))[0]
+    assert back.place == pytest.approx(pose.place, abs=5.1e-4, nan_ok=True)
+    assert back.place[:2] == pytest.approx(pose.place[:2], abs=5.1e-10)
+
+
+def test_a_table_of_an_older_version_tells_no_places():
+    pose = FramePose(0, 0, 0, np.zeros(3), LOOKING_NORTH, "log")
+    text = csv_text(COLUMNS[:11], pose_cells(pose)[:11])
+    assert np.isnan(poses_from_csv(text)[0].place).all()

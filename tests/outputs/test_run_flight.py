@@ -8,6 +8,7 @@ from output_samples import HEIGHT, SOURCE, WIDTH, known
 
 from flightdepth.camera import Camera
 from flightdepth.flight import AttitudeSample, Frame, VelocitySample
+from flightdepth.flight.places import SEA_LEVEL, PlaceTrack
 from flightdepth.flight.steadiness import MAX_TURN_RAD
 from flightdepth.outputs import FlightFolder, FlightWriter, Preview, run_flight
 
@@ -40,6 +41,7 @@ class FlightOf:
     gyroscope = None
     turns = None
     any_direction = False
+    places = None
 
     def __init__(self, *events):
         self.events = events
@@ -59,10 +61,11 @@ def picture(index, x=0):
 
 @pytest.fixture
 def go(tmp_path):
-    def run(*events):
-        estimator, seen = Recorder(), []
+    def run(*events, places=None):
+        estimator, seen, flight = Recorder(), [], FlightOf(*events)
+        flight.places = places
         with FlightWriter(tmp_path / "out", SOURCE, Preview(WIDTH, HEIGHT)) as writer:
-            run_flight(FlightOf(*events), estimator, writer, lambda frame, result: seen.append(frame.index))
+            run_flight(flight, estimator, writer, lambda frame, result: seen.append(frame.index))
         return SimpleNamespace(calls=estimator.calls, seen=seen, folder=FlightFolder(tmp_path / "out"))
 
     return run
@@ -108,3 +111,21 @@ def test_each_frame_has_the_place_that_its_velocities_tell(go):
     )
     assert [pose.position_ned[0] for pose in done.folder.poses.values()] == [0, 0.0334]
     assert {pose.attitude for pose in done.folder.poses.values()} == {"unknown"}
+
+
+def test_each_frame_has_the_place_on_earth_that_the_log_tells(go):
+    """`poses.csv` knew no latitudes, and no cloud could be laid on a map."""
+    track = PlaceTrack(
+        np.array([0, 2 * FRAME_NS]),
+        np.array([(48.1, 11.5, 520.0), (48.100002, 11.500004, np.nan)]),
+        SEA_LEVEL,
+    )
+    velocities = [VelocitySample(FRAME_NS * i, np.array([1.0, 0, 0]), "world") for i in (0, 3)]
+    poses = go(*velocities, *map(picture, range(4)), places=track).folder.poses
+    expected = [
+        (48.1, 11.5, 520),
+        (48.100001, 11.500002, np.nan),
+        (48.100002, 11.500004, np.nan),
+        (np.nan,) * 3,
+    ]
+    np.testing.assert_allclose([pose.place for pose in poses.values()], expected, atol=1e-9)

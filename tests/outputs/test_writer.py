@@ -10,6 +10,7 @@ from output_samples import HEIGHT, SOURCE, WIDTH, frame, known, unknown
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.outputs import FlightFolder, FlightWriter, Preview
 from flightdepth.outputs.film import Film
+from flightdepth.outputs.interrupted import keep_interrupted
 from flightdepth.outputs.pictures import pictures
 
 
@@ -283,3 +284,13 @@ def test_a_file_in_the_folders_place_is_refused(tmp_path):
     (tmp_path / "out").write_bytes(b"precious")
     with pytest.raises(BadInput, match="got a file"):
         writer(tmp_path / "out")
+
+
+def test_a_killed_flight_without_a_frame_is_removed_one_with_a_frame_is_named(tmp_path):
+    for name, frames in (("aaaaaaaa", 0), ("bbbbbbbb", 1)):
+        folder = tmp_path / f".out.recording-{name}" / "depth"
+        folder.mkdir(parents=True)
+        for index in range(frames):
+            (folder / f"{index:06d}.png").touch()
+    assert keep_interrupted(tmp_path / "out") == [tmp_path / "out.interrupted-1"]
+    assert [path.name for path in tmp_path.iterdir()] == ["out.interrupted-1"]

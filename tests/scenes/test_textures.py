@@ -44,7 +44,7 @@ def test_a_folder_is_read_in_the_order_of_names(tmp_path):
 
 def test_made_ones_follow_the_photos(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), np.full((8, 8, 3), 40, np.uint8))
-    texels = textures_from_folder(tmp_path, made=2, seed=3).texels
+    texels = textures_from_folder(str(tmp_path), made=2, seed=3).texels  # as docs/stillbox.md has it
     assert texels[0, 0].tolist() == [40, 40, 40]
     np.testing.assert_array_equal(texels[1:], Textures.procedural(2, 3).texels)
 

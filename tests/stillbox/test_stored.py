@@ -72,6 +72,23 @@ def test_a_folder_as_the_authors_wrote_it(copy):
     assert np.array_equal(stored.scene(0).world_from_camera, np.repeat(np.eye(3)[None], 3, axis=0))
 
 
+def test_a_camera_that_is_said_not_to_turn_does_not(copy):
+    """Orientations that were all the same were taken for a turn, and the set was refused."""
+    assert open_stored_set(copy).turns
+    for path in copy.glob("*/metadata.json"):
+        facts = json.loads(path.read_text())
+        for scene in facts["scenes"]:
+            scene["orientation"] = [[1.0, 0.0, 0.0, 0.0]] * len(scene["imgs"])
+        path.write_text(json.dumps(facts))
+    assert not open_stored_set(copy).turns
+
+
+def test_a_set_without_arguments(copy):
+    for path in copy.glob("*/metadata.json"):
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"args": None}))
+    assert open_stored_set(copy).renderer == "unknown"
+
+
 def test_no_set_at_all(tmp_path):
     with pytest.raises(BadInput, match=r"expected sub-folders with metadata\.json, got none"):
         open_stored_set(tmp_path)
@@ -95,6 +112,17 @@ def test_a_set_of_empty_folders(copy):
         (lambda f: f["scenes"][0].update(speed=[1, 2]), "expected that of a Still Box folder"),
         (lambda f: f["scenes"][0].update(speed=["a", 2, 3]), "expected that of a Still Box folder"),
         (lambda f: f["scenes"][0].update(time_step=float("nan")), "speed .* and time_step, finite"),
+        # Once an AttributeError, and errors of the depths below that named no file or spoke of another key.
+        (lambda f: f.update(args=[1]), "expected that of a Still Box folder"),
+        (lambda f: f.update(fov=200), "field of view: expected more than 0 and less than 180 degrees"),
+        (
+            lambda f: f["scenes"][1]["orientation"].__setitem__(0, [0] * 4),
+            "scene 1, quaternion: expected four",
+        ),
+        (
+            lambda f: f["scenes"][1].update(position=[[0, 0, 0]]),
+            "scene 1, position: expected one for each of 3",
+        ),
         (lambda f: f.update(resolution=[64, 64]), "expected one resolution, field of view"),
         (lambda f: f.update(resolution=[64]), "expected that of a Still Box folder"),
     ],

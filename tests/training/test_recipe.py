@@ -106,6 +106,8 @@ def test_a_recipe_from_a_file(written):
         ("[[stages]]", "[scenes]\nframes = 900\n[[stages]]", "toml, scenes, room_half_m: expected at least"),
         ("width = 64", "width = 65", r"stages.0.width: expected a multiple of 64, got 65"),
         ("batch = 10", "", "stages.0.batch: expected a value, got none$"),
+        # Once what it was meant for was said to be missing, and not a word of what stands there.
+        ("batch = 10", "bach = 10", r"stages.0.bach: expected keys from name, full_width, .*, got bach$"),
         ('"none"', '"relu"', "activation: expected 'elu\\+1' or 'none', got relu"),
         ("ema_decay = 0.99", "ema_decay = 1.0", "ema_decay: expected less than 1, got 1.0"),
         ("seed = 0", "seed = ", "mine.toml: expected TOML"),

@@ -15,9 +15,11 @@ from flightdepth.files import check_parent, refuse_to_replace
 if TYPE_CHECKING:
     from flightdepth.outputs import FlightFolder
     from flightdepth.outputs.cloud import CloudSettings
+    from flightdepth.outputs.voxels import Cloud
 
 RECORDING = ".mcap"
 KINDS = (".ply", ".las", ".laz", RECORDING)
+LOCAL = "metres east, north, up"
 NO_PLACE = "attitude unknown, or not of the longest segment (poses.csv)"
 
 
@@ -44,7 +46,8 @@ def convert(
 ) -> None:
     """Turn a flight's depth into one file that other programs read. The name's end says which.
 
-    A point cloud, metres east, north and up from the first camera, with colours and confidence:
+    A point cloud with colours and confidence. A .ply is local: metres east, north and up from the first camera. So
+    are .las and .laz, unless the log told where on Earth the drone was: they are in UTM then, with its EPSG code.
 
       flightdepth convert out flight.ply
 
@@ -70,8 +73,8 @@ def convert(
         write_recording(flight, file)
         say(f"{file}: {len(flight.rows):,} frames of {folder}")
     else:
-        points = write_cloud(flight, file, settings)
-        say(f"{file}: {points:,} points from {folder}, metres east, north, up")
+        points, frame = write_cloud(flight, file, settings)
+        say(f"{file}: {points:,} points from {folder}, {frame}")
         if left_out := frames_left_out(flight):
             warn(f"{left_out:,} frames with depth are not in it: {NO_PLACE}")
 
@@ -104,17 +107,16 @@ def check_outside(folder: Path, file: Path) -> None:
         )
 
 
-def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> int:
-    """The cloud of a flight into `file`; how many points it has."""
+def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> tuple[int, str]:
+    """The cloud of a flight into `file`; how many points it has, and in which frame."""
     from flightdepth.outputs.cloud import cloud_of
-    from flightdepth.outputs.cloud_files import write_las, write_ply
+    from flightdepth.outputs.cloud_files import write_ply
 
-    if file.suffix.lower() == ".ply":
-        write = write_ply
-    else:
+    as_ply = file.suffix.lower() == ".ply"
+    if not as_ply:
         with extra_packages("Writing LAS", "clouds"):
             import laspy  # noqa: F401  before the work, not after it
-        write = write_las
+            import pyproj  # noqa: F401
     with progress_bar("cloud", -(-len(flight.rows) // settings.every), "frames") as bar:
         cloud = cloud_of(flight, settings, bar.step)
     if not len(cloud):
@@ -124,8 +126,26 @@ def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> in
             got="none",
             mend="Try a lower --min-confidence, a larger --max-range or a smaller --every.",
         )
-    write(file, cloud)
-    return len(cloud)
+    if as_ply:
+        write_ply(file, cloud)
+        return len(cloud), LOCAL
+    return len(cloud), write_on_earth(flight, file, cloud)
+
+
+def write_on_earth(flight: FlightFolder, file: Path, cloud: Cloud) -> str:
+    """A cloud in UTM where that can be, else in its local frame, as LAS or LAZ; which frame it is."""
+    from flightdepth.outputs.cloud import placed
+    from flightdepth.outputs.cloud_files import write_las
+    from flightdepth.outputs.georeference import LocalOnlyError, georeference
+
+    source = flight.record.source
+    try:
+        found = georeference(placed(flight).values(), true_north=source.true_north)
+    except LocalOnlyError as why:
+        write_las(file, cloud)
+        return f"{LOCAL}, not in UTM: {why}"
+    write_las(file, found.in_utm(cloud), found.crs)
+    return found.described(source.altitude_above)
 
 
 def write_recording(flight: FlightFolder, file: Path) -> None:

@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from flightdepth.runtimes.contract import Precision
     from flightdepth.runtimes.network import Network
     from flightdepth.stillbox import OutdoorTestSet, TestPair, TestSet
-    from flightdepth.training import Recipe
+    from flightdepth.training import Recipe, Stage
     from flightdepth.training.run_folder import Trained
     from flightdepth.weights.card import NetworkCard
+    from flightdepth.weights.card import Stage as CardStage
     from flightdepth.weights.store import StoredNetwork
 
 Weights: TypeAlias = "dict[str, Tensor]"
@@ -95,40 +96,21 @@ def card_of(run: Trained, name: str) -> NetworkCard:
     from flightdepth.renderers.raycast import VERSION
     from flightdepth.scenes.config import SET_VERSION
     from flightdepth.training.run_folder import stored_renderers
-    from flightdepth.weights.card import FLIGHT_DETAIL, NetworkCard, Predecessor, Stage
+    from flightdepth.weights.card import FLIGHT_DETAIL, NetworkCard, Predecessor
 
-    recipe, config = run.recipe, run.recipe.scenes
+    recipe, before = run.recipe, run.first_shipped
     if not run.stages:
         raise BadInput(f"checkpoint {run.checkpoint}", expected="some training", got="none yet")
-    common = Stage.model_fields.keys() - {"focal_px", "samples", "optimizer"}
-    stages = tuple(
-        Stage(
-            focal_px=round(config.focal_px(stage.full_width), 6),
-            samples=seen,
-            optimizer=recipe.optimizer_in(stage),
-            **stage.model_dump(include=common),
-        )
-        for stage, seen in run.stages
-    )
-    stages = (run.first_shipped.stages if run.first_shipped else ()) + stages
-    before = run.first_shipped
+    stages = (before.stages if before else ()) + tuple(card_stage(recipe, *each) for each in run.stages)
     went_on_from = None
     if before is not None and before.name == name:
         l1_m = before.metrics.get("l1_m")
         went_on_from = Predecessor(sha256=before.sha256, samples=before.samples, l1_m=l1_m)
     last = stages[-1]
     card = NetworkCard(
+        **recipe.model_dump(include=NetworkCard.model_fields.keys() - {"name", "stages"}),
         name=name,
-        architecture=recipe.architecture,
-        base_width=recipe.base_width,
-        activation=recipe.activation,
-        looks=recipe.looks,
-        thorough_last_look=recipe.thorough_last_look,
-        residual_blocks=recipe.residual_blocks,
-        nominal_shift=recipe.nominal_shift,
-        D0_m=recipe.nominal_shift * config.step_m,
-        depth_min_m=recipe.depth_min_m,
-        depth_max_m=recipe.depth_max_m,
+        D0_m=recipe.nominal_shift * recipe.scenes.step_m,
         focal_px=recipe.reference_focal_px or last.focal_px,
         any_lens=recipe.reference_focal_px is not None,
         width=last.width,
@@ -138,9 +120,21 @@ def card_of(run: Trained, name: str) -> NetworkCard:
         went_on_from=went_on_from,
         renderer=stored_renderers(run.checkpoint.parent) or VERSION,
         set_version=SET_VERSION,
-        seed=recipe.seed,
     )
     return card.at_focal(FLIGHT_DETAIL * card.focal_px)
+
+
+def card_stage(recipe: Recipe, stage: Stage, samples: int) -> CardStage:
+    """What a card says of a stage of which so many pairs were seen."""
+    from flightdepth.weights.card import Stage as CardStage
+
+    common = CardStage.model_fields.keys() - {"focal_px", "samples", "optimizer"}
+    return CardStage(
+        **stage.model_dump(include=common),
+        focal_px=round(recipe.scenes.focal_px(stage.full_width), 6),
+        samples=samples,
+        optimizer=recipe.optimizer_in(stage),
+    )
 
 
 def mean_of(weights: Weights, other: StoredNetwork) -> Weights:

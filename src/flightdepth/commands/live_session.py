@@ -17,7 +17,7 @@ from flightdepth.commands.terminal import mention, say, warn
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.camera_evidence import ChosenCamera
 from flightdepth.flight.cameras import choose_camera
-from flightdepth.flight.flight_log import choose_telemetry
+from flightdepth.flight.flight_log import choose_telemetry, untold
 from flightdepth.flight.gimbal import looking
 from flightdepth.flight.recordings import doubted_length
 from flightdepth.flight.records import Telemetry
@@ -208,8 +208,8 @@ def recorded(settings: LiveSettings, address: VideoAddress) -> tuple[Telemetry |
             log, _ = choose_telemetry(
                 video, given, None, offset_s, mend="Give --telemetry LOG or --mavlink LINK."
             )
-        if log is not None and not offset_s:
-            for doubt in doubted_length(log, video.duration_ns):
+        if log is not None:
+            for doubt in untold(video, log) + (() if offset_s else doubted_length(log, video.duration_ns)):
                 warn(doubt)
         return log, choose_camera(video, settings.camera, settings.hfov, log)
 

@@ -151,11 +151,11 @@ def run(
       flightdepth run a.mp4 b.mp4 --hfov 73 --out depth
 
     Stopped (Ctrl-C)? What was flown of a single flight stays, in
-    DIR.interrupted-1, and a line says with which --start to go on. Of several
-    flights the same command skips those that stand, and begins anew with the
-    one that was under way. On many machines that share a disk: --engine ray
-    --address auto. A single flight replaces what an earlier run left in its
-    folder, once it is done.
+    DIR.interrupted-1, and a line says with which --start to go on; after a
+    kill the next run into DIR does both. Of several flights the same command
+    skips those that stand, and begins anew with the one that was under way. On
+    many machines that share a disk: --engine ray --address auto. A single
+    flight replaces what an earlier run left in its folder, once it is done.
 
     How to load the files: docs/files.md. Which camera to give: docs/cameras.md.
     """

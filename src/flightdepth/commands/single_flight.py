@@ -15,6 +15,7 @@ from flightdepth.commands.terminal import progress_bar, say, warn
 from flightdepth.errors import BadInput
 
 if TYPE_CHECKING:
+    from flightdepth.camera import Camera
     from flightdepth.flight import Flight, Frame
     from flightdepth.outputs import Source, Summary
     from flightdepth.outputs.record import FlightRecord
@@ -26,10 +27,13 @@ if TYPE_CHECKING:
 def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = False) -> Outcome:
     """One flight into `target`; with `resume`, not again where the same result stands."""
     from flightdepth.flight import open_flight
+    from flightdepth.outputs.interrupted import keep_interrupted
     from flightdepth.outputs.writer import check_target
     from flightdepth.runtimes.network import load_network, nearest_network
 
     check_target(target)
+    for place in keep_interrupted(target):
+        warn(f"an earlier run was killed: {what_stands(place)}")
     with open_flight(
         path,
         settings.telemetry,
@@ -126,19 +130,22 @@ def write_depth(
         if writer.kept is None:
             warn(f"stopped: nothing of this flight was written, and {target} is as it was")
         else:
-            warn(
-                f"stopped: what was flown stands in {writer.kept}; {going_on(writer.kept)} goes on from there"
-            )
+            warn(f"stopped: {what_stands(writer.kept)}")
         raise
     return writer.summary
 
 
-def going_on(folder: Path) -> str:
-    """The option that flies what an interrupted flight did not come to."""
+def what_stands(folder: Path) -> str:
+    """Where an interrupted flight stands, and the option that flies what it did not come to."""
     from flightdepth.flight.records import NS_PER_S
     from flightdepth.outputs import FlightFolder
 
-    return f"--start {FlightFolder(folder).rows[-1].stamp_ns / NS_PER_S:.2f}"
+    where = f"what was flown stands in {folder}"
+    try:
+        last = FlightFolder(folder).rows[-1]
+    except (BadInput, IndexError):  # power was lost before it came to the disk
+        return where
+    return f"{where}; --start {last.stamp_ns / NS_PER_S:.2f} goes on from there"
 
 
 def conclude(summary: Summary, elapsed_s: float, target: Path) -> None:
@@ -175,6 +182,8 @@ def source_of(name: str, flight: Flight, network: Network, settings: RunSettings
         video_bytes=flight.video_bytes,
         telemetry=flight.telemetry_name,
         telemetry_digest=flight.telemetry_digest,
+        altitude_above=None if flight.places is None else flight.places.above,
+        true_north=flight.true_north,
         camera=flight.camera,
         camera_source=flight.camera_source,
         clock=flight.clock,
@@ -187,7 +196,14 @@ def source_of(name: str, flight: Flight, network: Network, settings: RunSettings
 def warnings_of(flight: Flight, network: Network) -> tuple[str, ...]:
     """What the user should know before the flight is run, a line each."""
     narrow = network.grid(flight.camera).warning
-    return flight.warnings if narrow is None else (*flight.warnings, narrow)
+    return flight.warnings if narrow is None else (*flight.warnings, narrow + closer(network, flight.camera))
+
+
+def closer(network: Network, camera: Camera) -> str:
+    """What sees a narrow picture finer, where it has more pixels than the network takes."""
+    if network.focal_px(camera) >= camera.fx:
+        return ""
+    return f"; `{'--detail 2' if network.card.any_lens else '--network motion'}` looks closer"
 
 
 def check_options(network: Network, settings: RunSettings) -> None:

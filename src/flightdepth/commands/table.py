@@ -137,6 +137,7 @@ def key(checkpoint: Path, trained: Trained, textures: Textures, scenes: int) -> 
     """What figures depend on; they are measured again when it changes."""
     from flightdepth.renderers.raycast import VERSION
     from flightdepth.scenes.config import SET_VERSION
+    from flightdepth.training.run_folder import drawn_in
 
     return {
         "checkpoint_sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest(),
@@ -145,27 +146,20 @@ def key(checkpoint: Path, trained: Trained, textures: Textures, scenes: int) -> 
         "scenes": scenes,
         "set_version": SET_VERSION,
         "renderer": VERSION,
-        "same_textures": same_textures(checkpoint.parent, textures),
+        "same_textures": drawn_in(checkpoint.parent, textures),
     }
-
-
-def same_textures(folder: Path, textures: Textures) -> bool:
-    """Whether a run drew its scenes, in these textures: then those that it learnt from can be drawn again."""
-    from flightdepth.training.run_folder import SETS, TEXTURES
-
-    worn = json.loads((folder / TEXTURES).read_bytes())
-    return not (folder / SETS).exists() and bool(worn["sha256"] == textures.digest)
 
 
 def measured_errors(row: Row, network: Network, trained: Trained, textures: Textures, scenes: int) -> Found:
     """On the test set, and on the last scenes of training where they can be drawn again."""
     from flightdepth.evaluation.network import evaluate_network
     from flightdepth.evaluation.table import LastScenes, whole_set
+    from flightdepth.training.run_folder import drawn_in
 
     tests = whole_set(network.card, scenes)
     name, shown = f"Still Box {tests.picture.width} px", counted(tests, f"{row.title}, test", "scenes")
     found = {"test": evaluate_network(network, shown, set_name=name, seed=tests.seed)}
-    if same_textures(trained.checkpoint.parent, textures):
+    if drawn_in(trained.checkpoint.parent, textures):
         last = LastScenes.of(trained, network.card, textures, scenes)
         shown = counted(last, f"{row.title}, train", "scenes")
         found["train"] = evaluate_network(network, shown, set_name="training", seed=last.scenes.seed)

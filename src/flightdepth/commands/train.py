@@ -15,7 +15,7 @@ from flightdepth.commands.signals import stop_request
 from flightdepth.commands.terminal import ToldProgress, progress_bar, say
 from flightdepth.commands.textures import PROCEDURAL, gathered_textures
 from flightdepth.errors import BadInput
-from flightdepth.files import held
+from flightdepth.files import held, make_folder
 
 if TYPE_CHECKING:
     from flightdepth.scenes import Textures
@@ -97,6 +97,7 @@ def train(
     folder, first = runs / wanted.name, this_process().is_main_process
     with nullcontext() if first else redirect_stdout(io.StringIO()):  # one of several processes speaks
         if first:  # before long there are files of this run
+            make_folder("--runs", runs)
             refuse_to_overwrite(folder, resume=resume)
         start = read_network(wanted.name) if shipped else None
         introduce(wanted, folder, resume=resume, shipped=start)

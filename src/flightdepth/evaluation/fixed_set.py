@@ -37,7 +37,8 @@ def fixed_set(
 ) -> TestSet:
     """Nominal pairs, square, of pictures `full_width` wide or crops of them, clipped to the network's range.
 
-    Where that is narrow and no whole number of strides, of the nearest that is, through a lens that fits.
+    Where that is narrow and no whole number of strides, of the nearest that is, through a lens that fits. A network for
+    one lens sees them the displacement of its own training apart.
 
     `textures` None takes the fixed set's own; others make a set of one's own, not to be compared, and so does
     another field of view, which a network for any lens alone can take.
@@ -52,7 +53,10 @@ def fixed_set(
         full, horizontal_fov_deg = _in_strides(card, full, horizontal_fov_deg)
     width = full if card.any_lens else min(full, MOST_PX)
     rule = PairRule(card.nominal_shift, card.depth_min_m, card.depth_max_m)
-    config = changed(StillBoxConfig(), {"horizontal_fov_deg": horizontal_fov_deg})
+    config = StillBoxConfig()
+    speed_m_s = config.speed_m_s if card.any_lens else card.D0_m / card.nominal_shift / config.time_step_s
+    # Rounded: the usual one is 1 to the bit.
+    config = changed(config, {"horizontal_fov_deg": horizontal_fov_deg, "speed_m_s": round(speed_m_s, 9)})
     return TestSet(Picture(width, width, full), rule, scenes, textures=textures, config=config)
 
 
@@ -121,7 +125,9 @@ def set_name(pairs: AnySet) -> str:
     textures = "" if pairs.textures is None else f", own textures {pairs.textures.digest[:12]}"
     crop = "" if picture.width == picture.full_width else f", crops of {picture.full_width} px"
     lens = _lens(pairs)
-    return f"Still Box {picture.width} px{crop}, shift {pairs.rule.nominal_shift}{lens}{textures}"
+    step_m = pairs.config.step_m
+    shift = f"shift {pairs.rule.nominal_shift}" + ("" if step_m == 0.1 else f" of {step_m:g} m")
+    return f"Still Box {picture.width} px{crop}, {shift}{lens}{textures}"
 
 
 def _lens(pairs: TestSet | OutdoorTestSet) -> str:

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.gimbal import GimbalAttitude, camera_attitude
+from flightdepth.flight.places import SEA_LEVEL, PlaceTrack
+from flightdepth.flight.positions import place_track
 from flightdepth.flight.records import (
     FASTEST_M_S,
     NS_PER_S,
@@ -63,11 +65,19 @@ class BodyAttitude(NamedTuple):
     quaternion: Sequence[float]
 
 
+class Position(NamedTuple):
+    """Latitude and longitude, degrees; altitude above mean sea level, metres."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+
 class Record(NamedTuple):
     """One value of a log; `stamp_ns` since the autopilot's power-up, `received_ns` by another clock, or 0."""
 
     stamp_ns: int
-    value: Velocity | BodyAttitude | GimbalAttitude
+    value: Velocity | BodyAttitude | GimbalAttitude | Position
     received_ns: int = 0
 
 
@@ -129,23 +139,33 @@ def placed_boots(records: Sequence[Record], counts: Counter[str]) -> list[Record
     return placed
 
 
-def autopilot_telemetry(name: str, records: Sequence[Record], counts: Counter[str]) -> Telemetry:
-    """Telemetry from the records of a log on one clock, in any order; its time 0 is the first record's."""
+def autopilot_telemetry(
+    name: str, records: Sequence[Record], counts: Counter[str], *, told_by: Iterable[str]
+) -> Telemetry:
+    """Telemetry from the records of a log on one clock, in any order.
+
+    Its time 0 is that of the first record, positions left aside. `told_by` are the log's names for a velocity.
+    """
     ordered = sorted(records, key=lambda record: record.stamp_ns)
-    zero_ns = ordered[0].stamp_ns if ordered else 0
+    moving = (record.stamp_ns for record in ordered if not isinstance(record.value, Position))
+    zero_ns = next(moving, 0)
     gate = Gate(counts)
     # The body's attitudes first: a gimbal's yaw counts from the heading between two of them.
     for stamp_ns, value, _ in sorted(ordered, key=lambda record: not isinstance(record.value, BodyAttitude)):
         gate.take(stamp_ns - zero_ns, value)
     if not gate.velocities:
-        raise BadInput(f"telemetry {name}", expected="a velocity", got=none_of(counts))
+        expected = f"a velocity ({' or '.join(told_by)})"
+        raise BadInput(f"telemetry {name}", expected=expected, got=none_of(counts))
     camera = f", {len(gate.cameras)} camera attitudes" if gate.cameras else ""
     what = f"{len(gate.velocities)} velocities, {len(gate.bodies)} body attitudes{camera}"
+    places = gate.places()
     return Telemetry(
         f"{name}: {what}; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock",
         by_time(gate.velocities, gate.cameras),
         dict(+counts),  # without the zeros
         body_attitudes=tuple(gate.bodies),
+        places=places,
+        time_0_told=False,
     )
 
 
@@ -157,12 +177,15 @@ class Gate:
     velocities: list[VelocitySample] = field(default_factory=list)
     bodies: list[BodyAttitudeSample] = field(default_factory=list)
     cameras: list[AttitudeSample] = field(default_factory=list)
+    positions: list[tuple[int, Position]] = field(default_factory=list)
     _unchanged_since_ns: int = 0
 
-    def take(self, stamp_ns: int, value: Velocity | BodyAttitude | GimbalAttitude) -> None:
+    def take(self, stamp_ns: int, value: Velocity | BodyAttitude | GimbalAttitude | Position) -> None:
         """Keep one record, or count why not."""
         if isinstance(value, Velocity):
             self._take_velocity(stamp_ns, value)
+        elif isinstance(value, Position):
+            self.positions.append((stamp_ns, value))  # `places` tells the sound ones
         elif not is_rotation(value.quaternion):
             self.counts["attitudes that are no rotation"] += 1
         elif isinstance(value, BodyAttitude):
@@ -174,6 +197,12 @@ class Gate:
                 self.counts["gimbal attitudes without a heading"] += 1
             else:
                 self.cameras.append(AttitudeSample(stamp_ns, attitude))
+
+    def places(self) -> PlaceTrack | None:
+        """The track of the positions, those that jump counted."""
+        table = np.array([position for _, position in self.positions], dtype=np.float64).reshape(-1, 3)
+        stamps_ns = [stamp_ns for stamp_ns, _ in self.positions]
+        return place_track(stamps_ns, table[:, :2], table[:, 2], SEA_LEVEL, self.counts)
 
     def _take_velocity(self, stamp_ns: int, value: Velocity) -> None:
         velocity = np.array(value.ned, dtype=np.float64)

@@ -16,6 +16,7 @@ from flightdepth.flight.autopilot import (
     LAST_STAMP_US,
     OTHER_GIMBALS,
     BodyAttitude,
+    Position,
     Record,
     Velocity,
     autopilot_telemetry,
@@ -51,7 +52,7 @@ def read_dataflash(path: Path) -> Telemetry:
         except (ValueError, OverflowError):
             counts[f"{layout.name} records with a number that cannot be"] += 1
     what = f"DataFlash {path.name}, {velocity or 'no'} velocity, {attitude or 'no'} attitude"
-    return autopilot_telemetry(what, longest_boot(records, counts), counts)
+    return autopilot_telemetry(what, longest_boot(records, counts), counts, told_by=VELOCITIES)
 
 
 @dataclass
@@ -106,7 +107,8 @@ class Selection:
     @property
     def used(self) -> frozenset[str]:
         """The types of record that `records` reads."""
-        return frozenset([self.velocity, self.attitude, EKF_STATUS.get(self.velocity, "XKF4"), "GPA", GIMBAL])
+        status = EKF_STATUS.get(self.velocity, "XKF4")
+        return frozenset([self.velocity, self.attitude, status, "GPA", GIMBAL, PLACE])
 
     def records(self, name: str, fields: Fields) -> list[Record]:
         """The record of a row, if it is of use."""
@@ -115,6 +117,8 @@ class Selection:
             self._status[fields.get("C", 0)] = int(fields["SS"])
         elif name == "GPA":
             self._gps_sigmas[fields.get("I", 0)] = fields["SAcc"]
+        elif name == PLACE:
+            return [Record(stamp_ns(fields), Position(fields["Lat"], fields["Lng"], fields["Alt"]))]
         elif name == GIMBAL:
             return self._gimbal_attitude(fields)
         elif name == self.velocity:
@@ -193,4 +197,5 @@ ATTITUDES: dict[str, Callable[[Fields], Sequence[float]]] = {
 EKF_STATUS = {"XKF1": "XKF4", "NKF1": "NKF4"}
 SURVEYED = frozenset([*EKF_STATUS.values(), "GPS"])
 GIMBAL = "MNT"  # degrees; YawE counts from north
-WANTED = frozenset([*VELOCITIES, *ATTITUDES, *EKF_STATUS.values(), "GPA", GIMBAL])
+PLACE = "POS"  # where the EKF has it: degrees, metres above mean sea level
+WANTED = frozenset([*VELOCITIES, *ATTITUDES, *EKF_STATUS.values(), "GPA", GIMBAL, PLACE])

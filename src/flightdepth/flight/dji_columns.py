@@ -39,12 +39,12 @@ METRES_A_SECOND = {"m/s": 1.0, "mps": 1.0, "mph": 0.44704, "km/h": 1 / 3.6, "kph
 TIME = ("time", "osd.flytime")
 WALL_CLOCK = ("custom.updatetime", "datetime")
 PLACE = (("latitude", "osd.latitude"), ("longitude", "osd.longitude"))
+ALTITUDE = ("altitude_above_sealevel", "osd.altitude")
 HEIGHT = (
     "height_above_takeoff",
     "osd.height",
     "ascent",
-    "altitude_above_sealevel",
-    "osd.altitude",
+    *ALTITUDE,
     "altitude",
 )
 SPEEDS = tuple((f"{axis}speed", f"osd.{axis}speed", f"velocity{axis}") for axis in "xyz")
@@ -77,6 +77,7 @@ class FlightTable:
     stamps_ns [n]  on the record's own clock
     places_deg     latitude and longitude [n, 2]
     heights_m      [n], above where the drone took off, or above the sea
+    altitudes_m    [n], above the sea
     speeds         x, y, z as they are written, m/s [n, 3]
     body_deg, gimbal_deg  yaw, pitch, roll in degrees [n, 3]
     recording      whether a video is recorded [n]; None where no column tells
@@ -87,6 +88,7 @@ class FlightTable:
     stamps_ns: NDArray[np.int64]
     places_deg: Vector
     heights_m: Vector
+    altitudes_m: Vector
     speeds: Vector
     body_deg: Vector
     gimbal_deg: Vector
@@ -164,6 +166,7 @@ def flight_table(text: str, counts: Counter[str]) -> FlightTable:
         stamps_ns[risen],
         table(PLACE),
         table([HEIGHT], METRES)[:, 0],
+        table([ALTITUDE], METRES)[:, 0],
         table(SPEEDS, METRES_A_SECOND),
         table(BODY),
         table(GIMBAL),

@@ -18,6 +18,8 @@ from flightdepth.flight.dji_speeds import flown
 from flightdepth.flight.file_bytes import as_text, log_bytes
 from flightdepth.flight.gimbal import looking_along, turned
 from flightdepth.flight.gimbal_heading import followed_offset_deg
+from flightdepth.flight.places import SEA_LEVEL
+from flightdepth.flight.positions import place_track
 from flightdepth.flight.recordings import recordings_in
 from flightdepth.flight.records import (
     NS_PER_S,
@@ -60,6 +62,9 @@ def read_dji_record(path: Path) -> Telemetry:
         dict(+counts),
         body_attitudes=tuple(_bodies(table)),
         recordings=recordings,
+        time_0_told=bool(recordings),
+        # Not counted: those that jump have been.
+        places=place_track(table.stamps_ns, table.places_deg, table.altitudes_m, SEA_LEVEL, Counter()),
     ).later_by(-zero_ns)
 
 

@@ -37,7 +37,8 @@ from flightdepth.flight.file_bytes import as_text, log_bytes
 from flightdepth.flight.gimbal import looking_along
 from flightdepth.flight.lenses import fov_of_equivalent_deg
 from flightdepth.flight.order import rising
-from flightdepth.flight.positions import Velocities, velocities_by_places
+from flightdepth.flight.places import SEA_LEVEL, PlaceTrack
+from flightdepth.flight.positions import Velocities, place_track, velocities_by_places
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, Telemetry, ViewTrack, by_time
 from flightdepth.motion import Vector
 
@@ -90,7 +91,7 @@ def read_dji_srt(path: Path) -> Telemetry:
     """Read a DJI subtitle file: velocities in the world frame, the camera's attitude where the gimbal is told."""
     counts: Counter[str] = Counter()
     cues = _ordered(_cues(as_text(log_bytes(path)), counts), counts)
-    found = _velocities(cues, counts)
+    found, places = _flown(cues, counts)
     if not len(found):
         expected = "DJI subtitles with two GPS positions or more"
         got = f"{len(cues)} subtitles, too few with a position"
@@ -98,7 +99,8 @@ def read_dji_srt(path: Path) -> Telemetry:
     cameras = _attitudes(cues)
     name = f"DJI subtitles {path.name}: {len(found)} velocities from positions"
     name += ", gimbal attitude" if cameras else ""
-    return Telemetry(name, by_time(found.samples(), cameras), dict(+counts), view=_views(cues))
+    samples = by_time(found.samples(), cameras)
+    return Telemetry(name, samples, dict(+counts), view=_views(cues), places=places)
 
 
 def _cues(text: str, counts: Counter[str]) -> list[Cue]:
@@ -176,7 +178,8 @@ def _ordered(cues: Sequence[Cue], counts: Counter[str]) -> list[Cue]:
     return kept
 
 
-def _velocities(cues: Sequence[Cue], counts: Counter[str]) -> Velocities:
+def _flown(cues: Sequence[Cue], counts: Counter[str]) -> tuple[Velocities, PlaceTrack | None]:
+    """Velocities and where they were told; `abs_alt` is what DJI takes for the height above the sea."""
     latitude_first = _latitude_first(cues)
     placed = [(cue, cue.place(latitude_first=latitude_first)) for cue in cues]
     sound = [cue for cue, place in placed if place is not None]
@@ -184,7 +187,10 @@ def _velocities(cues: Sequence[Cue], counts: Counter[str]) -> Velocities:
     places_deg = np.array([place for _, place in placed if place is not None]).reshape(-1, 2)
     stamps_ns = np.array([cue.stamp_ns for cue in sound], dtype=np.int64)
     found = velocities_by_places(stamps_ns, places_deg, _heights(sound), counts)
-    return _with_speeds(found, {cue.stamp_ns: cue for cue in sound})
+    altitudes_m = np.array([cue.fields.get("abs_alt", math.nan) for cue in sound])
+    # Not counted: those that jump have been.
+    places = place_track(stamps_ns, places_deg, altitudes_m, SEA_LEVEL, Counter())
+    return _with_speeds(found, {cue.stamp_ns: cue for cue in sound}), places
 
 
 def _latitude_first(cues: Sequence[Cue]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -118,6 +119,8 @@ def log_beside(video: Path, mend: str) -> Path:
         got += (
             f", and {alike[0].name} beside it is no log that is known: --telemetry {alike[0].name} tells why"
         )
+    else:
+        got += f", and no log beside it whose name is {video.stem} and an ending"
     raise BadInput(f"telemetry of {video}", expected="a velocity", got=got, mend=mend)
 
 
@@ -156,6 +159,32 @@ def shown_until_ns(video: Video) -> int | None:
     """When the chosen part of a video ends, None where it does not say."""
     return min(
         (end_ns for end_ns in (video.end_ns, video.duration_ns or None) if end_ns is not None), default=None
+    )
+
+
+def untold(video: Video, log: Telemetry) -> tuple[str, ...]:
+    """What a log does not tell of the part of a video that is shown, a line each."""
+    return (seldom_told(log) or interrupted(video, log)) + partly_told(video, log)
+
+
+def interrupted(video: Video, log: Telemetry) -> tuple[str, ...]:
+    """A line where a log tells no velocity for a while amid what is shown."""
+    end_ns, hold_ns = shown_until_ns(video) or LATEST_NS, HOLD_S * NS_PER_S
+    gaps = [
+        (start, end)
+        for start, end in pairwise(velocity.stamp_ns for velocity in log.velocities)
+        if end - start > MAX_GAP_S * NS_PER_S and end > video.start_ns and start + hold_ns < end_ns
+    ]
+    if not gaps:
+        return ()
+    start, end = max(gaps, key=lambda gap: gap[1] - gap[0])
+    often = ""
+    if len(gaps) > 1:
+        all_ns = sum(end - start for start, end in gaps)
+        often = f"{len(gaps)} times, for {seconds(all_ns)} in all, the longest "
+    return (
+        f"the log tells no velocity {often}from {seconds(start)} to {seconds(end)} of the video: frames in there have "
+        f"no depth, but for the first {HOLD_S:g} s",
     )
 
 

@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 from flightdepth.flight.gpmf import Stream
 from flightdepth.flight.order import rising
-from flightdepth.flight.positions import Velocities, velocities_by_places
+from flightdepth.flight.places import ELLIPSOID, SEA_LEVEL, PlaceTrack
+from flightdepth.flight.positions import Velocities, place_track, velocities_by_places
 from flightdepth.motion import Vector
 
 LEAST_FIX = 2
+BY_THE_SEA = "MSLV"
 FIX_COLUMN, SPEED_COLUMN = 8, 4
 SLOWEST_M_S = 0.5  # below it the receiver's speed is not spread over a direction that positions hardly tell
 NO_FIX = "GPS samples without a fix"
@@ -28,20 +30,36 @@ NOT_LATER = "GPS samples not later than the one before"
 
 def gps_velocities(streams: list[Stream], stamps_ns: NDArray[np.int64], counts: Counter[str]) -> Velocities:
     """Velocity north-east-down at the fixes of streams whose samples have `stamps_ns`; none where none has a fix."""
+    stamps_ns, values = _fixed(streams, stamps_ns, counts)
+    if not len(values):
+        return Velocities.none()
+    found = velocities_by_places(stamps_ns, values[:, :2], values[:, 2], counts)
+    speed = np.interp(found.stamps_ns, stamps_ns, values[:, SPEED_COLUMN])
+    return replace(found, velocity_ned=_at_speed(found.velocity_ned, speed))
+
+
+def gps_places(
+    streams: list[Stream], stamps_ns: NDArray[np.int64], counts: Counter[str]
+) -> PlaceTrack | None:
+    """Where the camera was; heights count from the ellipsoid, but where a newer model says from the sea level."""
+    stamps_ns, values = _fixed(streams, stamps_ns, counts)
+    above = SEA_LEVEL if streams[0].altitude == BY_THE_SEA else ELLIPSOID
+    return place_track(stamps_ns, values[:, :2], values[:, 2], above, counts)
+
+
+def _fixed(
+    streams: list[Stream], stamps_ns: NDArray[np.int64], counts: Counter[str]
+) -> tuple[NDArray[np.int64], Vector]:
+    """Those of the streams' samples that have a fix, at rising stamps, and their stamps."""
     values = np.concatenate([stream.values for stream in streams])
     good = np.concatenate([_has_fix(stream) for stream in streams]) & np.isfinite(values).all(axis=1)
     if not good.all():
         counts[NO_FIX] += int((~good).sum())
-    if not good.any():
-        return Velocities.none()
     stamps_ns, values = stamps_ns[good], values[good]
     later = rising(stamps_ns.tolist())
     if len(later) < len(stamps_ns):
         counts[NOT_LATER] += len(stamps_ns) - len(later)
-    stamps_ns, values = stamps_ns[later], values[later]
-    found = velocities_by_places(stamps_ns, values[:, :2], values[:, 2], counts)
-    speed = np.interp(found.stamps_ns, stamps_ns, values[:, SPEED_COLUMN])
-    return replace(found, velocity_ned=_at_speed(found.velocity_ned, speed))
+    return stamps_ns[later], values[later]
 
 
 def _has_fix(stream: Stream) -> NDArray[np.bool_]:

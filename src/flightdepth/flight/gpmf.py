@@ -78,6 +78,7 @@ class Stream:
     """A sensor's samples in one payload: `values` [n, columns], scaled; a unit a column, "" if unknown.
 
     `fix`: dimensions that a GPS knows its place in (GPSF: 0, 2, 3), where it says so beside its samples.
+    `altitude`: what its heights count from (GPSA: "MSLV" is the sea level), "" where it does not say so.
     """
 
     device: str
@@ -86,6 +87,7 @@ class Stream:
     units: tuple[str, ...]
     values: Vector
     fix: int | None = None
+    altitude: str = ""
 
 
 def records(data: bytes) -> Iterator[Record]:
@@ -134,7 +136,8 @@ def _stream(device: str, nest: Record, keys: frozenset[str]) -> Iterator[Stream]
             values = _scaled(record, described)
             name = described["STNM"].text() if "STNM" in described else record.key
             units = _units(described, values.shape[1])
-            yield Stream(device, record.key, name, units, values, _fix(described))
+            altitude = described["GPSA"].text() if "GPSA" in described else ""
+            yield Stream(device, record.key, name, units, values, _fix(described), altitude)
 
 
 def _scaled(record: Record, described: dict[str, Record]) -> Vector:

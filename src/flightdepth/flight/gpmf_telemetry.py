@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -16,14 +17,15 @@ from av.stream import Discard
 from flightdepth.errors import BadInput
 from flightdepth.flight.autopilot import Gate, Velocity
 from flightdepth.flight.container import main_stream, open_container
-from flightdepth.flight.gopro_gps import gps_velocities
+from flightdepth.flight.gopro_gps import gps_places, gps_velocities
 from flightdepth.flight.gpmf import GpmfError, Stream, streams
 from flightdepth.flight.payload_clock import Interval, Stamps, on_video_clock, spread
-from flightdepth.flight.positions import Velocities
+from flightdepth.flight.places import SEA_LEVEL, PlaceTrack
+from flightdepth.flight.positions import Velocities, place_track
 from flightdepth.flight.records import NS_PER_S, GyroscopeTrack, Telemetry, none_of
 
 TimedStream = tuple[Interval, Stream]
-GYROSCOPE = "GYRO"
+GYROSCOPE, GPS = "GYRO", ("GPS9", "GPS5")
 # A trimmed video's edit list says where each track begins; FFmpeg cuts pictures there, and a track of data it moves.
 WHOLE_TRACKS = {"advanced_editlist": "0"}
 
@@ -31,7 +33,7 @@ WHOLE_TRACKS = {"advanced_editlist": "0"}
 def read_gpmf(path: Path) -> Telemetry | None:
     """What the GPMF track of a video says, or None where there is no such track or no velocity in it."""
     counts: Counter[str] = Counter()
-    wanted = frozenset([*VELOCITIES, GYROSCOPE])
+    wanted = frozenset([*VELOCITIES, *PLACES, GYROSCOPE])
     found: dict[str, list[TimedStream]] = {}
     for interval, payload in payloads(path):
         try:
@@ -43,7 +45,8 @@ def read_gpmf(path: Path) -> Telemetry | None:
             found.setdefault(stream.key, []).append((interval, stream))
     for key, read_velocities in VELOCITIES.items():
         if key in found:
-            return _telemetry(found[key], read_velocities, found.get(GYROSCOPE, []), counts)
+            log = _telemetry(found[key], read_velocities, found.get(GYROSCOPE, []), counts)
+            return replace(log, places=_places(found))
     return None
 
 
@@ -99,6 +102,14 @@ def _telemetry(
     return Telemetry(name, tuple(kept), dict(+counts), _gyroscope(gyroscope))
 
 
+def _places(found: dict[str, list[TimedStream]]) -> PlaceTrack | None:
+    """Where the camera was, whoever tells the velocity; what is left out was counted there."""
+    for key, read in PLACES.items():
+        if parts := [part for part in found.get(key, []) if part[1].values.shape[1] >= LEAST_COLUMNS]:
+            return read([stream for _, stream in parts], sample_times(parts), Counter())
+    return None
+
+
 def sample_times(parts: list[TimedStream]) -> Stamps:
     """Time of each sample: by its own clock if the first column is in s, else spread over its payload."""
     if all(stream.units[:1] == ("s",) for _, stream in parts):
@@ -122,6 +133,14 @@ def local_position_ned(streams: list[Stream], stamps: Stamps, counts: Counter[st
     return Velocities(stamps, velocity, np.full(len(velocity), np.nan))
 
 
+def karma_places(streams: list[Stream], stamps: Stamps, counts: Counter[str]) -> PlaceTrack | None:
+    """Where a Karma was, by GLPI: time, latitude, longitude, altitude above mean sea level, and more."""
+    values = np.concatenate([stream.values[:, 1:4] for stream in streams])
+    return place_track(stamps, values[:, :2], values[:, 2], SEA_LEVEL, counts)
+
+
 Reader = Callable[[list[Stream], Stamps, Counter[str]], Velocities]
 # The best first. A source of velocity more is a key and a function more.
-VELOCITIES: dict[str, Reader] = {"LNED": local_position_ned, "GPS9": gps_velocities, "GPS5": gps_velocities}
+VELOCITIES: dict[str, Reader] = {"LNED": local_position_ned, **dict.fromkeys(GPS, gps_velocities)}
+PLACES = {"GLPI": karma_places, **dict.fromkeys(GPS, gps_places)}
+LEAST_COLUMNS = 5  # of any of them; fewer are damage

@@ -21,12 +21,12 @@ from flightdepth.flight.flight_log import (
     clock_warnings,
     forward_velocity,
     mounted,
-    partly_told,
-    seldom_told,
     synchronised,
+    untold,
 )
 from flightdepth.flight.offset import ClockOffset
 from flightdepth.flight.own_track import disagreements
+from flightdepth.flight.places import PlaceTrack
 from flightdepth.flight.recordings import doubted_length
 from flightdepth.flight.records import (
     MAX_GAP_S,
@@ -142,6 +142,16 @@ class Flight:
         return None if self._telemetry is None else self._telemetry.digest
 
     @property
+    def places(self) -> PlaceTrack | None:
+        """Where on Earth the drone was, where the log tells it."""
+        return None if self._telemetry is None else self._telemetry.places
+
+    @property
+    def true_north(self) -> bool:
+        """Whether the velocities' north is the Earth's."""
+        return self._telemetry is not None and self._telemetry.true_north
+
+    @property
     def gyroscope(self) -> GyroscopeTrack | None:
         """The camera's own gyroscope, where the file holds one."""
         return None if self._telemetry is None else self._telemetry.gyroscope
@@ -203,7 +213,7 @@ def open_flight(
         chosen = choose_camera(video, camera, hfov_deg, log)
         told = clock_warnings(clock, inside=inside)
         if log is not None:
-            told += seldom_told(log) + partly_told(video, log)
+            told += untold(video, log)
         if log is not None and telemetry is not None:
             told += disagreements(log, video)
         if log is not None and (not telemetry_offset_s if clock is None else clock.offset_s is None):

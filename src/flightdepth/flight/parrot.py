@@ -32,6 +32,8 @@ import numpy as np
 from flightdepth.errors import BadInput
 from flightdepth.flight.file_bytes import as_text, log_bytes
 from flightdepth.flight.order import in_time_order
+from flightdepth.flight.places import ELLIPSOID, SEA_LEVEL, AltitudeAbove, PlaceTrack
+from flightdepth.flight.positions import place_track
 from flightdepth.flight.records import (
     FASTEST_M_S,
     AttitudeSample,
@@ -62,6 +64,9 @@ SPEEDS = [
 ]
 BODIES = ["drone_quat", "metadata_drone_quat"]  # the second also from the nested drone.quat of protobuf
 VIEWS = ["frame_quat", "metadata_frame_quat", "metadata_camera_quat"]
+PLACES = ["location", "metadata_location", "metadata_drone_location"]
+# The first that is told.
+ALTITUDES: dict[str, AltitudeAbove] = {"egm96amsl": SEA_LEVEL, "wgs84ellipsoid": ELLIPSOID}
 FIELDS_OF_VIEW = ("picture_hfov", "metadata_picture_hfov", "metadata_camera_hfov")
 
 
@@ -84,8 +89,12 @@ def read_parrot(path: Path) -> Telemetry:
     attitudes: list[AttitudeSample] = []
     bodies: list[BodyAttitudeSample] = []
     views: dict[int, float] = {}
+    places: dict[int, Vector] = {}
     for row in rows:
-        if _take(row, velocities, attitudes, bodies, counts) and 1 < (hfov_deg := _hfov_deg(row)) < 170:
+        if not _take(row, velocities, attitudes, bodies, counts):
+            continue
+        places[velocities[-1].stamp_ns] = _place(row)
+        if 1 < (hfov_deg := _hfov_deg(row)) < 170:
             views[velocities[-1].stamp_ns] = hfov_deg
     if not velocities:
         raise BadInput(
@@ -95,12 +104,14 @@ def read_parrot(path: Path) -> Telemetry:
     name = f"Parrot metadata {path.name}: {len(velocities)} velocities"
     name += ", attitude of the camera" if attitudes else ""
     body_attitudes = tuple(in_time_order(bodies, counts))
+    track = _track(places, counts)
     return Telemetry(
         name,
         by_time(velocities, attitudes),
         dict(+counts),
         body_attitudes=body_attitudes,
         view=_view_track(views),
+        places=track,
     )
 
 
@@ -109,6 +120,22 @@ def _hfov_deg(row: Mapping[str, Any]) -> float:
     name = next((name for name in FIELDS_OF_VIEW if name in row), FIELDS_OF_VIEW[0])
     value = _number(row.get(name))
     return math.degrees(value) if 0 < value < math.pi else value
+
+
+def _place(row: Mapping[str, Any]) -> Vector:
+    """Latitude, longitude, and the altitudes of ALTITUDES; NaN where they are not told."""
+    prefix = next((prefix for prefix in PLACES if f"{prefix}_latitude" in row), PLACES[0])
+    names = ("latitude", "longitude", *(f"altitude_{above}" for above in ALTITUDES))
+    return np.array([_number(row.get(f"{prefix}_{name}")) for name in names])
+
+
+def _track(places: Mapping[int, Vector], counts: Counter[str]) -> PlaceTrack | None:
+    table = np.stack(list(places.values()))
+    column, above = next(
+        ((i, above) for i, above in enumerate(ALTITUDES.values(), 2) if np.isfinite(table[:, i]).any()),
+        (2, SEA_LEVEL),
+    )
+    return place_track(list(places), table[:, :2], table[:, column], above, counts)
 
 
 def _view_track(views: Mapping[int, float]) -> ViewTrack | None:

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.flight.order import rising
+from flightdepth.flight.places import AltitudeAbove, PlaceTrack
 from flightdepth.flight.records import FASTEST_M_S, NS_PER_S, VelocitySample
 from flightdepth.motion import Vector
 
@@ -25,6 +28,8 @@ HALF_WINDOW_PERIODS = 1.5  # slower ones: the fix before, this one, the one afte
 HALF_WINDOW_LIMIT_S = 5.0
 APART_S = 1.0  # velocities are told at least so often, where fixes are seldom seen to change
 ROUNDING_TARGET_M_S = 0.2  # the window grows until rounding costs less than this
+JUMPING = "positions that jump"
+UNFIXED = "positions without a fix"
 JUMP_M = 100.0  # off the median of its neighbours: not flown
 STANDING_OUT = 10.0  # times the median variance: of windows of three fixes one in a thousand does by chance
 DEGREE_M = 111_320.0  # of the equator: the longest
@@ -77,11 +82,40 @@ def velocities_by_places(
         return Velocities.none()
     ned = local_ned(places_deg, heights_m)
     kept = without_jumps(ned)
-    counts["positions that jump"] += int((~kept).sum())
+    counts[JUMPING] += int((~kept).sum())
     if np.count_nonzero(kept) < 2:
         return Velocities.none()
     steps_m = decimal_step(places_deg[kept]) * DEGREE_M, decimal_step(heights_m[kept])
     return velocities(stamps_ns[kept], ned[kept], steps_m=steps_m)
+
+
+def place_track(
+    stamps_ns: Sequence[int] | NDArray[np.int64],
+    places_deg: Vector,
+    altitudes_m: Vector,
+    above: AltitudeAbove,
+    counts: Counter[str],
+) -> PlaceTrack | None:
+    """From latitudes and longitudes [n, 2] and altitudes [n], NaN where they are not told, at any stamps.
+
+    Only real fixes stand in it: positions that repeat until the next would lag behind. What is no place on Earth goes
+    (0, 0 is written before the first fix), positions that jump are counted; None where fewer than two are sound.
+    """
+    stamps = np.asarray(stamps_ns, dtype=np.int64)
+    on_earth = (np.abs(places_deg) <= (90, 180)).all(axis=1) & places_deg.any(axis=1)
+    kept = np.flatnonzero(on_earth)
+    kept = kept[rising(stamps[kept].tolist())]
+    if len(kept) < 2:
+        return None
+    sound = without_jumps(local_ned(places_deg[kept], np.zeros(len(kept))))
+    counts[JUMPING] += int((~sound).sum())
+    kept = kept[sound]
+    if len(kept) < 2:
+        return None
+    kept = kept[fixes((stamps[kept] - stamps[kept[0]]) / NS_PER_S, places_deg[kept])]
+    altitudes_m = np.where(np.isfinite(altitudes_m), altitudes_m, np.nan)[kept]
+    told = above if np.isfinite(altitudes_m).any() else None
+    return PlaceTrack(stamps[kept], np.c_[places_deg[kept], altitudes_m], told)
 
 
 def local_ned(places_deg: Vector, heights_m: Vector) -> Vector:

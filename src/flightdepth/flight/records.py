@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.flight.places import PlaceTrack
 from flightdepth.motion import Vector, unit_quaternion
 
 VelocityFrame = Literal["world", "camera"]
@@ -191,7 +192,9 @@ class Telemetry:
     the drone's own, in time order; they say nothing of a camera until somebody knows how it is mounted.
     `view` is the field of view of each picture, where the log tells it. `recordings` are the videos that the log
     says were recorded, in time order: recordings.py finds the one at hand. `any_direction`: of the velocities only
-    the lengths are told.
+    the lengths are told. `places` is where on Earth the drone was, where the log tells it; `true_north` is False where
+    the velocities' north may be any direction, as in a map of odometry. `time_0_told` is False where time 0 is where
+    the log begins, whenever the video did.
     """
 
     name: str
@@ -202,6 +205,9 @@ class Telemetry:
     view: ViewTrack | None = None
     recordings: tuple[Recording, ...] = ()
     any_direction: bool = False
+    places: PlaceTrack | None = None
+    true_north: bool = True
+    time_0_told: bool = True
 
     def __post_init__(self) -> None:
         stamps = [sample.stamp_ns for sample in self.samples]
@@ -243,6 +249,7 @@ class Telemetry:
             ),
             view=None if self.view is None else replace(self.view, stamps_ns=self.view.stamps_ns + offset_ns),
             recordings=tuple(recording.later_by(offset_ns) for recording in self.recordings),
+            places=None if self.places is None else self.places.later_by(offset_ns),
         )
 
     @property

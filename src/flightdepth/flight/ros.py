@@ -23,6 +23,7 @@ import numpy as np
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.order import in_time_order
+from flightdepth.flight.places import ELLIPSOID, SEA_LEVEL, PlaceTrack
 from flightdepth.flight.records import (
     NS_PER_S,
     AttitudeSample,
@@ -38,12 +39,13 @@ from flightdepth.flight.ros_messages import (
     FRD_FROM_FLU,
     IMU,
     MAVROS_GLOBAL,
+    VECTOR,
     VELOCITY_KINDS,
     Orientation,
     Twist,
 )
-from flightdepth.flight.ros_places import NAV_SAT_FIX, PLACE_KINDS
-from flightdepth.flight.ros_px4 import DEFINE, PX4_VELOCITY_KINDS, UNDEFINED
+from flightdepth.flight.ros_places import NAV_SAT_FIX, PLACE_KINDS, track_of_fixes
+from flightdepth.flight.ros_px4 import DEFINE, PX4_PLACE, PX4_POSITION, PX4_VELOCITY_KINDS, UNDEFINED
 from flightdepth.flight.ros_topics import Topic, first_picture, topics_of
 from flightdepth.motion import (
     Vector,
@@ -54,6 +56,9 @@ from flightdepth.motion import (
 
 NEAR_NS = 100_000_000  # an orientation farther away says nothing of a velocity
 TOLD_KINDS = (*PX4_VELOCITY_KINDS, *VELOCITY_KINDS)  # PX4's are fused, and say when they are not valid
+MAVROS = "mavros"  # in the name of its topics, whose map is east-north-up
+# Others begin their map in any direction.
+NORTHWARD_KINDS = (PX4_POSITION, VECTOR, NAV_SAT_FIX)
 KINDS = (*TOLD_KINDS, *PLACE_KINDS, NAV_SAT_FIX)  # that tell a velocity, the best first
 
 
@@ -82,7 +87,28 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     name += f"; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock"
     # Not counted: an Odometry's velocity has been.
     bodies = in_time_order(_body_attitudes(oriented.orientations, zero_ns), Counter())
-    return Telemetry(name, by_time(samples, attitudes), dict(+counts), body_attitudes=tuple(bodies))
+    places = _places(topics, zero_ns, chosen, counts)
+    true_north = chosen.kind in NORTHWARD_KINDS or MAVROS in chosen.name
+    return Telemetry(
+        name,
+        by_time(samples, attitudes),
+        dict(+counts),
+        body_attitudes=tuple(bodies),
+        places=places,
+        true_north=true_north,
+        time_0_told=first_ns is not None,
+    )
+
+
+def _places(topics: Sequence[Topic], zero_ns: int, chosen: Topic, counts: Counter[str]) -> PlaceTrack | None:
+    """Where on Earth the drone was: by what PX4 flies by, else by the receiver with most fixes."""
+    fixed = [topic for topic in topics if topic.fixes and not topic.asked_for]
+    if not fixed:
+        return None
+    told = max(fixed, key=lambda topic: (topic.kind == PX4_PLACE, len(topic.fixes)))
+    above = SEA_LEVEL if told.kind == PX4_PLACE else ELLIPSOID
+    # Those that jump have been counted where the velocities are the slopes of the same.
+    return track_of_fixes(told.fixes, zero_ns, above, Counter() if told is chosen else counts)
 
 
 def _knows_turns(topic: Topic, chosen: Topic) -> tuple[bool, bool, bool, bool, bool, int]:

@@ -9,7 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from flightdepth.flight.positions import Velocities, velocities, velocities_by_places, without_jumps
+from flightdepth.flight.places import AltitudeAbove, PlaceTrack
+from flightdepth.flight.positions import (
+    Velocities,
+    place_track,
+    velocities,
+    velocities_by_places,
+    without_jumps,
+)
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.flight.ros_messages import (
     ODOMETRY,
@@ -29,7 +36,6 @@ FARTHEST_M = 1e8  # of a position, such as UTM's
 HIGHEST_M = 1e5
 FINEST_M = 1e-4  # what positions are rounded to at least
 LEAST_PLACES = 5  # that tell a velocity
-UNFIXED = "positions without a fix"
 LEVEL = "positions without an altitude"
 
 
@@ -102,3 +108,14 @@ def velocities_of_fixes(fixes: Sequence[Fix], counts: Counter[str]) -> Velocitie
     at_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
     heights_m = np.interp(at_s, at_s[told], heights_m[told]) if told.any() else np.zeros(len(at_s))
     return velocities_by_places(stamps_ns, places_deg, heights_m, counts)
+
+
+def track_of_fixes(
+    fixes: Sequence[Fix], zero_ns: int, above: AltitudeAbove, counts: Counter[str]
+) -> PlaceTrack | None:
+    """Where the drone was, by fixes in any order, on a clock whose 0 is `zero_ns`."""
+    fixed = {fix.stamp_ns - zero_ns: fix for fix in fixes}
+    stamps_ns = sorted(fixed)
+    rising = [fixed[stamp_ns] for stamp_ns in stamps_ns]
+    places_deg = np.array([(fix.latitude_deg, fix.longitude_deg) for fix in rising]).reshape(-1, 2)
+    return place_track(stamps_ns, places_deg, np.array([fix.altitude_m for fix in rising]), above, counts)

@@ -34,6 +34,7 @@ from flightdepth.flight.ulog import (
     body_attitudes,
     complete_records,
     gimbal_attitudes,
+    global_positions,
     velocities,
 )
 from flightdepth.motion import rotation_from_quaternion, rotations_from_quaternions
@@ -43,13 +44,15 @@ PX4_ODOMETRY = "px4_msgs/msg/VehicleOdometry"
 PX4_ATTITUDE = "px4_msgs/msg/VehicleAttitude"
 PX4_GIMBAL = "px4_msgs/msg/GimbalDeviceAttitudeStatus"
 PX4_VELOCITY_KINDS = (PX4_POSITION, PX4_ODOMETRY)  # best first
-PX4_KINDS = (*PX4_VELOCITY_KINDS, PX4_ATTITUDE, PX4_GIMBAL)
+PX4_PLACE = "px4_msgs/msg/VehicleGlobalPosition"
+PX4_KINDS = (*PX4_VELOCITY_KINDS, PX4_ATTITUDE, PX4_GIMBAL, PX4_PLACE)
 # Those of the messages above, in any version since PX4 1.13, but for their times.
 FIELDS = (
     *("q", "quat_reset_counter"),
     *("v_xy_valid", "v_z_valid", "vx", "vy", "vz", "evh", "evv"),
     *("velocity_frame", "velocity", "velocity_variance", "velocity_covariance"),
     *("device_flags", "delta_yaw"),
+    *("lat", "lon", "alt", "lat_lon_valid", "alt_valid"),
 )
 UNDEFINED = "messages of PX4 whose definition the recording does not hold"
 DEFINE = (
@@ -180,6 +183,7 @@ MEANINGS: dict[str, Callable[[Columns, Counter[str]], Iterator[Record]]] = {
     PX4_ODOMETRY: odometry,
     PX4_ATTITUDE: body_attitudes,
     PX4_GIMBAL: gimbal_attitudes,
+    PX4_PLACE: global_positions,
 }
 
 

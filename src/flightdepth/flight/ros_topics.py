@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from flightdepth.flight.file_bytes import head_of
+from flightdepth.flight.positions import UNFIXED
 from flightdepth.flight.records import LATEST_NS, BodyAttitudeSample
 from flightdepth.flight.ros1_bag import looks_like_ros1, ros1_messages
 from flightdepth.flight.ros2_bag import ros2_messages
@@ -29,7 +30,6 @@ from flightdepth.flight.ros_messages import (
 from flightdepth.flight.ros_places import (
     NAV_SAT_FIX,
     PLACE_KINDS,
-    UNFIXED,
     Fix,
     Place,
     fix_of,
@@ -196,5 +196,6 @@ def _tell_px4(topics: Sequence[Topic], counts: Counter[str]) -> None:
         columns, known = topic.px4.columns(), bodies.get(topic.folder, [])
         gate = px4_gate(topic.kind, columns, ahead_ns, known if of_camera else [], lost)
         topic.twists, topic.orientations = twists_of(gate), orientations_of(gate, of_camera=of_camera)
+        topic.fixes = [Fix(stamp_ns, *place) for stamp_ns, place in gate.positions]
         topic.resets = reset_count(columns)
         bodies[topic.folder] = max(known, gate.bodies, key=len)

@@ -20,6 +20,15 @@ from flightdepth.flight.tlog import looks_like_tlog, read_tlog
 from flightdepth.flight.ulog import looks_like_ulog, read_ulog
 
 HEAD_BYTES = 4096
+UTF_16 = "a text in UTF-16: save it as UTF-8"
+# How files begin that are not read, and what to do with them.
+UNREAD = {
+    b"ULogEnc": "PX4's encrypted log (.ulge): decrypt it to a .ulg",
+    b"FMT,": "an ArduPilot log as text: give the .bin that it was made of",
+    b"\xff\xfe": UTF_16,
+    b"\xfe\xff": UTF_16,
+}
+LISTED = 10  # of the logs in a folder
 
 
 class Format(NamedTuple):
@@ -55,18 +64,33 @@ def read_telemetry(path: Path) -> Telemetry:
     if head[4:8] == b"ftyp" and (inside := read_gpmf(path)) is not None:
         return inside  # of another copy of the video, which has lost it
     known = ", ".join(log_format.name for log_format in FORMATS)
-    got = _described(head, path.name) if head or path.is_dir() else "an empty file"
+    got = _folder(path) if path.is_dir() else _described(head, path.name)
     raise BadInput(f"telemetry {path}", expected=f"one of {known}", got=got)
+
+
+def _folder(path: Path) -> str:
+    """What a folder holds that is no ROS recording."""
+    try:
+        logs = sorted(log.name for log in path.iterdir() if is_log(log))
+    except OSError as error:
+        return error.strerror or str(error)
+    if not logs:
+        return "a folder without a log"
+    others = f" and {len(logs) - LISTED} more" if len(logs) > LISTED else ""
+    return f"a folder of logs: give one of them ({', '.join(logs[:LISTED])}{others})"
 
 
 def _described(head: bytes, file_name: str) -> str:
     """What a file seems to be that is no log."""
+    if not head:
+        return "an empty file"
+    for magic, name in UNREAD.items():
+        if head.startswith(magic):
+            return name
     if file_name.startswith("DJIFlightRecord"):
         return "DJI's encrypted flight record: AirData and PhantomHelp's viewers decode it to CSV"
     if head[4:8] == b"ftyp":
         return "a video without telemetry inside that is known"
-    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return "a text in UTF-16: save it as UTF-8"
     line = head.split(b"\n", 1)[0].strip().decode("utf-8-sig", "replace")
     for separator, name in ((";", "semicolons"), ("\t", "tabs")):
         if separator in line and line.replace("\t", " ").isprintable():

@@ -9,6 +9,7 @@ Columns, in any order:
     sigma_m_s                                           optional: its standard deviation
     qw, qx, qy, qz                                      optional: attitude, world (NED) from camera, or
     camera_yaw_deg, camera_pitch_deg, camera_roll_deg   from north clockwise, up, right side down
+    latitude_deg, longitude_deg, altitude_m             optional: where on Earth (WGS 84), above mean sea level
 
 Other columns are ignored, and the telemetry's name says which. Lines whose time is not later than the one before
 are left out and counted, and so is a last line without its end: it was cut off. Anything else that is wrong is
@@ -32,6 +33,8 @@ from flightdepth.files import write_atomic
 from flightdepth.flight.file_bytes import log_bytes
 from flightdepth.flight.gimbal import looking_along
 from flightdepth.flight.order import rising
+from flightdepth.flight.places import SEA_LEVEL
+from flightdepth.flight.positions import place_track
 from flightdepth.flight.records import (
     FASTEST_M_S,
     LATEST_NS,
@@ -60,18 +63,22 @@ ATTITUDE: dict[AttitudeColumns, tuple[str, ...]] = {
     "quaternion": ("qw", "qx", "qy", "qz"),
     "angles": ("camera_yaw_deg", "camera_pitch_deg", "camera_roll_deg"),
 }
+PLACE, ALTITUDE = ("latitude_deg", "longitude_deg"), "altitude_m"
 CHOICES = " or ".join(", ".join(names) for names in VELOCITY.values())
 MEND = f"The columns are {STAMP} or {TIME}, then {CHOICES}."
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Which columns a file has, checked: one of time, one set of velocity, at most one of attitude."""
+    """Which columns a file has, checked: one of time, one set of velocity, at most one of attitude.
+
+    Cells of `optional` ones may stay empty.
+    """
 
     time: Literal["stamp_ns", "time_s"]
     frame: VelocityColumns
-    sigma: bool
     attitude: AttitudeColumns | None
+    optional: tuple[str, ...]
     ignored: tuple[str, ...]
 
     @classmethod
@@ -89,11 +96,11 @@ class Columns:
             raise BadInput(f"{what}, line 1", expected="one attitude", got="a quaternion and angles")
         # Without a direction an attitude would turn one that nobody told.
         attitude = attitudes[0] if attitudes and frames[0] != SPEED else None
-        known = {times[0], *VELOCITY[frames[0]], SIGMA, *(ATTITUDE[attitude] if attitude else ())}
+        place = (*PLACE, ALTITUDE) if _all_or_none(what, header, PLACE) else ()
+        optional = tuple(name for name in (SIGMA, *place) if name in header)
+        known = {times[0], *VELOCITY[frames[0]], *(ATTITUDE[attitude] if attitude else ()), *optional}
         ignored = tuple(name for name in header if name not in known)
-        return cls(
-            "stamp_ns" if times[0] == STAMP else "time_s", frames[0], SIGMA in header, attitude, ignored
-        )
+        return cls("stamp_ns" if times[0] == STAMP else "time_s", frames[0], attitude, optional, ignored)
 
 
 def read_csv(path: Path) -> Telemetry:
@@ -111,9 +118,11 @@ def read_csv(path: Path) -> Telemetry:
 
 
 def looks_like_csv(head: bytes, path: Path) -> bool:
-    """Whether the file's first line is text with a comma in it."""
+    """Whether the file's first line is text with a comma in it, and not an ArduPilot log as text."""
     line = head.split(b"\n", 1)[0].rstrip(b"\r")
-    return b"," in line and b"\0" not in line and line.decode("utf-8-sig", "replace").isprintable()
+    of_ardupilot = line.startswith(b"FMT,")
+    text = b"\0" not in line and line.decode("utf-8-sig", "replace").isprintable()
+    return b"," in line and text and not of_ardupilot
 
 
 def write_csv(path: Path, samples: Iterable[Sample]) -> None:
@@ -152,15 +161,18 @@ def _read(what: str, name: str, rows: Iterable[list[str]], counts: Counter[str])
         )
     columns = Columns.of(what, header)
     read: list[list[Sample]] = []
+    places: list[list[float]] = []
     for line, row in enumerate(iterator, start=2):
         if not any(cell.strip() for cell in row):
             continue
         where = f"{what}, line {line}"
-        new = _samples(where, columns, _cells(where, header, row))
-        read.append(new)
+        cells = _cells(where, header, row)
+        read.append(_samples(where, columns, cells))
+        places.append(_place(where, columns, cells))
     if not read:
         raise BadInput(what, expected="a line for each time", got="only the header")
-    kept = rising([new[0].stamp_ns for new in read])
+    stamps_ns = [samples[0].stamp_ns for samples in read]
+    kept = rising(stamps_ns)
     if len(kept) < len(read):
         counts["velocities not later than the one before"] += len(read) - len(kept)
     ignored = f", ignored columns: {', '.join(columns.ignored)}" if columns.ignored else ""
@@ -172,8 +184,14 @@ def _read(what: str, name: str, rows: Iterable[list[str]], counts: Counter[str])
         ignored += f" (an attitude is read from {' or '.join(map(', '.join, ATTITUDE.values()))})"
     samples = tuple(sample for index in kept for sample in read[index])
     told = "speed, any direction" if columns.frame == SPEED else f"{columns.frame} velocity"
+    table = np.array(places)
+    track = place_track(stamps_ns, table[:, :2], table[:, 2], SEA_LEVEL, counts)
     return Telemetry(
-        f"CSV {name}: {told}{ignored}", samples, dict(counts), any_direction=columns.frame == SPEED
+        f"CSV {name}: {told}{ignored}",
+        samples,
+        dict(+counts),
+        any_direction=columns.frame == SPEED,
+        places=track,
     )
 
 
@@ -194,7 +212,7 @@ def _samples(where: str, columns: Columns, cells: dict[str, str]) -> list[Sample
         raise BadInput(
             where, expected=f"at most {FASTEST_M_S:g} m/s", got=f"{speed:.0f}", mend="Velocities are in m/s."
         )
-    sigma = _number(where, cells, SIGMA) if columns.sigma and cells[SIGMA].strip() else None
+    sigma = _optional(where, columns, cells, SIGMA)
     try:
         frame: VelocityFrame = "camera" if columns.frame == "camera" else "world"
         samples: list[Sample] = [VelocitySample(stamp_ns, velocity, frame, sigma)]
@@ -205,6 +223,16 @@ def _samples(where: str, columns: Columns, cells: dict[str, str]) -> list[Sample
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from error
     return samples
+
+
+def _place(where: str, columns: Columns, cells: dict[str, str]) -> list[float]:
+    """Latitude, longitude, altitude; NaN where they are not told."""
+    told = [_optional(where, columns, cells, name) for name in (*PLACE, ALTITUDE)]
+    place = [math.nan if number is None else number for number in told]
+    if abs(place[0]) > 90 or abs(place[1]) > 180:
+        got = ", ".join(f"{number:g}" for number in place[:2])
+        raise BadInput(where, expected="a latitude within 90 degrees and a longitude within 180", got=got)
+    return place
 
 
 def _unit(quaternion: Vector) -> Vector:
@@ -226,6 +254,10 @@ def _stamp(where: str, column: str, cells: dict[str, str]) -> int:
 
 def _numbers(where: str, cells: dict[str, str], names: Sequence[str]) -> Vector:
     return np.array([_number(where, cells, name) for name in names])
+
+
+def _optional(where: str, columns: Columns, cells: dict[str, str], name: str) -> float | None:
+    return _number(where, cells, name) if name in columns.optional and cells[name].strip() else None
 
 
 def _number(where: str, cells: dict[str, str], name: str) -> float:

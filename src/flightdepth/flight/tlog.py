@@ -18,6 +18,7 @@ from flightdepth.flight.autopilot import (
     DAMAGED_BYTES,
     OTHER_GIMBALS,
     BodyAttitude,
+    Position,
     Record,
     Velocity,
     autopilot_telemetry,
@@ -25,6 +26,7 @@ from flightdepth.flight.autopilot import (
 )
 from flightdepth.flight.file_bytes import log_bytes
 from flightdepth.flight.gimbal import GimbalAttitude
+from flightdepth.flight.positions import UNFIXED
 from flightdepth.flight.records import Telemetry
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
 
@@ -75,7 +77,7 @@ def read_tlog(path: Path) -> Telemetry:
     chosen = the_autopilot(found, autopilots, counts)
     if chosen is None:
         got = "none of a vehicle's" + (f" ({sum(counts.values())} damaged)" if counts else "")
-        raise BadInput(f"telemetry {path}", expected="LOCAL_POSITION_NED or ODOMETRY messages", got=got)
+        raise BadInput(f"telemetry {path}", expected=f"{' or '.join(VELOCITIES)} messages", got=got)
     return telemetry_of(path.name, chosen, found, counts)
 
 
@@ -96,7 +98,7 @@ def telemetry_of(name: str, source: Source, found: Found, counts: Counter[str]) 
     names = {kind for kind, _ in found[source]}
     velocity = next(kind for kind in VELOCITIES if kind in names)
     attitude = next((kind for kind in ATTITUDES if kind in names), None)
-    wanted = {(velocity, Velocity), (attitude, BodyAttitude)}
+    wanted = {(velocity, Velocity), (attitude, BodyAttitude), (GLOBAL, Position)}
     own = [record for kind, record in found[source] if (kind, type(record.value)) in wanted]
     records = placed_boots(own, counts)
     for sender in sorted(sender for sender in found if sender.system == source.system):
@@ -111,7 +113,8 @@ def telemetry_of(name: str, source: Source, found: Found, counts: Counter[str]) 
                 first = [record._replace(stamp_ns=record.received_ns) for record in first]
             records += placed_boots(first, counts)
             break
-    return autopilot_telemetry(f"tlog {name}, {velocity} of vehicle {source.system}", records, counts)
+    what = f"tlog {name}, {velocity} of vehicle {source.system}"
+    return autopilot_telemetry(what, records, counts, told_by=VELOCITIES)
 
 
 def messages(path: Path, counts: Counter[str]) -> Iterator[tuple[int, Message]]:
@@ -201,6 +204,16 @@ def odometry(message: Message, counts: Counter[str]) -> Iterator[tuple[int, Velo
         yield message.time_usec * 1000, BodyAttitude(message.q)
 
 
+def global_position(message: Message, counts: Counter[str]) -> Iterator[tuple[int, Velocity | Position]]:
+    """GLOBAL_POSITION_INT: 1e-7 degrees, mm above mean sea level, cm/s; all zero before the first fix."""
+    if message.lat == message.lon == 0:
+        counts[UNFIXED] += 1
+        return
+    stamp_ns = message.time_boot_ms * 10**6
+    yield stamp_ns, Velocity((message.vx / 100, message.vy / 100, message.vz / 100))
+    yield stamp_ns, Position(message.lat / 1e7, message.lon / 1e7, message.alt / 1000)
+
+
 def attitude_quaternion(message: Message, counts: Counter[str]) -> Iterator[tuple[int, BodyAttitude]]:
     """ATTITUDE_QUATERNION: w first, from body to NED."""
     quaternion = (message.q1, message.q2, message.q3, message.q4)
@@ -223,13 +236,14 @@ def gimbal(message: Message, counts: Counter[str]) -> Iterator[tuple[int, Gimbal
     yield message.time_boot_ms * 10**6, value
 
 
-GIMBAL = "GIMBAL_DEVICE_ATTITUDE_STATUS"
+GIMBAL, GLOBAL = "GIMBAL_DEVICE_ATTITUDE_STATUS", "GLOBAL_POSITION_INT"
 # The first of each that the autopilot sent is used.
-VELOCITIES = ("LOCAL_POSITION_NED", "ODOMETRY")
+VELOCITIES = ("LOCAL_POSITION_NED", "ODOMETRY", GLOBAL)
 ATTITUDES = ("ATTITUDE_QUATERNION", "ATTITUDE", "ODOMETRY")
 KINDS: dict[str, Callable[[Message, Counter[str]], Iterator[tuple[int, Any]]]] = {
     "LOCAL_POSITION_NED": local_position,
     "ODOMETRY": odometry,
+    GLOBAL: global_position,
     "ATTITUDE_QUATERNION": attitude_quaternion,
     "ATTITUDE": attitude,
     GIMBAL: gimbal,

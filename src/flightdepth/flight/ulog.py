@@ -20,8 +20,10 @@ from numpy.typing import NDArray
 from flightdepth.errors import BadInput, MissingExtra
 from flightdepth.flight.autopilot import (
     LAST_STAMP_US,
+    OTHER_GIMBALS,
     OTHER_POWER_UPS,
     BodyAttitude,
+    Position,
     Record,
     Velocity,
     autopilot_telemetry,
@@ -39,7 +41,8 @@ MAX_REREADS = 30
 
 Columns = dict[str, NDArray[Any]]
 QUATERNION = ("q[0]", "q[1]", "q[2]", "q[3]")
-POSITION = "vehicle_local_position"
+POSITION, GIMBAL = "vehicle_local_position", "gimbal_device_attitude_status"
+INVALID_POSITIONS = "positions marked invalid"
 JOINED = "another log joined to this one, not read"
 
 
@@ -86,13 +89,15 @@ def read_ulog(path: Path) -> Telemetry:
     counts["cut off or damaged: the log is not whole"] += cut or bool(log.file_corruption)
     counts["drop-outs that the logger noted"] += len(log.dropouts)
     resets, records = 0, []
-    topics = {topic: columns for topic in TOPICS if (columns := first_instance(log, topic)) is not None}
+    instances = {topic: first_instance(log, topic, counts) for topic in TOPICS}
+    topics = {topic: columns for topic, columns in instances.items() if columns is not None}
     for topic, columns in of_one_power_up(topics, counts).items():
         records += complete_records(TOPICS[topic], columns, counts)
         resets += reset_count(columns)
     records.sort(key=lambda record: record.stamp_ns)
     noted = f" ({resets} resets of the attitude)" if resets else ""
-    return autopilot_telemetry(f"ULog {path.name}{noted}", longest_boot(records, counts), counts)
+    flown = longest_boot(records, counts)
+    return autopilot_telemetry(f"ULog {path.name}{noted}", flown, counts, told_by=[POSITION])
 
 
 def load(path: Path, topics: list[str]) -> tuple[Any, bool, bool]:
@@ -139,10 +144,13 @@ def refuse_bombs(formats: dict[str, Any]) -> None:
         size(name, ())
 
 
-def first_instance(log: Any, topic: str) -> Columns | None:
+def first_instance(log: Any, topic: str, counts: Counter[str]) -> Columns | None:
     """The columns of a topic's first instance: PX4 publishes what it flies by there."""
     found = [dataset for dataset in log.data_list if dataset.name == topic]
-    return min(found, key=lambda dataset: dataset.multi_id).data if found else None
+    first, *others = sorted(found, key=lambda dataset: dataset.multi_id) or [None]
+    if topic == GIMBAL:
+        counts[OTHER_GIMBALS] += sum(len(other.data.get("device_flags", ())) for other in others)
+    return None if first is None else first.data
 
 
 def of_one_power_up(topics: dict[str, Columns], counts: Counter[str]) -> dict[str, Columns]:
@@ -217,10 +225,23 @@ def gimbal_attitudes(columns: Columns, counts: Counter[str]) -> Iterator[Record]
             yield Record(stamp * 1000, GimbalAttitude(quaternion, flag, delta_yaw))
 
 
+def global_positions(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
+    """VehicleGlobalPosition: the place by which PX4 flies; older logs do not say whether it is valid."""
+    whole = np.ones(len(columns["lat"]), dtype=bool)
+    valid, measured = (columns.get(name, whole).astype(bool) for name in ("lat_lon_valid", "alt_valid"))
+    counts[INVALID_POSITIONS] += int(np.count_nonzero(~valid))
+    altitudes_m = np.where(measured, columns["alt"].astype(np.float64), np.nan)
+    table = np.stack([columns["lat"], columns["lon"], altitudes_m], axis=1).tolist()
+    for stamp, kept, place in zip(stamps_us(columns), valid.tolist(), table, strict=True):
+        if kept and stamp < LAST_STAMP_US:
+            yield Record(stamp * 1000, Position(*place))
+
+
 def stamps_us(columns: Columns) -> list[int]:
     """Time since power-up; of the measurement where the topic says it, else of its publication."""
-    name = "timestamp_sample" if "timestamp_sample" in columns else "timestamp"
-    return [int(stamp) for stamp in columns[name].tolist()]
+    stamps = columns["timestamp_sample" if "timestamp_sample" in columns else "timestamp"]
+    stamps = np.where(stamps == 0, columns.get("timestamp", stamps), stamps)  # 0 where nobody set it
+    return [int(stamp) for stamp in stamps.tolist()]
 
 
 def quaternions(columns: Columns) -> list[list[float]]:
@@ -238,5 +259,6 @@ def reset_count(columns: Columns) -> int:
 TOPICS: dict[str, Callable[[Columns, Counter[str]], Iterator[Record]]] = {
     POSITION: velocities,
     "vehicle_attitude": body_attitudes,
-    "gimbal_device_attitude_status": gimbal_attitudes,
+    GIMBAL: gimbal_attitudes,
+    "vehicle_global_position": global_positions,
 }

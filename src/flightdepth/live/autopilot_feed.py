@@ -12,7 +12,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from flightdepth.flight.autopilot import OTHER_GIMBALS, REBOOT_GAP_NS, SHORTEST_RUN, STEP_NS, Gate, Velocity
+from flightdepth.flight.autopilot import (
+    OTHER_GIMBALS,
+    REBOOT_GAP_NS,
+    SHORTEST_RUN,
+    STEP_NS,
+    Gate,
+    Position,
+    Velocity,
+)
 from flightdepth.flight.records import NS_PER_S, BodyAttitudeSample, Sample, VelocitySample
 from flightdepth.flight.tlog import (
     ATTITUDES,
@@ -94,6 +102,8 @@ class AutopilotFeed:
         elif name in KINDS:
             self._seen[name] = now_ns
             for boot_ns, value in KINDS[name](message, self.counts):
+                if isinstance(value, Position):  # nobody asks live where on Earth it is
+                    continue
                 if not self._is_best(name, VELOCITIES if isinstance(value, Velocity) else ATTITUDES, now_ns):
                     continue
                 if self._is_damaged(boot_ns, now_ns):

@@ -148,7 +148,7 @@ class HealthMonitor:
         late = f"{LATE}: no velocity for {late_ns / NS_PER_S:.1f} s" + (f"; {why}" if why else "")
         results_hz, pictures_hz = self.results_hz, self.pictures_hz
         troubles = (
-            (now_ns - self._changed_ns > limits.frozen_ns, FROZEN),
+            ((self._picture_ns or 0) - self._changed_ns > limits.frozen_ns, FROZEN),
             (reboot_ns is not None and now_ns - reboot_ns < limits.reboot_ns, REBOOTED),
             (velocity_ns is None, silent),
             (late_ns > limits.late_ns, late),

@@ -36,7 +36,7 @@ RATES_HZ = {
     "DISTANCE_SENSOR": 10,
 }
 # Asked for too where the first request did not help.
-INSTEAD = {"ODOMETRY": 30}
+INSTEAD = {"ODOMETRY": 30, "GLOBAL_POSITION_INT": 30}
 
 Message = Any
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from flightdepth.flight.records import NS_PER_S
 
+LEAST_NS = NS_PER_S // 2  # pictures that lay in a queue come in one burst, which is no rate
 REFRESH_NS = NS_PER_S // 4  # sorting a minute's ages for each result would cost a millisecond
 
 
@@ -23,12 +24,12 @@ class Rate:
         self._stamps.append(now_ns)
 
     def hz(self, now_ns: int) -> float:
-        """Intervals over their time; 0 where fewer than two events are recent."""
+        """Intervals over their time; 0 where the recent ones take less than LEAST_NS."""
         while self._stamps and now_ns - self._stamps[0] > self._span_ns:
             self._stamps.popleft()
-        if len(self._stamps) < 2:
+        if not self._stamps or (taken_ns := self._stamps[-1] - self._stamps[0]) < LEAST_NS:
             return 0.0
-        return (len(self._stamps) - 1) * NS_PER_S / max(self._stamps[-1] - self._stamps[0], 1)
+        return (len(self._stamps) - 1) * NS_PER_S / taken_ns
 
 
 class Ages:

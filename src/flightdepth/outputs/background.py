@@ -1,4 +1,4 @@
-"""Work that a thread does behind the frame loop, in order, never more than a few items behind."""
+"""Work that a thread does behind the frame loop, in order, never more than two items behind."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Generic, ParamSpec, TypeVar
 
-MOST_WAITING = 4
+# An item holds a frame with all its maps, 190 MB at 4K. Measured there: four that wait bring no speed, and 560 MB more.
+MOST_WAITING = 1
 P = ParamSpec("P")
 T = TypeVar("T")
 

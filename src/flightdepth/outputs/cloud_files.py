@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,8 +32,11 @@ def write_ply(path: Path, cloud: Cloud) -> None:
     write_atomic(path, "\n".join([*header, "end_header", ""]).encode() + records.tobytes())
 
 
-def write_las(path: Path, cloud: Cloud) -> None:
-    """LAS 1.2 with colours (point format 2), to the millimetre; LAZ where the name ends so."""
+def write_las(path: Path, cloud: Cloud, crs: Any = None) -> None:
+    """LAS 1.2 with colours (point format 2), to the millimetre; LAZ where the name ends so.
+
+    `crs` is the pyproj.CRS of its points, None of a local frame.
+    """
     import laspy
 
     header = laspy.LasHeader(point_format=2, version="1.2")
@@ -40,6 +44,8 @@ def write_las(path: Path, cloud: Cloud) -> None:
     header.offsets = np.zeros(3) if not len(cloud) else np.floor(cloud.points_m.min(axis=0))
     header.generating_software = "flightdepth"
     header.add_extra_dim(laspy.ExtraBytesParams("confidence", np.float32, description="0 to 1"))
+    if crs is not None:
+        header.add_crs(crs)
     las = laspy.LasData(header)
     las.x, las.y, las.z = cloud.points_m.T
     las.red, las.green, las.blue = cloud.colours.T.astype(np.uint16) * 257  # LAS counts colours to 65535

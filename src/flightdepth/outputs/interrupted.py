@@ -1,8 +1,9 @@
-"""What is left of a recording that did not come to its end: it cannot be flown again, so it gets a name and stays."""
+"""What is left of a recording or a run that did not come to its end: it gets a name and stays."""
 
 from __future__ import annotations
 
 import re
+import shutil
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
@@ -20,9 +21,9 @@ def interrupted_name(target: Path) -> Path:
 
 
 def keep_interrupted(target: Path) -> list[Path]:
-    """Name what killed processes left of recordings into `target`, the oldest first; where each stands now.
+    """Name what killed processes left that wrote into `target`, the oldest first; where each stands now.
 
-    One that is still being written is left as it is.
+    One that is still being written is left as it is, one without a frame is removed.
     """
     target = target.resolve()
     pattern = re.compile(rf"\.{re.escape(target.name)}\.{RECORDING}-[a-z0-9_]{{8}}")
@@ -30,5 +31,8 @@ def keep_interrupted(target: Path) -> list[Path]:
     kept = []
     for folder in sorted(left, key=lambda path: path.stat().st_mtime_ns):
         with suppress(BadInput), held(folder, "recording", "work", "give another --out"):
-            kept.append(folder.rename(interrupted_name(target)))
+            if any(folder.glob("depth/*")):
+                kept.append(folder.rename(interrupted_name(target)))
+            else:
+                shutil.rmtree(folder)
     return kept

@@ -4,18 +4,21 @@ Positions are summed velocities, so they drift; across a gap in the log nothing 
 starts at 0. Attitudes come from the log ("log"); where it has none, from the direction of motion in the pictures
 of a camera that a gimbal holds level ("pictures", see `level.py`); or they are "assumed": a camera that never
 turns, where velocities came in its own axes.
+
+Latitude, longitude and altitude are the log's own at that time: positions do not come from them, and drift away.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
 
 from flightdepth.flight import AttitudeSample, Frame, VelocitySample
+from flightdepth.flight.places import PlaceTrack
 from flightdepth.motion import NED_FROM_CAMERA, Vector, quaternion_from_rotation, rotation_from_quaternion
 from flightdepth.outputs.level import LevelCamera
 from flightdepth.ranges.displacement import Trajectory
@@ -25,6 +28,7 @@ AttitudeFrom = Literal["log", "pictures", "assumed", "unknown"]
 COLUMNS = (
     *("index", "stamp_ns", "segment", "north_m", "east_m", "down_m"),
     *("qw", "qx", "qy", "qz", "attitude"),
+    *("latitude_deg", "longitude_deg", "altitude_m"),
 )
 REMEMBERED = 1024  # frames that a pair may reach back
 
@@ -37,6 +41,7 @@ class FramePose:
     position_ned       (3,) metres north, east, down
     world_from_camera  (4,) quaternion (w, x, y, z), NED from right-down-forward; NaN where unknown
     attitude           where the quaternion comes from
+    place              (3,) latitude, longitude in degrees (WGS 84), altitude in metres; NaN where the log tells none
     """
 
     index: int
@@ -45,6 +50,7 @@ class FramePose:
     position_ned: Vector
     world_from_camera: Vector
     attitude: AttitudeFrom
+    place: Vector = field(default_factory=lambda: np.full(3, np.nan))
 
     @property
     def ned_from_camera(self) -> Vector:
@@ -53,9 +59,13 @@ class FramePose:
 
 
 class PoseTrack:
-    """Listens to a flight's samples and results, and says where the camera was at each frame."""
+    """Listens to a flight's samples and results, and says where the camera was at each frame.
 
-    def __init__(self) -> None:
+    `places` is where the log says that it was on Earth.
+    """
+
+    def __init__(self, places: PlaceTrack | None = None) -> None:
+        self._places = places
         self._trajectory = Trajectory()
         self._level = LevelCamera()
         self._last: tuple[int, Vector, int] | None = None  # stamp, position, segment of the frame before
@@ -84,10 +94,10 @@ class PoseTrack:
             turn, attitude = NED_FROM_CAMERA, "assumed"
         elif turn is None:
             turn, attitude = self._seen(frame, result, position, segment), "pictures"
-        if turn is None:
-            return FramePose(frame.index, frame.stamp_ns, segment, position, np.full(4, np.nan), "unknown")
-        quaternion = quaternion_from_rotation(turn)
-        return FramePose(frame.index, frame.stamp_ns, segment, position, quaternion, attitude)
+        quaternion = np.full(4, np.nan) if turn is None else quaternion_from_rotation(turn)
+        attitude = "unknown" if turn is None else attitude
+        place = np.full(3, np.nan) if self._places is None else self._places.at(frame.stamp_ns)
+        return FramePose(frame.index, frame.stamp_ns, segment, position, quaternion, attitude, place)
 
     def _step(self, stamp_ns: int) -> tuple[Vector, int, Vector | None]:
         """Position, segment (-1: unknown) and rotation at a time later than the last."""
@@ -119,11 +129,15 @@ class PoseTrack:
 
 
 def pose_cells(pose: FramePose) -> list[object]:
-    """What stands in the table for one frame; an unknown attitude leaves its cells empty."""
+    """What stands in the table for one frame; an unknown attitude leaves its cells empty, and so does a place."""
     known = pose.attitude != "unknown"
     position = [f"{metres:.4f}" for metres in pose.position_ned]
     quaternion = [f"{part:.9f}" if known else "" for part in pose.world_from_camera]
-    return [pose.index, pose.stamp_ns, pose.segment, *position, *quaternion, pose.attitude]
+    place = [
+        f"{part:.{decimals}f}" if np.isfinite(part) else ""
+        for part, decimals in zip(pose.place, (9, 9, 3), strict=True)
+    ]
+    return [pose.index, pose.stamp_ns, pose.segment, *position, *quaternion, pose.attitude, *place]
 
 
 def poses_from_csv(text: str) -> dict[int, FramePose]:
@@ -135,8 +149,10 @@ def poses_from_csv(text: str) -> dict[int, FramePose]:
         attitude: AttitudeFrom = cells["attitude"]  # type: ignore[assignment]
         position = np.array([float(cells[column]) for column in COLUMNS[3:6]])
         quaternion = np.array([float(cells[column] or "nan") for column in COLUMNS[6:10]])
+        # Older versions wrote no places.
+        place = np.array([float(cells.get(column) or "nan") for column in COLUMNS[11:]])
         index = int(cells["index"])
         poses[index] = FramePose(
-            index, int(cells["stamp_ns"]), int(cells["segment"]), position, quaternion, attitude
+            index, int(cells["stamp_ns"]), int(cells["segment"]), position, quaternion, attitude, place
         )
     return poses

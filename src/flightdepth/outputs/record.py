@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from flightdepth.camera import Camera
 from flightdepth.flight.offset import ClockOffset
+from flightdepth.flight.places import AltitudeAbove
 from flightdepth.outputs.encoding import FARTHEST, UNIT_M, UNKNOWN
 from flightdepth.outputs.frame_table import FrameRow
 from flightdepth.weights.card import NetworkCard
@@ -31,6 +32,12 @@ class Source(BaseModel):
     video_bytes: int | None = Field(default=None, description="size of the video's file")
     telemetry: str = Field(description="where the velocity comes from")
     telemetry_digest: str | None = Field(default=None, description="of its samples: another log has another")
+    altitude_above: AltitudeAbove | None = Field(
+        default=None, description="what altitude_m in poses.csv counts from; None where the log tells none"
+    )
+    true_north: bool = Field(
+        default=True, description="false where north_m in poses.csv may point in any direction"
+    )
     camera: Camera
     camera_source: str = Field(default="", description="where the camera comes from, and how sure it is")
     clock: ClockOffset | None = Field(

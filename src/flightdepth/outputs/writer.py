@@ -58,8 +58,8 @@ class FlightWriter:
     in `target` is replaced; a folder that holds anything else is refused.
 
     once     the flight cannot be flown again: a frame whose maps cannot be written is left out and counted, a preview
-             that cannot be is left out, and what another error or a kill leaves is kept (see `interrupted`)
-    stopped  whether what Ctrl-C leaves is kept, too
+             that cannot be is left out, and what another error leaves is kept
+    stopped  whether what Ctrl-C leaves is kept, too; what a kill leaves then waits for `interrupted.keep_interrupted`
     kept     where that then stands, once the writer is closed; None where all of it or nothing does
     lost     frames left out so far; `loss` is why the last one was
     """
@@ -77,7 +77,7 @@ class FlightWriter:
         check_target(target)
         self._target = target.resolve()  # a link stays, and what it leads to is written
         self._source, self._preview, self._format = source, preview, depth_format
-        self._once, self._stopped, self._filmed = once, stopped, True
+        self._once, self._stopped, self._filmed = once, once or stopped, True
         self.kept: Path | None = None
         self.lost, self.loss = 0, ""
         self._notes = ReasonTally()  # of all frames
@@ -86,7 +86,7 @@ class FlightWriter:
         self._saturated_pixels = 0
 
     def __enter__(self) -> FlightWriter:
-        kind = RECORDING if self._once else NEW
+        kind = RECORDING if self._stopped else NEW
         with ExitStack() as stack:
             self._folder = stack.enter_context(folder_in_progress(self._target, kind=kind))
             for name in (DEPTH, CONFIDENCE):
@@ -94,7 +94,7 @@ class FlightWriter:
             self._film = Film(self._folder / PREVIEW, *self._preview.size)
             self._rows = TableFile(self._folder / TABLE, COLUMNS)
             self._poses = TableFile(self._folder / POSES, POSE_COLUMNS)
-            if self._once:
+            if self._stopped:
                 self._write_record(Counts.of([], {}, 0), whole=False)  # for what a kill leaves
             self._files = Background(self._write_frame, name="depth files")
             self._pictures = Background(self._write_picture, name="preview")

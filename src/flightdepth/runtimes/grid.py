@@ -96,8 +96,7 @@ class NetworkGrid:
         return (
             f"the network sees only {self._sampling.extent[0]:.0f} px across ({self.source.width}x"
             f"{self.source.height} at focal length {self.source.fx:.0f} px, scaled to "
-            f"{self.focal_px:.0f} px): expect coarse depth; `--detail 2`, which networks for any lens take, "
-            "or `--network motion` looks closer"
+            f"{self.focal_px:.0f} px): expect coarse depth"
         )
 
 

@@ -81,13 +81,13 @@ class Textures:
         return cls(texels)
 
 
-def textures_from_folder(folder: Path, *, made: int = 0, seed: int = 0) -> Textures:
+def textures_from_folder(folder: Path | str, *, made: int = 0, seed: int = 0) -> Textures:
     """Every image below `folder`, in the order of the file names, then as many `made` ones as `procedural(made, seed)`.
 
     Raises:
         BadInput: there is no image, or one cannot be read, or there are more than memory holds.
     """
-    paths = sorted(p for p in folder.rglob("*") if p.suffix.lower() in IMAGE_SUFFIXES)
+    paths = sorted(p for p in Path(folder).rglob("*") if p.suffix.lower() in IMAGE_SUFFIXES)
     if not paths:
         raise BadInput(f"texture folder {folder}", expected="at least one image", got="none")
 

@@ -95,7 +95,8 @@ class StoredSet:
     @property
     def turns(self) -> bool:
         """Whether the camera turns from picture to picture."""
-        return any(facts.get("orientation") for _, facts in self.entries)
+        orientations = (facts.get("orientation") or [None] for _, facts in self.entries)
+        return any(each != turns[0] for turns in orientations for each in turns)
 
     def __iter__(self) -> Iterator[StoredScene]:
         return (self.scene(number) for number in range(len(self)))
@@ -124,12 +125,13 @@ class StoredSet:
         return replace(self, entries=tuple(entries[:first])), replace(self, entries=tuple(entries[first:]))
 
 
-def open_stored_set(folder: Path) -> StoredSet:
+def open_stored_set(folder: Path | str) -> StoredSet:
     """The set in `folder`.
 
     Raises:
         BadInput: there is no metadata, some of it is damaged or lacks what is needed, or sizes differ.
     """
+    folder = Path(folder)
     paths = sorted(folder.glob(f"*/{METADATA}"))
     if not paths:
         raise BadInput(f"set {folder}", expected=f"sub-folders with {METADATA}", got="none")
@@ -158,28 +160,34 @@ def _metadata(path: Path) -> tuple[tuple[int, int, float, str], list[dict[str, A
     """(width, height, field of view in degrees, renderer) and the scenes of one sub-folder."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-        arguments = found.get("args", {})
+        arguments = found.get("args") or {}
         width, height = (int(n) for n in found.get("resolution") or arguments["resolution"])
         fov = float(found.get("fov") or arguments["fov"])
+        Camera.from_fov(width, height, fov)  # which refuses what no camera has
         for number, scene in enumerate(found["scenes"]):
-            _check(scene, f"{path}, scene {number}")
+            _check(scene, f"scene {number}")
+        return (width, height, fov, str(arguments.get("renderer", "unknown"))), found["scenes"]
+    except BadInput as error:
+        raise BadInput(f"metadata {path}, {error}") from error
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         got = f"no {error}" if isinstance(error, KeyError) else str(error)
         raise BadInput(f"metadata {path}", expected="that of a Still Box folder", got=got) from error
-    return (width, height, fov, str(arguments.get("renderer", "unknown"))), found["scenes"]
 
 
 def _check(scene: dict[str, Any], where: str) -> None:
     """Refuse a scene whose numbers do not fit together."""
     names, frames = scene["imgs"] + scene["depth"], len(scene["imgs"])
-    counts = {"depth": len(scene["depth"]), "orientation": len(scene.get("orientation") or scene["imgs"])}
-    for name, count in counts.items():
+    for key in ("depth", "orientation", "position"):  # the last two are not in every set
+        count = len(scene.get(key) or scene["imgs"])
         if frames == 0 or count != frames:
-            raise BadInput(f"{where}, {name}", expected=f"one for each of {frames} imgs", got=str(count))
+            raise BadInput(f"{where}, {key}", expected=f"one for each of {frames} imgs", got=str(count))
     outside = [name for name in names if Path(name).name != name]
     if outside:
         raise BadInput(where, expected="names of files beside the metadata", got=outside[0])
-    position, orientation = path_from(scene)
+    try:
+        position, orientation = path_from(scene)
+    except BadInput as error:
+        raise BadInput(f"{where}, {error}") from error
     if position.shape != (frames, 3) or not (np.isfinite(position).all() and np.isfinite(orientation).all()):
         raise BadInput(
             where, expected="speed [right, up, forward] and time_step, finite", got=str(scene["speed"])

@@ -55,11 +55,8 @@ class StoredPairs(PairStream):
         y = int(rng.integers(self.stored.height - self.picture.height + 1))
         scene = self.stored.scene(self._place(number))
         rows, columns = slice(y, y + self.picture.height), slice(x, x + self.picture.width)
-        depth_m = scene.depth_m[:, rows, columns]
-        cut = Rendered(
-            np.ascontiguousarray(scene.images[:, rows, columns]),
-            unclipped(depth_m),
-        )
+        images, depth_m = scene.images[:, rows, columns], scene.depth_m[:, rows, columns]
+        cut = Rendered(np.ascontiguousarray(images), unclipped(depth_m))
         return scene, cut, self.stored.camera.cropped(x, y, self.picture.width, self.picture.height)
 
     def _place(self, number: int) -> int:

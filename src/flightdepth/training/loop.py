@@ -6,7 +6,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -33,6 +33,7 @@ FORKING = "linux"  # elsewhere a process can't be split in two beside a GPU
 LEAST_POOL_SCENES = 64  # a multiple of CHUNK
 STREAM_SEEDS = 10**6  # between the streams of a stage
 SMOOTHING = 0.98  # of the reported loss
+LOGGED_STEPS = 20  # one in so many is drawn by tensorboard
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ def train(
     progress = learner.restored(path) if goes_on else learner.started(folder, shipped)
     learner.prepare(progress.stage)
     if workers is None:
-        known = goes_on and (progress.sample or progress.workers)
+        known = progress.sample or progress.workers
         workers = progress.workers if known else usual_workers(learner, threads)
     if workers and sys.platform != FORKING:
         raise BadInput("--workers", expected="Linux, whose processes share what is read", got=sys.platform)
@@ -103,7 +104,8 @@ def train(
         progress = replace(progress, workers=workers)
     if not goes_on:  # from here on it is known what the run began from
         learner.save(path, progress)
-    with Curves(folder if learner.accelerator.is_main_process else None) as board:
+    main = learner.accelerator.is_main_process
+    with SummaryWriter(str(folder / "tensorboard")) if main else nullcontext() as board:
         for number in range(progress.stage, len(recipe.stages)):
             run = _Run(learner, number, streams[number], workers, board, report, stop, clock)
             progress = run.to_end(progress, path, checkpoint_every_s)
@@ -125,7 +127,7 @@ class _Run:
     number: int
     stream: Callable[[int], PairStream]
     workers: int
-    board: Curves
+    board: SummaryWriter | None
     report: Callable[[Report], None]
     stop: Callable[[], bool]
     clock: Callable[[], float]
@@ -190,9 +192,11 @@ class _Run:
         return progress.seen - progress.sample + self.stage.samples + rest
 
     def _log(self, progress: Progress, loss_m: float, rate: float) -> None:
-        if (progress.sample // self.stage.batch) % 20 == 0:
-            rate_now = learning_rate(self.recipe, self.stage, progress.sample)
-            self.board.add(progress.seen, loss_m=loss_m, samples_per_s=rate, learning_rate=rate_now)
+        if self.board is None or (progress.sample // self.stage.batch) % LOGGED_STEPS:
+            return
+        rate_now = learning_rate(self.recipe, self.stage, progress.sample)
+        for name, value in {"loss_m": loss_m, "samples_per_s": rate, "learning_rate": rate_now}.items():
+            self.board.add_scalar(f"train/{name}", value, progress.seen)
 
 
 def stage_stream(
@@ -241,26 +245,6 @@ def usual_workers(learner: Learner, cores: int) -> int:
 def pool_scenes(workers: int) -> int:
     """Scenes that a stream draws pairs from: of several workers' each fewer, but enough for a batch of its own."""
     return max(LEAST_POOL_SCENES, POOL_SCENES // max(workers, 1) // CHUNK * CHUNK)
-
-
-class Curves:
-    """What tensorboard draws; without a folder nothing is kept."""
-
-    def __init__(self, folder: Path | None) -> None:
-        self._writer = SummaryWriter(str(folder / "tensorboard")) if folder else None
-
-    def __enter__(self) -> Curves:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._writer:
-            self._writer.close()
-
-    def add(self, seen: int, **values: float) -> None:
-        """Points of the curves after `seen` pairs."""
-        for name, value in values.items():
-            if self._writer:
-                self._writer.add_scalar(f"train/{name}", value, seen)
 
 
 def stream_seed(recipe: Recipe, stage: int, stream: int = 0) -> int:

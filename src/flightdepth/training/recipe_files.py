@@ -36,8 +36,8 @@ def load_recipe(name_or_path: str) -> Recipe:
 
 
 def _refusal(name_or_path: str, error: ValidationError) -> BadInput:
-    """The first thing that is wrong with a recipe, in one line."""
-    first = error.errors()[0]
+    """The first thing that is wrong with a recipe, in one line: an unknown key before the one it may be meant for."""
+    first = min(error.errors(), key=lambda each: each["type"] != "extra_forbidden")
     where, said = first["loc"], first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     what = ", ".join([f"recipe {name_or_path}", *([".".join(map(str, where))] if where else [])])
     if first["type"] == "value_error":  # of a table as a whole, which would fill the line

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TypeVar
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from flightdepth.errors import BadInput
 from flightdepth.files import write_json
@@ -21,6 +21,25 @@ from flightdepth.weights.card import NetworkCard
 CHECKPOINT, RECIPE, TEXTURES = "checkpoint.safetensors", "recipe.json", "textures.json"
 SETS = "sets.json"  # the stored sets that the run learns from, where there are any
 SHIPPED = "shipped.json"  # the card of the network that the run went on from
+
+Kept = TypeVar("Kept")
+
+
+@dataclass(frozen=True)
+class Worn:
+    """The textures of a run's scenes."""
+
+    count: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class UsedSet:
+    """A stored set that a run learns from."""
+
+    scenes: int
+    sha256: str
+    renderer: str
 
 
 @dataclass(frozen=True)
@@ -100,14 +119,7 @@ def read_trained(folder_or_checkpoint: Path) -> Trained:
 
 def read_recipe(path: Path) -> Recipe:
     """The recipe that a run wrote down."""
-    try:
-        return Recipe.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise BadInput(f"recipe {path}", expected="a readable file", got=str(error.strerror)) from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        raise BadInput(f"recipe {path}", expected=f"a valid {where}", got=first["msg"]) from error
+    return _read(path, Recipe)
 
 
 def keep_textures(folder: Path, textures: Textures) -> None:
@@ -117,16 +129,16 @@ def keep_textures(folder: Path, textures: Textures) -> None:
         BadInput: the run was begun with other textures.
     """
     path = folder / TEXTURES
-    worn = {"count": str(len(textures)), "sha256": textures.digest}
-    before: dict[str, str] = json.loads(path.read_bytes()) if path.exists() else worn
+    worn = Worn(str(len(textures)), textures.digest)
+    before = _read(path, Worn) if path.exists() else worn
     if before != worn:
         raise BadInput(
             f"textures of run {folder}",
-            expected=f"the {before['count']} that it began with ({before['sha256'][:16]})",
-            got=f"{worn['count']} ({worn['sha256'][:16]})",
+            expected=f"the {before.count} that it began with ({before.sha256[:16]})",
+            got=f"{worn.count} ({worn.sha256[:16]})",
             mend="Give the same --textures and --procedural, or train elsewhere: --runs DIR.",
         )
-    write_json(path, worn)
+    write_json(path, asdict(worn))
 
 
 def keep_sets(folder: Path, sets: Mapping[int, StoredSet]) -> None:
@@ -135,13 +147,9 @@ def keep_sets(folder: Path, sets: Mapping[int, StoredSet]) -> None:
     Raises:
         BadInput: the run was begun with other sets.
     """
-    used = {
-        str(width): {"scenes": len(each), "sha256": each.digest, "renderer": each.renderer}
-        for width, each in sets.items()
-    }
-    path = folder / SETS
+    used = {str(width): UsedSet(len(each), each.digest, each.renderer) for width, each in sets.items()}
     begun = (folder / TEXTURES).exists()
-    before = json.loads(path.read_bytes()) if path.exists() else {} if begun else used
+    before = _used_sets(folder) if begun or (folder / SETS).exists() else used
     if before != used:
         raise BadInput(
             f"stored sets of run {folder}",
@@ -150,17 +158,38 @@ def keep_sets(folder: Path, sets: Mapping[int, StoredSet]) -> None:
             mend="Give the same --set, or train elsewhere: --runs DIR.",
         )
     if used:
-        write_json(path, used)
+        write_json(folder / SETS, {width: asdict(each) for width, each in used.items()})
+
+
+def drawn_in(folder: Path, textures: Textures) -> bool:
+    """Whether a run drew its scenes, in these textures: then those that it learnt from can be drawn again."""
+    return not (folder / SETS).exists() and _read(folder / TEXTURES, Worn).sha256 == textures.digest
 
 
 def stored_renderers(folder: Path) -> str | None:
     """What drew the stored sets that a run learnt from; None where it drew its scenes itself."""
-    path = folder / SETS
-    if not path.exists():
-        return None
-    return ", ".join(
-        sorted({f"stored: {each['renderer']}" for each in json.loads(path.read_bytes()).values()})
-    )
+    return ", ".join(sorted({f"stored: {each.renderer}" for each in _used_sets(folder).values()})) or None
+
+
+def _used_sets(folder: Path) -> dict[str, UsedSet]:
+    """By their width; none where the run draws its scenes."""
+    return _read(folder / SETS, dict[str, UsedSet]) if (folder / SETS).exists() else {}
+
+
+def _read(path: Path, kind: type[Kept]) -> Kept:
+    """What a run wrote down in one of its JSON files.
+
+    Raises:
+        BadInput: it is not there, or not what a run writes.
+    """
+    try:
+        return TypeAdapter(kind).validate_json(path.read_bytes())
+    except OSError as error:
+        raise BadInput(str(path), expected="a readable file", got=str(error.strerror)) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ", ".join([str(path), *([".".join(map(str, first["loc"]))] if first["loc"] else [])])
+        raise BadInput(where, expected="what train wrote there", got=first["msg"]) from error
 
 
 def _whole_batches(stage: Stage) -> int:
@@ -168,7 +197,7 @@ def _whole_batches(stage: Stage) -> int:
 
 
 def _shipped(path: Path) -> NetworkCard | None:
-    return NetworkCard.model_validate_json(path.read_bytes()) if path.exists() else None
+    return _read(path, NetworkCard) if path.exists() else None
 
 
 def _parent(checkpoint: Path, recipe: Recipe) -> Trained | None:

@@ -1,0 +1,233 @@
+"""Clouds on the Earth. What is true comes from pyproj's geodesics and its own UTM, on other ways than the package's."""
+
+from dataclasses import replace
+
+import laspy
+import numpy as np
+import pytest
+from flown_folder import FRAMES, STEP_M, WALL_M, pose, write_flown
+from pyproj import Geod, Transformer
+
+from flightdepth.cli import main
+from flightdepth.outputs import FlightFolder
+from flightdepth.outputs.cloud import CloudSettings, cloud_of
+from flightdepth.outputs.georeference import LocalOnlyError, fitted, georeference
+from flightdepth.outputs.voxels import Cloud
+
+GEOD = Geod(ellps="WGS84")
+MUNICH = (48.1, 11.5, 520.0)
+WEAVING_S = np.arange(0, 120, 0.5)
+
+
+def there(start, north_m, east_m):
+    """Latitude and longitude so far from `start`, along the geodesic."""
+    azimuth, distance = np.degrees(np.arctan2(east_m, north_m)), np.hypot(east_m, north_m)
+    longitude, latitude, _ = GEOD.fwd(
+        np.full_like(distance, start[1]), np.full_like(distance, start[0]), azimuth, distance
+    )
+    return latitude, longitude
+
+
+def utm(epsg, latitude, longitude):
+    return Transformer.from_crs(4326, epsg, always_xy=True).transform(longitude, latitude)
+
+
+def weaving(reach_m=200.0):
+    """North, east, down of a flight with turns, metres [n, 3]."""
+    return np.stack(
+        [reach_m * np.sin(WEAVING_S / 19), reach_m * WEAVING_S / 120, -10 * np.sin(WEAVING_S / 11)], axis=1
+    )
+
+
+def flown(ned, start=MUNICH, *, local=None, attitude="log", noise_m=0.0, altitude=True):
+    """Poses of a flight from `start` along `ned`, whose local frame has it at `local`."""
+    noise = np.random.default_rng(0).normal(0, noise_m, (len(ned), 3)) if noise_m else np.zeros((len(ned), 3))
+    poses = []
+    for i, (true, own) in enumerate(zip(ned, ned if local is None else local, strict=True)):
+        latitude, longitude = there(start, *(true + noise[i])[:2])
+        place = np.array([latitude, longitude, start[2] - true[2] + noise[i, 2] if altitude else np.nan])
+        poses.append(replace(pose(i, 0.0, attitude=attitude), position_ned=own, place=place))
+    return poses
+
+
+def in_utm(found, *enu):
+    points = np.array(enu, dtype=float)
+    return found.in_utm(
+        Cloud(points, np.zeros((len(points), 3), np.uint8), np.ones(len(points), np.float32))
+    ).points_m
+
+
+PLACES = {
+    "Munich": ((48.1, 11.5, 520.0), 32632),
+    "the west of its zone": ((48.1, 6.001, 200.0), 32632),
+    "the far north, at the zone's east, where north is 2.8 degrees off": ((69.0, 11.999, 30.0), 32632),
+    "Cape Town": ((-33.95, 18.45, 60.0), 32734),
+    "just south of the equator": ((-0.0005, 37.0, 1800.0), 32737),
+    "the last zone before the date line": ((-17.0, 179.9995, 5.0), 32760),
+    "the first after it": ((-17.0, -179.9999, 5.0), 32701),
+}
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_a_point_lies_where_it_is_on_earth(name):
+    """To the millimetre, 300 m from where the flight began: a false zone, scale or convergence is metres."""
+    start, epsg = PLACES[name]
+    found = georeference(flown(weaving(), start), true_north=True)
+    assert found.crs.to_epsg() == epsg
+    point = in_utm(found, (-180.0, 240.0, 7.0))[0]
+    expected = utm(epsg, *there(start, 240.0, -180.0))
+    assert point == pytest.approx((*expected, start[2] + 7), abs=0.005)
+    assert found.apart_m[1] < 0.005
+
+
+def test_where_the_local_frame_begins_does_not_matter():
+    """A segment's origin is its first frame, wherever the log's positions begin."""
+    ned, begun = weaving(), np.array([55.0, -30.0, 4.0])
+    found = georeference(flown(ned, local=ned - begun), true_north=True)
+    east, north = utm(32632, *there(MUNICH, *begun[:2]))
+    assert in_utm(found, (0, 0, 0))[0] == pytest.approx((east, north, MUNICH[2] - begun[2]), abs=0.005)
+
+
+def test_a_receiver_that_strays_for_a_while_pulls_little():
+    """A third of the positions 40 m off: their mean would be 13 m off."""
+    ned = weaving()
+    told = ned.copy()
+    told[100:180] += (30.0, -26.0, 15.0)
+    found = georeference(flown(told, local=ned), true_north=True)
+    assert in_utm(found, (0, 0, 0))[0] == pytest.approx((*utm(32632, *MUNICH[:2]), MUNICH[2]), abs=0.1)
+    assert found.apart_m == pytest.approx((0, 39.7), abs=0.2)
+
+
+def test_how_well_the_way_follows_the_positions_is_told():
+    """A receiver that is 2 m off in each direction, by chance: half within 2.35 m (Rayleigh), 95 % within 4.9."""
+    found = georeference(flown(weaving(), noise_m=2.0), true_north=True)
+    assert found.apart_m == pytest.approx((2.35, 4.9), rel=0.12)
+    assert "m from the log's positions" in found.described("mean sea level")
+    assert np.abs(in_utm(found, (0, 0, 0))[0][:2] - utm(32632, *MUNICH[:2])).max() < 0.5
+
+
+def turned(ned, degrees):
+    """The same way in a map whose y axis points so many degrees left of north."""
+    turn = np.exp(-1j * np.radians(degrees)) * (ned[:, 1] + 1j * ned[:, 0])
+    return np.c_[turn.imag, turn.real, ned[:, 2]]
+
+
+@pytest.mark.parametrize("degrees", [-170.0, -20.0, 3.0, 90.0])
+def test_a_north_that_may_be_any_is_found(degrees):
+    ned = weaving()
+    poses = flown(ned, local=turned(ned, degrees), noise_m=0.5)
+    found = georeference(poses, true_north=False)
+    assert np.degrees(np.angle(found.turn)) == pytest.approx(degrees, abs=0.2)
+    own = turned(np.array([[240.0, -180.0, -7.0]]), degrees)[0]
+    expected = utm(32632, *there(MUNICH, 240.0, -180.0))
+    assert in_utm(found, (own[1], own[0], -own[2]))[0][:2] == pytest.approx(expected, abs=1.0)
+    assert "the way flown, turned by" in found.described("mean sea level")
+
+
+def test_a_true_north_is_not_turned():
+    """A velocity that drifts aside looks like a turn; it is none."""
+    ned = weaving()
+    drifting = ned + np.outer(WEAVING_S, (0.1, 0.0, 0.0))
+    assert georeference(flown(ned, local=drifting), true_north=True).turn == 1
+
+
+@pytest.mark.parametrize("reach_m", [0.0, 3.0])
+def test_a_way_too_short_to_tell_north_stays_local(reach_m):
+    ned = weaving(reach_m)
+    with pytest.raises(LocalOnlyError, match="north may be any direction"):
+        georeference(flown(ned, noise_m=1.5), true_north=False)
+
+
+def test_without_an_altitude_heights_stay_local():
+    found = georeference(flown(weaving(), altitude=False), true_north=True)
+    assert in_utm(found, (0, 0, 12.5))[0][2] == 12.5
+    assert "heights above the first camera" in found.described(None)
+
+
+def test_positions_of_some_frames_are_enough():
+    poses = flown(weaving())
+    for index in range(0, len(poses), 3):
+        poses[index] = replace(poses[index], place=np.full(3, np.nan))
+    found = georeference(poses, true_north=True)
+    assert in_utm(found, (0, 0, 0))[0][:2] == pytest.approx(utm(32632, *MUNICH[:2]), abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("poses", "why"),
+    [
+        (flown(weaving(), attitude="assumed"), "tells no attitude"),
+        ([pose(i, i / 2) for i in range(9)], "no latitude and longitude"),
+        (flown(weaving(), (85.0, 10.0, 2.0)), "UTM does not reach"),
+    ],
+)
+def test_what_cannot_be_placed_says_why(poses, why):
+    with pytest.raises(LocalOnlyError, match=why):
+        georeference(poses, true_north=True)
+
+
+def test_the_fit_is_the_one_that_made_it():
+    rng = np.random.default_rng(1)
+    way = rng.normal(0, 50, 60) + 1j * rng.normal(0, 50, 60)
+    turn, shift = fitted(way, np.exp(0.7j) * way + (3 - 4j), turns=True)
+    assert (turn, shift) == (pytest.approx(np.exp(0.7j)), pytest.approx(3 - 4j))
+
+
+# The command
+
+
+@pytest.fixture
+def converted(tmp_path, capsys):
+    """Convert a folder of those poses; what it said, and its points."""
+
+    def call(poses, name="flight.laz", **source):
+        folder = write_flown(tmp_path / "out", poses=poses)
+        record = folder.record.model_copy(update={"source": folder.record.source.model_copy(update=source)})
+        (folder.folder / "flight.json").write_text(record.model_dump_json())
+        assert main(["convert", str(folder.folder), str(tmp_path / name), "--every", "1"]) == 0
+        return " ".join(capsys.readouterr().out.split()), tmp_path / name, FlightFolder(folder.folder)
+
+    return call
+
+
+def wall_poses(start=MUNICH, **changes):
+    ned = np.c_[STEP_M * np.arange(FRAMES), np.zeros((FRAMES, 2))]
+    return [replace(each, **changes) for each in flown(ned, start)]
+
+
+@pytest.mark.parametrize("start", [MUNICH, (-33.95, 18.45, 60.0)])
+@pytest.mark.parametrize("kind", ["las", "laz"])
+def test_a_cloud_in_utm_goes_through_laspy(converted, kind, start):
+    said, file, folder = converted(wall_poses(start), f"flight.{kind}", altitude_above="mean sea level")
+    las = laspy.read(file)
+    epsg = las.header.parse_crs().to_epsg()
+    assert epsg == (32632 if start is MUNICH else 32734)
+    assert f"EPSG:{epsg}" in said and "heights above mean sea level" in said
+    local = cloud_of(folder, CloudSettings(every=1)).points_m
+    east, north, up = local.T
+    expected = np.stack([*utm(epsg, *there(start, north, east)), start[2] + up], axis=1)
+    assert las.header.scales.tolist() == [0.001] * 3
+    assert np.abs(las.xyz - expected).max() < 0.002
+    wall_east, wall_north = utm(epsg, *there(start, WALL_M, 0.0))
+    assert np.hypot(las.x - wall_east, las.y - wall_north).min() < 0.2
+
+
+def test_a_flight_without_positions_stays_local_and_says_so(converted):
+    said, file, folder = converted([pose(i, STEP_M * i) for i in range(FRAMES)])
+    assert "metres east, north, up, not in UTM: poses.csv tells no latitude and longitude" in said
+    las = laspy.read(file)
+    assert las.header.parse_crs() is None
+    assert np.abs(las.xyz - cloud_of(folder, CloudSettings(every=1)).points_m).max() < 0.001
+
+
+def test_a_ply_stays_local(converted):
+    """Its numbers have 24 bits: half a metre of UTM's."""
+    said, file, _ = converted(wall_poses(), "flight.ply")
+    assert said.endswith("metres east, north, up")
+    assert b"east, north, up; origin: the first camera" in file.read_bytes()[:200]
+
+
+def test_a_map_whose_north_may_be_any_stays_local_after_5_metres(converted):
+    ned = np.c_[STEP_M * np.arange(FRAMES), np.zeros((FRAMES, 2))]
+    said, file, _ = converted(flown(ned, noise_m=1.5), true_north=False)
+    assert "not in UTM: north may be any direction" in said
+    assert laspy.read(file).header.parse_crs() is None
