@@ -17,9 +17,8 @@ from flightdepth.flight.decoding import BUILT_ON_DAMAGE, NO_KEY_FRAME_YET, STOP_
 from flightdepth.flight.deinterlacing import Deinterlacer
 
 MOST_SKIPPED = 60  # packets: B frames keep a key frame in the decoder until others than key frames come
-GIVES_WHOLE = frozenset(
-    {"h264"}
-)  # once flushed a decoder of these gives nothing before a key frame or a whole refresh
+# Decoders that, once flushed, give nothing before a key frame or a whole refresh.
+GIVES_WHOLE = frozenset({"h264"})
 IN_DECODER_S = 2  # a picture that a decoder still held when news of damage came is not older
 
 
@@ -48,6 +47,7 @@ class SoundDecoder:
         if packet.is_corrupt:
             self.damage(packet.pts)
         if not self._anew and self._context.name in GIVES_WHOLE:
+            self._counts.update(BUILT_ON_DAMAGE for _ in self._context.decode(None))  # what it still held
             self._context.flush_buffers()
             self._anew, self._first_pts = True, None
             if packet.is_corrupt or (packet.pts is not None and packet.pts == self._damage_pts):
