@@ -99,6 +99,13 @@ def test_a_folder_that_is_none(convert):
     refused(convert("flight.ply", folder="nowhere"), "nowhere")
 
 
+def test_the_folder_of_several_flights_names_one(convert, work):
+    """It said "No such file or directory" of a folder that `run` had just written."""
+    for name in ("b", "a"):
+        write_flown(work / "several" / name)
+    refused(convert("flight.ply", folder="several"), "one flight's folder", "2 flights", "several/a")
+
+
 def test_a_file_in_no_folder(convert):
     refused(convert("nowhere/flight.ply"), "an existing folder")
 
@@ -113,6 +120,14 @@ def test_nothing_counts(convert, work):
         convert("empty.ply", "--every", "1", "--min-confidence", "1"), "points that count", "--min-confidence"
     )
     assert not (work / "empty.ply").exists()
+
+
+def test_a_flight_that_hovered_all_the_time(convert, work):
+    """It was told to try other options, none of which makes depth."""
+    write_flown(work / "hovered", frames=1)
+    outcome = convert("hovered.ply", folder="hovered")
+    refused(outcome, "a frame with depth", "frames.csv")
+    assert "--min-confidence" not in outcome[2]
 
 
 @pytest.mark.parametrize(

@@ -106,10 +106,65 @@ def test_how_well_the_way_follows_the_positions_is_told():
     assert np.abs(in_utm(found, (0, 0, 0))[0][:2] - utm(32632, *MUNICH[:2])).max() < 0.5
 
 
+def told_of(poses, *, true_north=True):
+    """What is said of the frame, in one line."""
+    return " ".join(georeference(poses, true_north=true_north).described("mean sea level").split())
+
+
+def test_where_the_first_camera_stood_is_told():
+    """A user sees there that the log is of another place, or in feet; the second frame is the first with a fix."""
+    poses = flown(weaving(), (-33.85, 151.21, 40.0))
+    poses[0] = replace(poses[0], place=np.full(3, np.nan))
+    assert "first camera at latitude -33.850000, longitude 151.210000, height 40.0 m" in told_of(poses)
+    assert "longitude 151.210000 the" in told_of(flown(weaving(), (-33.85, 151.21, 40.0), altitude=False))
+
+
+def test_how_far_altitudes_lie_from_the_way_is_told():
+    """A climb of 10 m with its altitudes in feet: 22.8 m too much, evenly spread about their middle."""
+    ned = weaving() * (1, 1, 0) - np.linspace((0, 0, 0), (0, 0, 10), len(WEAVING_S))
+    feet = [replace(p, place=p.place / (1, 1, 0.3048)) for p in flown(ned)]
+    found = georeference(feet, true_north=True)
+    assert found.apart_up_m == pytest.approx((22.8 / 4, 0.95 * 22.8 / 2), rel=0.02)
+    assert found.apart_m[1] < 0.005
+    assert "in height 5.7" in told_of(feet)
+    assert georeference(flown(ned, altitude=False), true_north=True).apart_up_m is None
+
+
+def test_on_how_many_positions_it_rests_is_told():
+    """One fix fits any way: 0.00 m apart says nothing then."""
+    poses = flown(weaving())
+    alone = [poses[0], *(replace(p, place=np.full(3, np.nan)) for p in poses[1:])]
+    assert f"at 1 of {len(poses)} frames" in told_of(alone)
+    assert f"at {len(poses)} of {len(poses)} frames" in told_of(poses)
+
+
 def turned(ned, degrees):
     """The same way in a map whose y axis points so many degrees left of north."""
     turn = np.exp(-1j * np.radians(degrees)) * (ned[:, 1] + 1j * ned[:, 0])
     return np.c_[turn.imag, turn.real, ned[:, 2]]
+
+
+STANDS = np.zeros((len(WEAVING_S), 3))
+
+
+@pytest.mark.parametrize(
+    ("way", "told", "follows"),
+    [
+        ("latitude and longitude swapped", weaving()[:, [1, 0, 2]], False),
+        ("a receiver that stands still", STANDS, False),
+        ("another flight", weaving()[::-1] * (1, -3, 1), False),
+        ("a north that is 10 degrees off", turned(weaving(), 10.0), False),
+        ("a velocity that drifts", weaving() + np.outer(WEAVING_S, (0.1, 0.0, 0.0)), True),
+        ("the way itself", weaving(), True),
+    ],
+)
+def test_a_way_that_the_positions_do_not_follow_is_known(way, told, follows):
+    assert georeference(flown(told, local=weaving()), true_north=True).follows == follows
+
+
+def test_a_hovering_drone_follows():
+    """The receiver's error is all that its positions show."""
+    assert georeference(flown(STANDS, noise_m=2.5), true_north=True).follows
 
 
 @pytest.mark.parametrize("degrees", [-170.0, -20.0, 3.0, 90.0])
@@ -209,6 +264,22 @@ def test_a_cloud_in_utm_goes_through_laspy(converted, kind, start):
     assert np.abs(las.xyz - expected).max() < 0.002
     wall_east, wall_north = utm(epsg, *there(start, WALL_M, 0.0))
     assert np.hypot(las.x - wall_east, las.y - wall_north).min() < 0.2
+
+
+def test_each_point_is_the_only_return_of_its_pulse(converted):
+    """0 of 0, as it was, is no return of LAS: tools that filter by returns found none, the header counted none."""
+    las = laspy.read(converted(wall_poses())[1])
+    assert set(las.return_number) == set(las.number_of_returns) == {1}
+    assert las.header.number_of_points_by_return[0] == len(las)
+
+
+def test_positions_that_the_way_does_not_follow_are_warned_of(tmp_path, capsys):
+    """Found in review: latitude and longitude swapped, or another flight's, gave a cloud in a wrong place."""
+    ned = np.c_[STEP_M * np.arange(FRAMES), np.zeros((FRAMES, 2))]
+    for times, warned in ((1, False), (20, True)):
+        write_flown(tmp_path / "out", poses=flown(times * ned, local=ned))
+        assert main(["convert", str(tmp_path / "out"), str(tmp_path / "a.las"), "--every", "1"]) == 0
+        assert ("go another way than its velocities" in " ".join(capsys.readouterr().err.split())) == warned
 
 
 def test_a_flight_without_positions_stays_local_and_says_so(converted):

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 RECORDING = ".mcap"
 KINDS = (".ply", ".las", ".laz", RECORDING)
 LOCAL = "metres east, north, up"
+STRAYS = (
+    "the log's positions go another way than its velocities: is one of another flight, are latitude and longitude "
+    "swapped, or is its north off?"
+)
 NO_PLACE = "attitude unknown, or not of the longest segment (poses.csv)"
 
 
@@ -82,7 +86,15 @@ def convert(
 def opened(folder: Path) -> FlightFolder:
     """The flight in a folder; a warning tells of one that was interrupted."""
     from flightdepth.outputs import FlightFolder
+    from flightdepth.outputs.writer import RECORD
 
+    if not (folder / RECORD).exists() and (several := sorted(folder.glob(f"*/{RECORD}"))):
+        raise BadInput(
+            f"folder {folder}",
+            expected="one flight's folder",
+            got=f"that of {len(several):,} flights",
+            mend=f"Give one of them, as {several[0].parent}.",
+        )
     flight = FlightFolder(folder)
     if not flight.record.whole:
         warn(f"{folder} was interrupted: {len(flight.rows):,} frames of the flight stand")
@@ -112,6 +124,13 @@ def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> tu
     from flightdepth.outputs.cloud import cloud_of
     from flightdepth.outputs.cloud_files import write_ply
 
+    if all(row.reason for row in flight.rows):
+        raise BadInput(
+            f"depth in {flight.folder}",
+            expected="a frame with depth",
+            got="none",
+            mend="frames.csv says why.",
+        )
     as_ply = file.suffix.lower() == ".ply"
     if not as_ply:
         with extra_packages("Writing LAS", "clouds"):
@@ -145,6 +164,8 @@ def write_on_earth(flight: FlightFolder, file: Path, cloud: Cloud) -> str:
         write_las(file, cloud)
         return f"{LOCAL}, not in UTM: {why}"
     write_las(file, found.in_utm(cloud), found.crs)
+    if not found.follows:
+        warn(STRAYS)
     return found.described(source.altitude_above)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.gimbal import GimbalAttitude, camera_attitude
-from flightdepth.flight.places import SEA_LEVEL, PlaceTrack
+from flightdepth.flight.places import SEA_LEVEL
 from flightdepth.flight.positions import place_track
 from flightdepth.flight.records import (
     FASTEST_M_S,
@@ -150,15 +150,22 @@ def autopilot_telemetry(
     moving = (record.stamp_ns for record in ordered if not isinstance(record.value, Position))
     zero_ns = next(moving, 0)
     gate = Gate(counts)
+    stamps_ns: list[int] = []
+    positions: list[Position] = []
     # The body's attitudes first: a gimbal's yaw counts from the heading between two of them.
     for stamp_ns, value, _ in sorted(ordered, key=lambda record: not isinstance(record.value, BodyAttitude)):
-        gate.take(stamp_ns - zero_ns, value)
+        if isinstance(value, Position):
+            stamps_ns.append(stamp_ns - zero_ns)
+            positions.append(value)
+        else:
+            gate.take(stamp_ns - zero_ns, value)
     if not gate.velocities:
         expected = f"a velocity ({' or '.join(told_by)})"
         raise BadInput(f"telemetry {name}", expected=expected, got=none_of(counts))
     camera = f", {len(gate.cameras)} camera attitudes" if gate.cameras else ""
     what = f"{len(gate.velocities)} velocities, {len(gate.bodies)} body attitudes{camera}"
-    places = gate.places()
+    table = np.array(positions, dtype=np.float64).reshape(-1, 3)
+    places = place_track(stamps_ns, table[:, :2], table[:, 2], SEA_LEVEL, counts)
     return Telemetry(
         f"{name}: {what}; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock",
         by_time(gate.velocities, gate.cameras),
@@ -177,15 +184,12 @@ class Gate:
     velocities: list[VelocitySample] = field(default_factory=list)
     bodies: list[BodyAttitudeSample] = field(default_factory=list)
     cameras: list[AttitudeSample] = field(default_factory=list)
-    positions: list[tuple[int, Position]] = field(default_factory=list)
     _unchanged_since_ns: int = 0
 
-    def take(self, stamp_ns: int, value: Velocity | BodyAttitude | GimbalAttitude | Position) -> None:
+    def take(self, stamp_ns: int, value: Velocity | BodyAttitude | GimbalAttitude) -> None:
         """Keep one record, or count why not."""
         if isinstance(value, Velocity):
             self._take_velocity(stamp_ns, value)
-        elif isinstance(value, Position):
-            self.positions.append((stamp_ns, value))  # `places` tells the sound ones
         elif not is_rotation(value.quaternion):
             self.counts["attitudes that are no rotation"] += 1
         elif isinstance(value, BodyAttitude):
@@ -197,12 +201,6 @@ class Gate:
                 self.counts["gimbal attitudes without a heading"] += 1
             else:
                 self.cameras.append(AttitudeSample(stamp_ns, attitude))
-
-    def places(self) -> PlaceTrack | None:
-        """The track of the positions, those that jump counted."""
-        table = np.array([position for _, position in self.positions], dtype=np.float64).reshape(-1, 3)
-        stamps_ns = [stamp_ns for stamp_ns, _ in self.positions]
-        return place_track(stamps_ns, table[:, :2], table[:, 2], SEA_LEVEL, self.counts)
 
     def _take_velocity(self, stamp_ns: int, value: Velocity) -> None:
         velocity = np.array(value.ned, dtype=np.float64)

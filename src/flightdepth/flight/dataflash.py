@@ -1,4 +1,5 @@
-"""ArduPilot's DataFlash log (.bin): velocity of the EKF or, at worst, of the GPS; attitude of the body and the gimbal.
+"""ArduPilot's DataFlash log (.bin): velocity of the EKF or, at worst, of the GPS; attitude of the body and the gimbal;
+the EKF's place on Earth.
 
 Its records (`dataflash_records`) are walked twice: what a log holds decides what is read of it, and all of its numbers
 at once take fifty times the file in memory.

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.flight.dji_columns import FlightTable
-from flightdepth.flight.positions import Velocities, velocities_by_places
+from flightdepth.flight.positions import Velocities, on_earth, velocities_by_places
 from flightdepth.flight.records import FASTEST_M_S, NS_PER_S
 from flightdepth.motion import Vector
 
@@ -44,7 +44,7 @@ class Flown(NamedTuple):
 
 def flown(table: FlightTable, counts: Counter[str]) -> Flown:
     """Velocities of the rows that tell one; the others are counted."""
-    fixed = _fixed(table.places_deg)
+    fixed = on_earth(table.places_deg)
     slopes = _slopes(table, fixed, counts)
     known = np.isfinite(table.speeds).all(axis=1)
     told = None
@@ -60,11 +60,6 @@ def flown(table: FlightTable, counts: Counter[str]) -> Flown:
     stuck = ~fast & _stuck(stamps_ns, np.c_[places_deg, speeds])
     counts["rows that repeat while moving"] += int(stuck.sum())
     return Flown(told.velocities.where(~(fast | stuck)), told.source)
-
-
-def _fixed(places_deg: Vector) -> Mask:
-    """Which places [n, 2] are on earth; (0, 0) is written before the first fix."""
-    return np.asarray((np.abs(places_deg) <= (90, 180)).all(axis=1) & places_deg.any(axis=1))
 
 
 def _slopes(table: FlightTable, fixed: Mask, counts: Counter[str]) -> Velocities:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TypeVar
 
 from flightdepth.flight.records import AttitudeSample, BodyAttitudeSample, VelocitySample
@@ -20,6 +21,8 @@ def rising(stamps_ns: Sequence[int]) -> list[int]:
     A stamp goes if more of those after it lie between what was kept and it than beyond it: so a few damaged stamps
     far in the future cost themselves, not everything after them.
     """
+    if all(stamp_ns < later_ns for stamp_ns, later_ns in pairwise(stamps_ns)):
+        return list(range(len(stamps_ns)))
     kept: list[int] = []
     for index, stamp_ns in enumerate(stamps_ns):
         last_ns = stamps_ns[kept[-1]] if kept else None

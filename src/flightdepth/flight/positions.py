@@ -1,4 +1,4 @@
-"""Velocity from positions: latitude, longitude and height as a GPS repeats them between its fixes.
+"""Velocity and way from positions: latitude, longitude and height as a GPS repeats them between its fixes.
 
 A camera writes a position for each picture or second, but the receiver has a new one only now and then, and
 each is rounded. So the instants at which the value really changed are found first, and the velocity is the
@@ -98,12 +98,11 @@ def place_track(
 ) -> PlaceTrack | None:
     """From latitudes and longitudes [n, 2] and altitudes [n], NaN where they are not told, at any stamps.
 
-    Only real fixes stand in it: positions that repeat until the next would lag behind. What is no place on Earth goes
-    (0, 0 is written before the first fix), positions that jump are counted; None where fewer than two are sound.
+    Only real fixes stand in it: positions that repeat until the next would lag behind. What is no place on Earth goes,
+    positions that jump are counted; None where fewer than two are sound.
     """
     stamps = np.asarray(stamps_ns, dtype=np.int64)
-    on_earth = (np.abs(places_deg) <= (90, 180)).all(axis=1) & places_deg.any(axis=1)
-    kept = np.flatnonzero(on_earth)
+    kept = np.flatnonzero(on_earth(places_deg))
     kept = kept[rising(stamps[kept].tolist())]
     if len(kept) < 2:
         return None
@@ -116,6 +115,11 @@ def place_track(
     altitudes_m = np.where(np.isfinite(altitudes_m), altitudes_m, np.nan)[kept]
     told = above if np.isfinite(altitudes_m).any() else None
     return PlaceTrack(stamps[kept], np.c_[places_deg[kept], altitudes_m], told)
+
+
+def on_earth(places_deg: Vector) -> NDArray[np.bool_]:
+    """Which latitudes and longitudes [n, 2] are any; 0, 0 is written before the first fix."""
+    return np.asarray((np.abs(places_deg) <= (90, 180)).all(axis=1) & places_deg.any(axis=1))
 
 
 def local_ned(places_deg: Vector, heights_m: Vector) -> Vector:

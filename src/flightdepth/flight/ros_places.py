@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flightdepth.flight.places import AltitudeAbove, PlaceTrack
 from flightdepth.flight.positions import (
@@ -96,13 +97,9 @@ def velocities_of_places(places: Sequence[Place]) -> Velocities:
 
 def velocities_of_fixes(fixes: Sequence[Fix], counts: Counter[str]) -> Velocities:
     """Slopes of fixes in any order; one without an altitude is as high as those around it, or all are level."""
-    fixed = {fix.stamp_ns: fix for fix in fixes}
-    if len(fixed) < LEAST_PLACES:
+    stamps_ns, places_deg, heights_m = columns_of(fixes)
+    if len(stamps_ns) < LEAST_PLACES:
         return Velocities.none()
-    rising = [fixed[stamp_ns] for stamp_ns in sorted(fixed)]
-    stamps_ns = np.array([fix.stamp_ns for fix in rising], dtype=np.int64)
-    places_deg = np.array([(fix.latitude_deg, fix.longitude_deg) for fix in rising])
-    heights_m = np.array([fix.altitude_m for fix in rising])
     told = np.isfinite(heights_m)
     counts[LEVEL] += int((~told).sum())
     at_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
@@ -114,8 +111,14 @@ def track_of_fixes(
     fixes: Sequence[Fix], zero_ns: int, above: AltitudeAbove, counts: Counter[str]
 ) -> PlaceTrack | None:
     """Where the drone was, by fixes in any order, on a clock whose 0 is `zero_ns`."""
-    fixed = {fix.stamp_ns - zero_ns: fix for fix in fixes}
-    stamps_ns = sorted(fixed)
-    rising = [fixed[stamp_ns] for stamp_ns in stamps_ns]
+    stamps_ns, places_deg, altitudes_m = columns_of(fixes)
+    return place_track(stamps_ns - zero_ns, places_deg, altitudes_m, above, counts)
+
+
+def columns_of(fixes: Sequence[Fix]) -> tuple[NDArray[np.int64], Vector, Vector]:
+    """Rising stamps [n], latitudes and longitudes [n, 2] and altitudes [n] of fixes in any order."""
+    fixed = {fix.stamp_ns: fix for fix in fixes}
+    rising = [fixed[stamp_ns] for stamp_ns in sorted(fixed)]
     places_deg = np.array([(fix.latitude_deg, fix.longitude_deg) for fix in rising]).reshape(-1, 2)
-    return place_track(stamps_ns, places_deg, np.array([fix.altitude_m for fix in rising]), above, counts)
+    altitudes_m = np.array([fix.altitude_m for fix in rising], dtype=np.float64)
+    return np.array([fix.stamp_ns for fix in rising], dtype=np.int64), places_deg, altitudes_m

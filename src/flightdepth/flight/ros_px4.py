@@ -1,4 +1,4 @@
-"""PX4's own messages in ROS 2 recordings (`px4_msgs`, published over uXRCE-DDS): velocity, attitude, gimbal.
+"""PX4's own messages in ROS 2 recordings (`px4_msgs`, published over uXRCE-DDS): velocity, attitude, gimbal, place.
 
 What their fields mean is what `ulog` knows. Only VehicleOdometry is read here alone.
 
@@ -21,12 +21,14 @@ from flightdepth.flight.autopilot import (
     LAST_STAMP_US,
     SHORTEST_RUN,
     Gate,
+    Position,
     Record,
     Velocity,
     boots,
 )
 from flightdepth.flight.records import LATEST_NS, NS_PER_S, BodyAttitudeSample
 from flightdepth.flight.ros_messages import FRD_FROM_FLU, Orientation, Twist, decoded
+from flightdepth.flight.ros_places import Fix
 from flightdepth.flight.ros_records import DamagedError, RosMessage
 from flightdepth.flight.ulog import (
     QUATERNION,
@@ -125,16 +127,19 @@ def _numbers(content: Any) -> dict[str, Any]:
 
 def px4_gate(
     kind: str, columns: Columns, ahead_ns: int, bodies: Sequence[BodyAttitudeSample], counts: Counter[str]
-) -> Gate:
-    """What is sound of a topic, on the ROS clock, which is `ahead_ns` ahead of the recording's.
+) -> tuple[Gate, list[Fix]]:
+    """What is sound of a topic, on the ROS clock, which is `ahead_ns` ahead of the recording's; and its positions.
 
     `bodies` are the drone's attitudes, from whose heading a gimbal's yaw may count.
     """
-    gate = Gate(counts, bodies=list(bodies))
+    gate, fixes = Gate(counts, bodies=list(bodies)), []
     records = complete_records(MEANINGS[kind], on_ros_clock(columns, ahead_ns, counts), counts)
-    for record in sorted(records, key=lambda record: record.stamp_ns):
-        gate.take(record.stamp_ns, record.value)
-    return gate
+    for stamp_ns, value, _ in sorted(records, key=lambda record: record.stamp_ns):
+        if isinstance(value, Position):
+            fixes.append(Fix(stamp_ns, *value))
+        else:
+            gate.take(stamp_ns, value)
+    return gate, fixes
 
 
 def on_ros_clock(columns: Columns, ahead_ns: int, counts: Counter[str]) -> Columns:

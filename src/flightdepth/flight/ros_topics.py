@@ -194,8 +194,7 @@ def _tell_px4(topics: Sequence[Topic], counts: Counter[str]) -> None:
         of_camera = topic.kind == PX4_GIMBAL
         lost = topic.unsound if topic.kind in PX4_VELOCITY_KINDS else counts
         columns, known = topic.px4.columns(), bodies.get(topic.folder, [])
-        gate = px4_gate(topic.kind, columns, ahead_ns, known if of_camera else [], lost)
+        gate, topic.fixes = px4_gate(topic.kind, columns, ahead_ns, known if of_camera else [], lost)
         topic.twists, topic.orientations = twists_of(gate), orientations_of(gate, of_camera=of_camera)
-        topic.fixes = [Fix(stamp_ns, *place) for stamp_ns, place in gate.positions]
         topic.resets = reset_count(columns)
         bodies[topic.folder] = max(known, gate.bodies, key=len)

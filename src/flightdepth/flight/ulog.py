@@ -1,6 +1,7 @@
-"""PX4's ULog (.ulg), through pyulog: local velocity, attitude of the body, attitude of a gimbal.
+"""PX4's ULog (.ulg), through pyulog: local velocity, attitude of the body, attitude of a gimbal, place on Earth.
 
-Fields are those of PX4's uORB messages VehicleLocalPosition, VehicleAttitude and GimbalDeviceAttitudeStatus.
+Fields are those of PX4's uORB messages VehicleLocalPosition, VehicleAttitude, GimbalDeviceAttitudeStatus and
+VehicleGlobalPosition.
 """
 
 from __future__ import annotations

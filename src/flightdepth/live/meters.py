@@ -8,7 +8,7 @@ import numpy as np
 
 from flightdepth.flight.records import NS_PER_S
 
-LEAST_NS = NS_PER_S // 2  # pictures that lay in a queue come in one burst, which is no rate
+LEAST_NS = NS_PER_S // 10  # pictures that lay in a queue come in one burst, which is no rate
 REFRESH_NS = NS_PER_S // 4  # sorting a minute's ages for each result would cost a millisecond
 
 

@@ -50,6 +50,7 @@ def write_las(path: Path, cloud: Cloud, crs: Any = None) -> None:
     las.x, las.y, las.z = cloud.points_m.T
     las.red, las.green, las.blue = cloud.colours.T.astype(np.uint16) * 257  # LAS counts colours to 65535
     las["confidence"] = cloud.confidence
+    las.return_number = las.number_of_returns = np.ones(len(cloud), np.uint8)  # 0 is none in LAS
     data = io.BytesIO()
     try:
         las.write(data, do_compress=path.suffix.lower() == ".laz")

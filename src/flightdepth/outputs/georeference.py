@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.flight.places import AltitudeAbove
+from flightdepth.motion import Vector
 from flightdepth.outputs.poses import FramePose
 from flightdepth.outputs.voxels import Cloud
 
@@ -23,6 +24,8 @@ Plane = NDArray[np.complex128]  # east + i north, metres
 ROUNDS = 30
 NEAREST_M = 0.01  # distances below weigh alike
 TURN_TOLD = 0.05  # rad: half of the positions may lie so far aside, seen over the way's spread
+# Half of the positions farther off than both: the way flown is not theirs.
+RECEIVER_M, STRAYING = 5.0, 0.1  # beyond a receiver's error; of the way's spread
 
 
 class LocalOnlyError(ValueError):
@@ -38,6 +41,9 @@ class Georeference:
     up_m        what is added to heights; None where the log tells no altitude, and they stay local
     crs         of the UTM zone, a pyproj.CRS
     apart_m     distances between the flown way, so placed, and the log's positions: median and 95 %
+    apart_up_m  the same of heights; None with `up_m`
+    spread_m    mean distance of the flown way from its middle
+    frames      how many have a position, and of how many
     """
 
     centre_deg: tuple[float, float]
@@ -46,25 +52,41 @@ class Georeference:
     up_m: float | None
     crs: Any
     apart_m: tuple[float, float]
+    apart_up_m: tuple[float, float] | None
+    spread_m: float
+    frames: tuple[int, int]
+
+    @property
+    def follows(self) -> bool:
+        """Whether the way flown may be that of the log's positions."""
+        return self.apart_m[0] <= max(RECEIVER_M, STRAYING * self.spread_m)
 
     def in_utm(self, cloud: Cloud) -> Cloud:
         """The cloud in UTM."""
         import pyproj
 
-        plane = self.turn * (cloud.points_m[:, 0] + 1j * cloud.points_m[:, 1]) + self.shift_m
-        longitude, latitude = plane_about(self.centre_deg)(plane.real, plane.imag, inverse=True)
-        east_m, north_m = pyproj.Proj(self.crs)(longitude, latitude)
+        east_m, north_m = pyproj.Proj(self.crs)(*self._longitude_latitude(cloud.points_m[:, :2]))
         return replace(cloud, points_m=np.c_[east_m, north_m, cloud.points_m[:, 2] + (self.up_m or 0.0)])
 
     def described(self, above: AltitudeAbove | None) -> str:
-        """The frame for people; `above` is what the log's altitudes count from."""
+        """The frame for people, three lines; `above` is what the log's altitudes count from."""
         heights = "the first camera, since the log tells no altitude" if self.up_m is None else above
+        longitude, latitude = self._longitude_latitude(np.zeros((1, 2)))
+        height = "" if self.up_m is None else f", height {self.up_m:.1f} m"
         turned = "" if self.turn == 1 else f", turned by {np.degrees(np.angle(self.turn)):.1f} degrees,"
-        median_m, most_m = self.apart_m
+        up = "" if self.apart_up_m is None else ", in height {:.2f} m ({:.2f} m)".format(*self.apart_up_m)
         return (
-            f"{self.crs.name} (EPSG:{self.crs.to_epsg()}), heights above {heights}; the way flown{turned} lies"
-            f" {median_m:.2f} m from the log's positions (95 % within {most_m:.2f} m)"
+            f"{self.crs.name} (EPSG:{self.crs.to_epsg()}), heights above {heights}\n"
+            f"first camera at latitude {latitude[0]:.6f}, longitude {longitude[0]:.6f}{height}\n"
+            f"the way flown{turned} lies {self.apart_m[0]:.2f} m from the log's positions"
+            f" (95 % within {self.apart_m[1]:.2f} m){up}, at {self.frames[0]:,} of {self.frames[1]:,} frames"
         )
+
+    def _longitude_latitude(self, points_m: Vector) -> tuple[Vector, Vector]:
+        """Degrees [N] of points east, north [N, 2]."""
+        plane = self.turn * (points_m[:, 0] + 1j * points_m[:, 1]) + self.shift_m
+        longitude, latitude = plane_about(self.centre_deg)(plane.real, plane.imag, inverse=True)
+        return longitude, latitude
 
 
 def georeference(poses: Iterable[FramePose], *, true_north: bool) -> Georeference:
@@ -73,6 +95,7 @@ def georeference(poses: Iterable[FramePose], *, true_north: bool) -> Georeferenc
     Raises:
         LocalOnlyError: they cannot be placed.
     """
+    poses = list(poses)
     known = [pose for pose in poses if np.isfinite(pose.place[:2]).all()]
     if not known:
         raise LocalOnlyError("poses.csv tells no latitude and longitude")
@@ -84,15 +107,31 @@ def georeference(poses: Iterable[FramePose], *, true_north: bool) -> Georeferenc
     east_m, north_m = plane_about(centre_deg)(places[:, 1], places[:, 0])
     told, flown = east_m + 1j * north_m, ned[:, 1] + 1j * ned[:, 0]
     turn, shift_m = fitted(flown, told, turns=not true_north)
-    apart_m = np.abs(turn * flown + shift_m - told)
-    if not true_north and np.median(apart_m) >= TURN_TOLD * np.abs(flown - flown.mean()).mean():
+    apart_m, spread_m = np.abs(turn * flown + shift_m - told), float(np.abs(flown - flown.mean()).mean())
+    if not true_north and np.median(apart_m) >= TURN_TOLD * spread_m:
         raise LocalOnlyError(
             "north may be any direction, and the way flown is too short, or too unlike the log's positions, to tell"
         )
     heights_m = (places[:, 2] + ned[:, 2])[np.isfinite(places[:, 2])]
     up_m = float(np.median(heights_m)) if len(heights_m) else None
-    median_m, most_m = np.percentile(apart_m, [50, 95]).tolist()
-    return Georeference(centre_deg, turn, shift_m, up_m, crs, (median_m, most_m))
+    apart_up_m = None if up_m is None else median_and_most(np.abs(heights_m - up_m))
+    return Georeference(
+        centre_deg,
+        turn,
+        shift_m,
+        up_m,
+        crs,
+        apart_m=median_and_most(apart_m),
+        apart_up_m=apart_up_m,
+        spread_m=spread_m,
+        frames=(len(known), len(poses)),
+    )
+
+
+def median_and_most(distances_m: Vector) -> tuple[float, float]:
+    """The median and 95 % of distances [n]."""
+    median_m, most_m = np.percentile(distances_m, [50, 95]).tolist()
+    return median_m, most_m
 
 
 def fitted(flown: Plane, told: Plane, *, turns: bool) -> tuple[complex, complex]:
