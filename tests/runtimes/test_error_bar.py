@@ -1,29 +1,37 @@
-"""What the error bar is multiplied by: the card's scale, and more where more of the picture is far."""
+"""What the error bar is multiplied by: the card's scale, and more where more of the picture is sky."""
 
 import numpy as np
 import pytest
 
 from flightdepth.ranges.fusion import ends
-from flightdepth.runtimes.error_bar import FAR_BETA, error_bar_scale, far_share
+from flightdepth.runtimes.error_bar import FAR_BETA, SKY_BETA, error_bar_scale, sky_share
 from flightdepth.weights.store import SHIPPED, read_card
 
 CARD = read_card(SHIPPED / "motion.onnx").model_copy(update={"sigma_scale": 0.8, "sigma_growth": 0.5})
 VALID = np.array([[True, True, True, True, False]])
 
 
-def pictures(*far):
-    """As many of four valid pixels far, in pictures whose padding is far too."""
-    return np.array([[[FAR_BETA] * k + [0.2] * (4 - k) + [1.0]] for k in far], np.float32)
+def pictures(*sky, rest=0.2):
+    """As many of four valid pixels sky, in pictures whose padding is sky too."""
+    return np.array([[[SKY_BETA] * k + [rest] * (4 - k) + [1.0]] for k in sky], np.float32)
 
 
 def test_each_pair_has_the_share_of_its_own_pixels():
-    assert far_share(pictures(0, 1, 4), VALID).tolist() == [0.0, 0.25, 1.0]
+    assert sky_share(pictures(0, 1, 4), VALID).tolist() == [0.0, 0.25, 1.0]
 
 
 def test_the_scale_grows_with_that_share():
     found = error_bar_scale(CARD, pictures(0, 1, 4), VALID)
     assert found.shape == (3, 1, 1)
     assert found.ravel() == pytest.approx([0.8, 0.8 * np.exp(0.125), 0.8 * np.exp(0.5)], rel=1e-6)
+
+
+@pytest.mark.parametrize("wall", [FAR_BETA, 0.75, SKY_BETA - 1e-3])
+def test_far_walls_of_a_room_are_no_sky(wall):
+    """Through 110 degrees an eighth of a room is as far as that, and bars were 5 % too wide there."""
+    assert error_bar_scale(CARD, pictures(0, 1, rest=wall), VALID) == pytest.approx(
+        error_bar_scale(CARD, pictures(0, 1), VALID)
+    )
 
 
 def test_what_is_far_is_what_fusion_takes_for_a_bound():

@@ -243,9 +243,9 @@ def with_sigma_scale(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> N
     from flightdepth.evaluation.sigma_scale import fitted_sigma_scale
 
     scale, growth = fitted_sigma_scale(running(card, onnx), pairs)
-    far = scale * math.exp(growth)
+    sky = scale * math.exp(growth)
     say(
-        f"sigma_m is {scale:.3f} times what the weights say, up to {far:.3f} where all is far:"
+        f"sigma_m is {scale:.3f} times what the weights say, up to {sky:.3f} where all is sky:"
         " then 68 % of the errors are inside it"
     )
     return card.model_copy(update={"sigma_scale": round(scale, 4), "sigma_growth": growth})

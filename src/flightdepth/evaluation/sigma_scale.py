@@ -12,7 +12,7 @@ from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.evaluation.spread import growing_scale
 from flightdepth.ranges.fusion import WORST_SIGMA, ends
-from flightdepth.runtimes.error_bar import error_bar_scale, far_share
+from flightdepth.runtimes.error_bar import error_bar_scale, sky_share
 from flightdepth.runtimes.network import Network
 from flightdepth.stillbox.testset import OutdoorTestSet, TestSet, test_textures
 from flightdepth.weights.card import NetworkCard
@@ -39,11 +39,11 @@ def fitted_sigma_scale(network: Network, pairs: Iterable[TruePair]) -> tuple[flo
     That is where the motion is known; what an uncertain one adds comes on top (`ranges.motion_error`). Those pixels
     count that fusion would believe.
     """
-    error_m, sigma_m, depth_m, far = _answers(network, pairs)
+    error_m, sigma_m, depth_m, sky = _answers(network, pairs)
     scale, growth = 1.0, 0.0
     for _ in range(FITS):
-        counted = believed(network.card, depth_m, scale * np.exp(growth * far) * sigma_m)
-        scale, growth = growing_scale(error_m[counted], sigma_m[counted], far[counted])
+        counted = believed(network.card, depth_m, scale * np.exp(growth * sky) * sigma_m)
+        scale, growth = growing_scale(error_m[counted], sigma_m[counted], sky[counted])
     return scale, growth
 
 
@@ -54,7 +54,7 @@ def believed(card: NetworkCard, depth_m: Values, sigma_m: Values) -> NDArray[np.
 
 
 def _answers(network: Network, pairs: Iterable[TruePair]) -> tuple[Values, Values, Values, Values]:
-    """Error, sigma without the card's scale and depth of every pixel, metres at D0, and its picture's far share."""
+    """Error, sigma without the card's scale and depth of every pixel, metres at D0, and its picture's share of sky."""
     rows = []
     for pair in pairs:
         task = Task.of(pair, network.card)
@@ -63,7 +63,7 @@ def _answers(network: Network, pairs: Iterable[TruePair]) -> tuple[Values, Value
             raise ValueError(f"expected a network that tells sigma_m, got {network.card.name}")
         depth_m = found.depth_m[0]
         sigma_m = found.sigma_m[0] / error_bar_scale(network.card, found.beta, found.valid)[0]
-        far = np.full(depth_m.shape, far_share(found.beta, found.valid)[0])
-        rows.append(np.stack([np.abs(depth_m - task.truth_m), sigma_m, depth_m, far]).reshape(4, -1))
-    error_m, sigma_m, depth_m, far = np.concatenate(rows, axis=1).astype(np.float64)
-    return error_m, sigma_m, depth_m, far
+        sky = np.full(depth_m.shape, sky_share(found.beta, found.valid)[0])
+        rows.append(np.stack([np.abs(depth_m - task.truth_m), sigma_m, depth_m, sky]).reshape(4, -1))
+    error_m, sigma_m, depth_m, sky = np.concatenate(rows, axis=1).astype(np.float64)
+    return error_m, sigma_m, depth_m, sky

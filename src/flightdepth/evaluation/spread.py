@@ -53,17 +53,17 @@ def sigma_scale(error_m: Values, sigma_m: Values) -> float:
     return ratio if ratio > 0 else 1.0
 
 
-def growing_scale(error_m: Values, sigma_m: Values, far: Values) -> tuple[float, float]:
-    """The same, scale * exp(growth * far) for pixels [N] of pictures of which the share `far` [N] is far.
+def growing_scale(error_m: Values, sigma_m: Values, sky: Values) -> tuple[float, float]:
+    """The same, scale * exp(growth * sky) for pixels [N] of pictures of which the share `sky` [N] is sky.
 
-    Linear quantile regression (Koenker and Bassett 1978) of log(error / sigma) on `far`, its slope one of GROWTHS.
+    Linear quantile regression (Koenker and Bassett 1978) of log(error / sigma) on `sky`, its slope one of GROWTHS.
     """
 
     def scale(growth: float) -> float:
-        return sigma_scale(error_m, sigma_m * np.exp(growth * far))
+        return sigma_scale(error_m, sigma_m * np.exp(growth * sky))
 
     def loss(growth: float) -> float:
-        foretold = scale(growth) * np.exp(growth * far) * sigma_m
+        foretold = scale(growth) * np.exp(growth * sky) * sigma_m
         above = np.log(np.maximum(error_m, LEAST) / np.maximum(foretold, LEAST))
         return round(float(np.nanmean(np.maximum(INSIDE_ONE * above, (INSIDE_ONE - 1) * above))), 9)
 

@@ -11,18 +11,21 @@ from flightdepth.weights.card import NetworkCard
 # A network that sweeps compares parts of a pixel: from this share of its largest depth on a point moved by less than
 # two thirds of one, which a rotation of a tenth of a degree that no one reported does too.
 FAR_BETA = 0.6
+# Sky is beyond this. Walls of a room are beyond FAR_BETA too, through a wide lens or after a short displacement, but
+# there errors are no larger than a network thinks.
+SKY_BETA = 0.9
 
 
 def error_bar_scale(card: NetworkCard, beta: Maps, valid: NDArray[np.bool_]) -> Maps:
-    """The scale of each of n pairs, float32 [n, 1, 1]; the more of a picture is far, the larger errors are.
+    """The scale of each of n pairs, float32 [n, 1, 1]; the more of a picture is sky, the larger errors are.
 
     beta   [n, h, w], output as a share of the largest depth
     valid  bool [h, w], the pixels that count
     """
-    far = far_share(beta, valid)
-    return np.asarray(card.sigma_scale * np.exp(card.sigma_growth * far), np.float32)[:, None, None]
+    sky = sky_share(beta, valid)
+    return np.asarray(card.sigma_scale * np.exp(card.sigma_growth * sky), np.float32)[:, None, None]
 
 
-def far_share(beta: Maps, valid: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Which share of the picture is too far to be measured, by each of n pairs, [n]."""
-    return np.asarray((beta[:, valid] >= FAR_BETA).mean(axis=1))
+def sky_share(beta: Maps, valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Which share of the picture is sky, or as far, by each of n pairs, [n]."""
+    return np.asarray((beta[:, valid] >= SKY_BETA).mean(axis=1))

@@ -80,7 +80,7 @@ class NetworkCard(BaseModel):
     )
     sigma_growth: float = Field(
         default=0.0,
-        description="logarithm by which that is larger in a picture of which all is too far to be measured",
+        description="logarithm by which that is larger in a picture that is all sky",
     )
     int8_ranges: dict[str, tuple[float, float]] = Field(
         default_factory=dict,
