@@ -53,6 +53,27 @@ def test_pairs_are_as_far_apart_as_in_training():
     assert usual.config == StillBoxConfig()
 
 
+def test_pictures_as_large_as_flights_are_seen():
+    """The same rooms twice as fine, half as far apart: points move by as many pixels."""
+    card = any_lens()
+    usual, fine = fixed_set(card, scenes=1), fixed_set(card, scenes=1, flight_size=True)
+    assert fine.picture.width == 2 * usual.picture.width
+    pairs = usual.pair(0), fine.pair(0)
+    assert pairs[1].focal_px == pytest.approx(card.focal_px)
+    px = [np.linalg.norm(pair.displacement) * pair.focal_px for pair in pairs]
+    assert px[1] == pytest.approx(px[0])
+    outdoors = outdoor_set(card, scenes=1), outdoor_set(card, scenes=1, flight_size=True)
+    assert [pairs.pair(0).focal_px / card.focal_px for pairs in outdoors] == pytest.approx([0.5, 1])
+    slow, usual_speed = (np.array(pairs.config.speed_m_s) for pairs in reversed(outdoors))
+    assert usual_speed == pytest.approx(2 * slow)
+
+
+def test_only_a_network_of_any_lens_sees_flights_larger():
+    for pairs in (fixed_set, outdoor_set):
+        with pytest.raises(BadInput, match="--flight-size"):
+            pairs(difference_card(), scenes=1, flight_size=True)
+
+
 def test_names_tell_sets_apart():
     card = difference_card(focal_px=256.0)
     assert set_name(fixed_set(card)) == "Still Box 256 px, crops of 512 px, shift 3"

@@ -76,6 +76,12 @@ def evaluate_network_command(
             help="Horizontal field of view in degrees; another lens for networks that know any.",
         ),
     ] = 90.0,
+    flight_size: Annotated[
+        bool,
+        typer.Option(
+            "--flight-size", help="Pictures as large as flights are seen, of networks that know any lens."
+        ),
+    ] = False,
 ) -> None:
     """Errors on the fixed test set, beside the best constant depth and the classical peer.
 
@@ -88,6 +94,10 @@ def evaluate_network_command(
       flightdepth evaluate network motion --outdoor
 
       flightdepth evaluate network motion --fov 60
+
+    In pictures as large as flights are seen, with more around each point:
+
+      flightdepth evaluate network motion --flight-size
 
     Scenes that another renderer made, Blender or the authors' own:
 
@@ -107,7 +117,7 @@ def evaluate_network_command(
     check_figures(json)
     if held_out and stored is None:
         raise BadInput("--held-out", expected="--set beside it", got="it alone")
-    _refuse_other_sets(outdoor=outdoor, stored=stored, textures=textures, fov=fov)
+    _refuse_other_sets(outdoor=outdoor, stored=stored, textures=textures, fov=fov, flight_size=flight_size)
     for option, target in (("--pictures", pictures), ("--report", report)):
         if target is not None:
             make_folder(option, target)
@@ -118,13 +128,14 @@ def evaluate_network_command(
     if stored is not None:
         pairs = stored_set(opened.card, stored, scenes=scenes, held_out=held_out)
     elif outdoor:
-        pairs = outdoor_set(opened.card, scenes=count)
+        pairs = outdoor_set(opened.card, scenes=count, flight_size=flight_size)
     else:
         pairs = fixed_set(
             opened.card,
             scenes=count,
             textures=own,
             horizontal_fov_deg=fov,
+            flight_size=flight_size,
         )
     result = evaluated(opened, pairs)
     show(result)
@@ -136,6 +147,7 @@ def evaluate_network_command(
             "--outdoor": outdoor,
             "--textures": textures,
             "--fov": fov if fov != 90 else None,
+            "--flight-size": flight_size,
             "--scenes": scenes,
         }
         write_report(report, result, opened, pairs, as_given(options))
@@ -154,13 +166,16 @@ def as_given(options: Mapping[str, Path | float | None]) -> str:
     return " ".join(words)
 
 
-def _refuse_other_sets(*, outdoor: bool, stored: Path | None, textures: Path | None, fov: float) -> None:
+def _refuse_other_sets(
+    *, outdoor: bool, stored: Path | None, textures: Path | None, fov: float, flight_size: bool
+) -> None:
     """Refuse what would say two things of which set to take."""
     given = {
         "--set": stored is not None,
         "--outdoor": outdoor,
         "--textures": textures is not None,
         "--fov": fov != 90,
+        "--flight-size": flight_size and stored is not None,
     }
     asked = [option for option, is_given in given.items() if is_given]
     if asked[:1] in (["--set"], ["--outdoor"]) and len(asked) > 1:

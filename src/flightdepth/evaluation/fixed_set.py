@@ -21,11 +21,14 @@ AnySet = TestSet | OutdoorTestSet | StoredTestSet
 MOST_PX = 256  # of the pictures that a network for one lens is measured on: crops of larger ones
 
 
-def outdoor_set(card: NetworkCard, *, scenes: int) -> OutdoorTestSet:
-    """Flights outdoors, like no training room, `full_width` wide."""
+def outdoor_set(card: NetworkCard, *, scenes: int, flight_size: bool = False) -> OutdoorTestSet:
+    """Flights outdoors, like no training room, `full_width` wide; `flight_size` as of `fixed_set`."""
     _check(scenes)
+    detail = _detail(card, flight_size=flight_size)
     width, fov_deg = _in_strides(card, full_width(card), ANY_FLIGHT.horizontal_fov_deg)
-    return OutdoorTestSet(width, scenes, config=changed(ANY_FLIGHT, {"horizontal_fov_deg": fov_deg}))
+    low, high = ANY_FLIGHT.speed_m_s
+    changes = {"horizontal_fov_deg": fov_deg, "speed_m_s": (low / detail, high / detail)}
+    return OutdoorTestSet(detail * width, scenes, config=changed(ANY_FLIGHT, changes))
 
 
 def fixed_set(
@@ -34,6 +37,7 @@ def fixed_set(
     scenes: int = SCENES,
     textures: Textures | None = None,
     horizontal_fov_deg: float = 90.0,
+    flight_size: bool = False,
 ) -> TestSet:
     """Nominal pairs, square, of pictures `full_width` wide or crops of them, clipped to the network's range.
 
@@ -41,22 +45,27 @@ def fixed_set(
     one lens sees them the displacement of its own training apart.
 
     `textures` None takes the fixed set's own; others make a set of one's own, not to be compared, and so does
-    another field of view, which a network for any lens alone can take.
+    another field of view, which a network for any lens alone can take. With `flight_size` pictures are as large as such
+    a network sees flights through that lens, and as many times less far apart, so that points move by as many pixels.
     """
     if horizontal_fov_deg != 90.0 and not card.any_lens:
         raise BadInput(
             f"--fov for {card.name}", expected="90 degrees, its own", got=f"{horizontal_fov_deg:g}"
         )
     _check(scenes)
+    detail = _detail(card, flight_size=flight_size)
     full = full_width(card)
     if full <= MOST_PX:
         full, horizontal_fov_deg = _in_strides(card, full, horizontal_fov_deg)
+    full *= detail
     width = full if card.any_lens else min(full, MOST_PX)
     rule = PairRule(card.nominal_shift, card.depth_min_m, card.depth_max_m)
     config = StillBoxConfig()
     speed_m_s = config.speed_m_s if card.any_lens else card.D0_m / card.nominal_shift / config.time_step_s
     # Rounded: the usual one is 1 to the bit.
-    config = changed(config, {"horizontal_fov_deg": horizontal_fov_deg, "speed_m_s": round(speed_m_s, 9)})
+    config = changed(
+        config, {"horizontal_fov_deg": horizontal_fov_deg, "speed_m_s": round(speed_m_s / detail, 9)}
+    )
     return TestSet(Picture(width, width, full), rule, scenes, textures=textures, config=config)
 
 
@@ -99,6 +108,15 @@ def full_width(card: NetworkCard) -> int:
     if not card.any_lens:
         return round(2 * card.focal_px)
     return STRIDE * max(1, round(2 * card.focal_px / FLIGHT_DETAIL / STRIDE))
+
+
+def _detail(card: NetworkCard, *, flight_size: bool) -> int:
+    """How many times as fine pictures are as `full_width` says."""
+    if flight_size and not card.any_lens:
+        raise BadInput(
+            f"--flight-size for {card.name}", expected="a network for any lens", got="one for its own"
+        )
+    return FLIGHT_DETAIL if flight_size else 1
 
 
 def _in_strides(card: NetworkCard, width: int, fov_deg: float) -> tuple[int, float]:
