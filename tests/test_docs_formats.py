@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import flightdepth as fd
 from flightdepth import cli
-from flightdepth.stillbox import shards
+from flightdepth.evaluation.network import evaluate_network
+from flightdepth.stillbox import PairRule, Picture, TestSet, shards
 
 DOCS = Path(__file__).parents[1] / "docs"
 TEXT = (DOCS / "stillbox-disk.md").read_text("utf-8")
 COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL) for line in block.splitlines()]
 FOLDER, READ, SHARDS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
-[LOOP] = re.findall(r"```python\n(.*?)```", (DOCS / "stillbox.md").read_text("utf-8"), re.DOTALL)
+LOOP, MEASURE = re.findall(r"```python\n(.*?)```", (DOCS / "stillbox.md").read_text("utf-8"), re.DOTALL)
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +35,7 @@ def rendered(tmp_path_factory):
     return folder
 
 
-def run(snippet):
-    names: dict = {}
+def run(snippet, **names):
     with warnings.catch_warnings():
         warnings.simplefilter(
             "ignore", ResourceWarning
@@ -68,6 +69,20 @@ def test_pairs_are_drawn_for_a_loop_of_ones_own():
     assert batch.target_m.shape == (32, 32, 32)
     assert all(np.linalg.norm(pair.displacement) < 0.6001 for pair in batch.each)
     assert all(pair.camera.fx == pytest.approx(16) for pair in batch.each)
+
+
+def test_a_network_of_ones_own_is_measured_as_ours_are():
+    network, camera = fd.load_network("depthnet-256"), fd.Camera(64, 64, 128, 128, 31.5, 31.5)
+    picture, rule = Picture(width=64, height=64, full_width=256), PairRule(nominal_shift=3)
+
+    def mine(previous, current):
+        return network.predict([previous], current, [0.3], camera).depth_m[0]
+
+    found = run(MEASURE.replace("300", "2"), picture=picture, PairRule=PairRule, mine=mine)["figures"]
+    theirs = evaluate_network(network, TestSet(picture, rule, scenes=2), set_name="rooms")["network"]
+    for name in ("l1_m", "rmse_m", "abs_rel", "delta", "known"):
+        assert found[name] == pytest.approx(theirs[name])
+    assert found["depth_bins"][1] == pytest.approx(theirs["depth_bins"][1])
 
 
 def test_webdataset_reads_the_shards(rendered, monkeypatch):

@@ -58,12 +58,12 @@ def nest(key: str, *parts: bytes) -> bytes:
 
 
 def lned_payload(rows, *, clock=True) -> bytes:
-    """A Karma payload: rows of (own time ms, velocity north, east, down)."""
+    """A Karma payload: rows of (own time ms, velocity north, east, down), or of time, position (3), velocity."""
     layout, unit, scale = ("L", ["s"], [1000]) if clock else ("", [], [])
     layout, unit, scale = layout + "ffffff", [*unit, *["m"] * 3, *["m/s"] * 3], [*scale, *[1] * 6]
     packed = [
-        (struct.pack(">L", ms) if clock else b"") + struct.pack(">6f", 0, 0, 0, *velocity)
-        for ms, *velocity in rows
+        (struct.pack(">L", ms) if clock else b"") + struct.pack(">6f", *[0.0] * (6 - len(told)), *told)
+        for ms, *told in rows
     ]
     return nest(
         "DEVC",

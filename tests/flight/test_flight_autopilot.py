@@ -7,20 +7,17 @@ from hypothesis import strategies as st
 
 from flightdepth.flight.autopilot import (
     HEADING_AGE_NS,
-    REBOOT_GAP_NS,
-    STEP_NS,
     BodyAttitude,
     Record,
     Velocity,
     autopilot_telemetry,
-    boots,
     is_rotation,
-    longest_boot,
-    placed_boots,
+    quaternion_of,
 )
 from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags
+from flightdepth.flight.power_ups import REBOOT_GAP_NS, STEP_NS, boots, longest_boot, placed_boots
 from flightdepth.flight.records import NS_PER_S
-from flightdepth.motion import rotation_from_quaternion
+from flightdepth.motion import rotation_from_euler, rotation_from_quaternion
 
 STAMPS = st.lists(st.integers(0, 100 * STEP_NS), max_size=60)
 
@@ -109,6 +106,17 @@ def test_attitudes_that_are_no_rotation_are_counted(bad):
     telemetry = autopilot_telemetry("log", records, Counter(), told_by=[])
     assert telemetry.body_attitudes == ()
     assert telemetry.counts == {"attitudes that are no rotation": 1}
+
+
+ANGLE = st.floats(-2 * np.pi, 2 * np.pi)
+
+
+@given(ANGLE, ANGLE, ANGLE)
+def test_the_quaternion_of_angles_is_their_rotation(roll_rad, pitch_rad, yaw_rad):
+    quaternion = quaternion_of(roll_rad, pitch_rad, yaw_rad)
+    assert quaternion[0] >= 0
+    expected = rotation_from_euler(roll_rad, pitch_rad, yaw_rad)
+    np.testing.assert_allclose(rotation_from_quaternion(quaternion), expected, atol=1e-12)
 
 
 def heading(degrees):

@@ -1,4 +1,5 @@
 import math
+import struct
 import tracemalloc
 
 import numpy as np
@@ -69,6 +70,17 @@ def test_a_log_takes_little_memory(tmp_path):
         tracemalloc.stop()
     assert len(telemetry.velocities) == len(telemetry.body_attitudes) == 400
     assert peak < 12 * path.stat().st_size
+
+
+def test_texts_between_the_numbers_are_left_out(tmp_path):
+    head = dataflash_fmt(0x81, "XKF1", "nQBCnfff", "Tag,TimeUS,C,Roll,Text,VN,VE,VD")
+    rows = [
+        b"\xa3\x95\x81" + struct.pack("<4sQBH4s3f", b"T1", START_US + i * 1000, 0, 4500, b"T2", *velocity(i))
+        for i in range(5)
+    ]
+    telemetry = read(tmp_path, dataflash_head([]) + head + b"".join(rows))
+    assert velocities(telemetry) == [velocity(i) for i in range(5)]
+    assert telemetry.counts == {}
 
 
 def test_the_core_that_flies_is_followed(tmp_path):

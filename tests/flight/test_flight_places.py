@@ -14,7 +14,7 @@ from px4_files import position as px4_velocity
 from pymavlink.dialects.v20 import common as mavlink
 from pyproj import Geod
 
-from flightdepth.flight.gpmf_telemetry import read_gpmf
+from flightdepth.flight.gpmf_telemetry import KARMA_LATE_NS, read_gpmf
 from flightdepth.flight.places import ELLIPSOID, SEA_LEVEL, PlaceTrack
 from flightdepth.flight.positions import place_track
 from flightdepth.flight.telemetry import read_telemetry
@@ -335,7 +335,8 @@ def test_a_karmas_own_place_comes_before_its_cameras(tmp_path):
             + gps5_payload(gopro_rows(part + 9))
         )
     log = read_gpmf(add_gpmf(video, parts))
-    tells(log.places, SEA_LEVEL, start_ns=-S // 20)  # the clock of its samples, as for its velocities
+    # The clock of its samples, as for its velocities.
+    tells(log.places, SEA_LEVEL, start_ns=-S // 20 - KARMA_LATE_NS)
 
 
 def test_gopro_beside_a_karmas_velocity(tmp_path):

@@ -148,6 +148,44 @@ def test_the_vehicle_is_believed_not_other_senders(tmp_path):
     assert telemetry.counts == {"velocities of other senders": 20}
 
 
+def global_message(i):
+    """GLOBAL_POSITION_INT of `ned_message(i, velocity(i))`: 1e-7 degrees, mm, cm/s."""
+    ned_cm_s = [round(100 * part) for part in velocity(i)]
+    return mavlink.MAVLink_global_position_int_message(i, 480_000_000 + i, 110_000_000, 0, 0, *ned_cm_s, 0)
+
+
+def test_what_another_vehicle_tells_twice_is_counted_once(tmp_path):
+    """Its velocities in LOCAL_POSITION_NED and those in GLOBAL_POSITION_INT were added up."""
+    parts = []
+    for i in range(10):
+        now = RECEIVED_US + i * 1000
+        parts += [
+            tlog_part(now, message, AUTOPILOT) for message in (ned_message(i, velocity(i)), heartbeat())
+        ]
+        if i < 8:
+            parts += [
+                tlog_part(now, message, (2, 1)) for message in (global_message(i), ned_message(i, (7, i, 0)))
+            ]
+    telemetry = read(tmp_path, *parts)
+    assert velocities(telemetry) == [velocity(i) for i in range(10)]
+    assert telemetry.counts == {"velocities of other senders": 8}
+
+
+def test_who_tells_the_same_velocity_twice_is_not_the_most_talkative(tmp_path):
+    """Of two vehicles the one that sent both kinds of message was followed, though it told half as much."""
+    parts = []
+    for i in range(10):
+        now = RECEIVED_US + i * 1000
+        parts.append(tlog_part(now, ned_message(i, velocity(i)), AUTOPILOT))
+        if i < 8:
+            parts += [
+                tlog_part(now, message, (2, 1)) for message in (global_message(i), ned_message(i, (7, i, 0)))
+            ]
+    telemetry = read(tmp_path, *parts)
+    assert velocities(telemetry) == [velocity(i) for i in range(10)]
+    assert telemetry.counts == {"velocities of other senders": 8}
+
+
 def odometry(i, *, frame=mavlink.MAV_FRAME_LOCAL_NED, child=mavlink.MAV_FRAME_BODY_FRD, usec=None):
     # The drone heads east; its velocity is forward, right, down.
     half = math.pi / 4

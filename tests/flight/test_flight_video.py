@@ -104,7 +104,9 @@ def test_a_way_back_in_vain_stops_at_the_start(tmp_path):
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         container.seek(1300, stream=stream)
-        sound = SoundPictures(container, stream, Counter(), whole=False, begin_by=1400)
+        sound = SoundPictures(
+            container, stream, Counter(), whole=False, begin_by=1320
+        )  # a refresh ends at 1360
         assert list(sound) == []
         assert next(container.demux(stream)).pts < 2000 - 40
 
@@ -264,6 +266,25 @@ def test_pictures_missing_from_a_cut_video_are_counted(tmp_path):
         delivered = len(list(video.frames()))
     assert 0 < delivered < 50
     assert sum(video.counts.values()) == 50 - delivered
+
+
+def test_what_is_missing_from_a_cut_mkv_is_told(tmp_path):
+    """Its head tells how long it was; a cut one ended without a word."""
+    path = make_video(tmp_path / "v.mkv", range(500, 8500, 40), stream_options={"g": "10"})
+    with Video(path) as video:
+        assert len(list(video.frames())) == 200
+        assert dict(video.counts) == {}
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with Video(path) as video:
+        last_s = list(video.frames())[-1].stamp_ns / 1e9
+    assert video.counts["seconds missing at the end of the file"] == pytest.approx(8 - last_s, abs=1)
+
+
+@pytest.mark.parametrize("part", [{}, {"start_s": 3}])
+def test_the_time_that_the_last_picture_is_shown_is_not_missing(tmp_path, part):
+    with Video(make_video(tmp_path / "v.mkv", range(0, 20_000, 2000)), **part) as video:
+        list(video.frames())
+    assert dict(video.counts) == {}
 
 
 def test_a_whole_video_misses_nothing(uneven):

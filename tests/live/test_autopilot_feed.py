@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from flightdepth.flight.tlog import GIMBAL
+from flightdepth.flight.mavlink_messages import GIMBAL
 from flightdepth.live.autopilot_feed import AutopilotFeed, AutopilotListener
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.motion import NED_FROM_CAMERA, rotation_from_quaternion
@@ -103,6 +103,21 @@ def test_an_answered_question_takes_the_way_out(vehicle, store, feed):
     vehicle.velocity(101, (7.0, 0.0, 0.0))
     assert store.at(101 * S).velocity_ned[0] == 7.0
     assert feed.boot_ns(101 * S) == 51 * S
+
+
+def test_what_comes_in_place_of_velocities_is_told(feed):
+    vehicle = Vehicle(feed)
+    now_ns = round(103.5 * S)
+    vehicle.heartbeat(100, autopilot=mavlink.MAV_AUTOPILOT_INVALID)  # a ground station's
+    assert feed.instead(now_ns) == "no autopilot's heartbeat comes"
+    vehicle.heartbeat(100)
+    assert feed.instead(now_ns).startswith("the autopilot of vehicle 1 tells none (LOCAL_POSITION_NED, ")
+    for i in range(70):
+        vehicle.velocity(100 + i / 20)
+    assert feed.instead(now_ns) == "stuck velocities are left out"
+    vehicle.velocity(103.5, (math.nan, 0.0, 0.0))
+    assert feed.instead(now_ns) == "velocities that are not numbers are left out"
+    assert feed.instead(now_ns + 2 * S).startswith("the autopilot of vehicle 1 tells none")
 
 
 def test_nothing_counts_before_an_autopilot_is_known(feed, store, heard):

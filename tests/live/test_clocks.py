@@ -258,3 +258,15 @@ def test_rates_and_ages_by_hand():
     assert ages.p95_ms == 95
     ages.add(5 * S, 7.0)
     assert (ages.p95_ms, ages.last_ms) == (7.0, 7.0)
+
+
+def test_ages_end_with_their_minute():
+    """Hours after the stream's end /metrics told the last ones, as of the last minute."""
+    ages = Ages(span_s=60)
+    ages.add(0, 7.0)
+    ages.forget(60 * S)
+    assert (ages.p95_ms, ages.last_ms) == (7.0, 7.0)
+    ages.forget(61 * S)
+    assert (ages.p95_ms, ages.last_ms) == (None, None)
+    ages.add(61 * S, 9.0)
+    assert (ages.p95_ms, ages.last_ms) == (9.0, 9.0)

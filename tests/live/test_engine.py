@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import Counter
 from types import SimpleNamespace
 
@@ -100,6 +101,13 @@ def test_a_picture_becomes_a_result():
     assert status.age_from == "sender"
 
 
+def test_ages_of_more_than_a_minute_ago_are_not_told():
+    run = engine()
+    run._ages.add(time.monotonic_ns() - 61 * 10**9, 5.0)
+    status = run.status()
+    assert (status.age_ms, status.age_p95_ms) == (None, None)
+
+
 def test_a_line_that_nobody_can_read_ends_nothing():
     def refuse(text):
         raise OSError("no space left on device")
@@ -111,17 +119,19 @@ def test_a_line_that_nobody_can_read_ends_nothing():
     assert run.status().frames.used == 1
 
 
-def test_the_state_asks_what_the_sinks_lack():
+def test_the_state_asks_what_the_sinks_and_the_telemetry_lack():
     parts = Parts(
         Stage(Counter()),
         MotionStore(),
         video=lambda listener: Video(),
         motion=lambda engine: Motion(),
         lacking=lambda: "the drone's heading",
+        untold=lambda: "no autopilot's heartbeat comes",
     )
     run = LiveEngine(parts)
     run.status()
     assert run._monitor.lacking == "the drone's heading"
+    assert run._monitor.untold == "no autopilot's heartbeat comes"
 
 
 def test_rates_are_read_under_the_lock_alone():

@@ -164,6 +164,17 @@ def test_a_link_that_never_came_up_is_told_too():
     assert flight.fly(1, velocity=False)[-1].reason == f"{NO_TELEMETRY}: MAVLink tcp:x:1: refused"
 
 
+def test_what_telemetry_tells_instead_of_velocities_stands_in_the_reason(flight):
+    """A link that works and brings none of use looked like one that is down, or whose last error stands."""
+    flight.monitor.link_failed("MAVLink tcp:x:1: refused")
+    flight.monitor.untold = "stuck velocities are left out"
+    assert flight.fly(1, velocity=False)[-1].reason.endswith(" s; stuck velocities are left out")
+    silent = Flight()
+    silent.monitor.untold = "nothing comes over udpin:0.0.0.0:14550"
+    assert silent.fly(1, velocity=False)[-1].reason == f"{NO_TELEMETRY}: {silent.monitor.untold}"
+    assert flight.fly(2)[-1].state is State.OK
+
+
 def test_a_reboot_is_told_for_five_seconds(flight):
     flight.monitor.rebooted(ns(flight.now_s))
     told = [health.reason for health in flight.fly(4.9)]

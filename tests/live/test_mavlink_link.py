@@ -30,6 +30,21 @@ def test_udp_rates_are_asked_for_and_timesync_goes_both_ways():
     assert {m.get_srcSystem() for m in autopilot.heard if m.get_type() == "COMMAND_LONG"} == {7}
 
 
+def test_a_link_without_velocities_says_what_it_brings():
+    port = free_port()
+    address = f"udpin:127.0.0.1:{port}"
+    with Listening(address) as ours, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        until(lambda: ours.link.instead() == f"nothing comes over {address}")
+        sender.sendto(b"\x01" * 40, ("127.0.0.1", port))  # as from a serial port at another baud rate
+        until(lambda: ours.link.counts["damaged messages"])
+        assert ours.link.instead().startswith("no autopilot's heartbeat comes, but ")
+        heartbeat = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3)
+        sender.sendto(heartbeat.pack(mavlink.MAVLink(None, srcSystem=7, srcComponent=1)), ("127.0.0.1", port))
+        until(lambda: ours.feed.vehicle)
+        assert ours.link.instead().startswith("the autopilot of vehicle 7 tells none (")
+    assert ours.link.instead() is None
+
+
 @pytest.mark.parametrize(
     ("target", "answered"), [((), True), ((7, 191), True), ((7, 0), True), ((9, 0), False), ((7, 1), False)]
 )

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from page_flights import Flying
 
@@ -64,6 +65,25 @@ def test_results_of_another_size_are_left_out_and_stand_in_the_folder(recorder, 
     assert told == {"a newer picture came first": 3, "of another size than the first": 1}
 
 
+def test_poses_are_written_where_telemetry_tells_velocity_and_attitude(recorder, tmp_path):
+    """A recording had none, so no cloud and no transforms, though the link told all that they need."""
+    flown = results(40)
+    flown[2] = replace(flown[2], motion=replace(flown[2].motion, world_from_camera=None))
+    flown[4] = replace(flown[4], stamp_ns=flown[0].stamp_ns)  # times that step back
+    for i in range(10, 30):  # a link that was down for two seconds
+        flown[i] = replace(flown[i], motion=replace(flown[i].motion, velocity_ned=None))
+    for each in flown:
+        recorder(each)
+    recorder.close({})
+    poses = FlightFolder(tmp_path / "recording").poses
+    assert list(poses) == [i for i in range(40) if i not in (2, 4, *range(10, 30))]
+    east_m = [pose.position_ned[1] for pose in poses.values()]
+    np.testing.assert_allclose(east_m[:8], [0, 0.3, 0.9, 1.5, 1.8, 2.1, 2.4, 2.7], atol=1e-3)
+    np.testing.assert_allclose(east_m[8:], 0.3 * np.arange(10), atol=1e-3)
+    assert {(pose.segment, pose.attitude) for pose in poses.values()} == {(0, "log"), (1, "log")}
+    np.testing.assert_allclose(poses[0].world_from_camera, flown[0].motion.world_from_camera, atol=1e-6)
+
+
 def test_a_picture_s_own_focal_length_stands_beside_it_where_the_lens_zooms(recorder, tmp_path):
     first, second = results(2)
     recorder(first)
@@ -78,10 +98,10 @@ def test_a_result_that_a_slow_disk_takes_at_the_end_is_whole(recorder, tmp_path,
     """`close` waits for it, and what comes after is not written."""
     begun, add = threading.Event(), FlightWriter.add
 
-    def slow(writer, frame, result):
+    def slow(writer, frame, result, pose):
         begun.set()
         threading.Event().wait(0.2)
-        add(writer, frame, result)
+        add(writer, frame, result, pose)
 
     monkeypatch.setattr(FlightWriter, "add", slow)
     first, second = results(2)

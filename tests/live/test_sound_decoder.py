@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from flightdepth.live.sound_decoder import SoundDecoder
+from tests_refresh import CYCLE, H265_TAKES, film, missing, overwritten
 
 TICKS_PER_S = 90_000
 LONG = 600 * TICKS_PER_S  # ten minutes
@@ -117,6 +118,36 @@ def test_a_stream_without_key_frames_goes_on_after_packets_that_were_left_out():
     shown = refreshed_pictures(leave_out)
     assert shown[:10] == list(range(10))
     assert shown[10:] == list(range(shown[10], 120))
+
+
+# What is missing within a refresh of H.265 its decoder does not tell; RTP and MPEG-TS do.
+@pytest.mark.parametrize(
+    ("codec", "takes", "damage"),
+    [("libx264", CYCLE, overwritten), ("libx264", CYCLE, missing), ("libx265", H265_TAKES, overwritten)],
+)
+def test_no_refresh_counts_that_is_damaged_itself(tmp_path, codec, takes, damage):
+    """Pictures of H.264 were not whole, since its decoder kept the damaged ones to itself; of H.265 none came."""
+    changed, counts = damage(CYCLE + 5, 2 * CYCLE + 3), Counter()
+    with av.open(str(film(tmp_path / "v.mp4", 130, codec))) as container:
+        stream = container.streams.video[0]
+        sent = [packet for packet in container.demux(stream) if packet.size]
+        contexts = [av.CodecContext.create(stream.codec_context.name, "r") for _ in range(2)]
+        for context in contexts:
+            context.extradata = stream.codec_context.extradata
+    ticks = sent[1].pts
+    whole = grey_pictures(contexts[0], [*sent, None])
+    decoder = SoundDecoder(contexts[1], counts)
+    shown = {}
+    for number, packet in enumerate(sent):
+        if (data := changed(number, bytes(packet))) is not None:
+            received = av.Packet(data)
+            received.pts, received.dts, received.time_base = packet.pts, packet.dts, packet.time_base
+            shown |= grey_pictures(decoder, [received])
+    assert all(np.array_equal(picture, whole[stamp]) for stamp, picture in shown.items())
+    numbers = [stamp // ticks for stamp in shown]
+    again = next(number for number in numbers if number > CYCLE + 5)
+    assert numbers == [*range(CYCLE + 5), *range(again, 130)]
+    assert 3 * CYCLE < again <= 3 * CYCLE + takes
 
 
 def test_leading_pictures_that_lack_theirs_do_not_take_the_key_frame_with_them():

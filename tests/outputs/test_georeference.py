@@ -17,6 +17,7 @@ from flightdepth.outputs.voxels import Cloud
 GEOD = Geod(ellps="WGS84")
 MUNICH = (48.1, 11.5, 520.0)
 WEAVING_S = np.arange(0, 120, 0.5)
+STANDS = np.zeros((len(WEAVING_S), 3))
 
 
 def there(start, north_m, east_m):
@@ -138,13 +139,33 @@ def test_on_how_many_positions_it_rests_is_told():
     assert f"at {len(poses)} of {len(poses)} frames" in told_of(poses)
 
 
+@pytest.mark.parametrize(
+    ("times", "noise_m", "said"),
+    [
+        (1.044, 0.1, "4.4 % longer, far"),
+        (0.9, 0.1, "10.0 % shorter, near"),
+        (1.01, 0.0, ""),
+        (1.044, 30.0, ""),
+    ],
+)
+def test_a_way_of_another_length_is_told(times, noise_m, said):
+    """A Karma's velocities summed to a way 4.4 % longer than its positions', and nothing said so."""
+    told = told_of(flown(weaving(), local=weaving() * times, noise_m=noise_m))
+    length, _, side = said.partition(", ")
+    line = f"is {length} than the log's positions tell: where these are right, depth is so much too {side}"
+    assert line in told if said else "than the log's positions tell" not in told
+
+
+@pytest.mark.parametrize(("drift", "noise_m"), [(weaving(1.0), 2.5), (STANDS + 3.3, 0.0)])
+def test_a_hovering_drones_way_has_no_length(drift, noise_m):
+    """It drifts by a metre, its receiver by more; or neither does, but for the last bits."""
+    assert "than the log's positions" not in told_of(flown(STANDS, local=drift, noise_m=noise_m))
+
+
 def turned(ned, degrees):
     """The same way in a map whose y axis points so many degrees left of north."""
     turn = np.exp(-1j * np.radians(degrees)) * (ned[:, 1] + 1j * ned[:, 0])
     return np.c_[turn.imag, turn.real, ned[:, 2]]
-
-
-STANDS = np.zeros((len(WEAVING_S), 3))
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,5 @@
 import itertools
+import math
 from dataclasses import replace
 
 import cv2
@@ -6,6 +7,7 @@ import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
 from flightdepth.renderers.raycast import render
 from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
 from flightdepth.stillbox import Batch, PairRule
@@ -132,6 +134,13 @@ def test_swapped_frames_negate_the_displacement(flown):
 def test_the_target_is_the_depth_at_the_nominal_shift(shift, factor):
     depth_m = np.array([[0.5, 8, 21]], np.float32)
     np.testing.assert_allclose(RULE.target_m(depth_m, shift, 32.0), depth_m * factor)
+
+
+@pytest.mark.parametrize("given", [(0,), (-3,), (3, 100), (3, 60, 10), (3, -1), (3, math.nan)])
+def test_a_rule_that_gives_no_target_is_refused(given):
+    """`PairRule(3, 100)` made every target 100 m, and the training learnt that."""
+    with pytest.raises(BadInput, match=r"nominal shift|range of the target"):
+        PairRule(*given)
 
 
 def test_the_target_is_clipped():

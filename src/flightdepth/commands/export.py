@@ -218,14 +218,23 @@ def carried_over(run: Trained) -> dict[str, float]:
 
 
 def calibration_pairs(card: NetworkCard, scenes: int) -> list[TestPair]:
-    """Pairs that neither training nor a test uses; every other one outdoors, for a network that knows the open."""
+    """Pairs that neither training nor a test uses.
+
+    For a network that knows the open every other one is outdoors, and then come some as large as it sees flights, so
+    many that they have as many pixels in all.
+    """
     from flightdepth.evaluation.sigma_scale import calibration_set, outdoor_calibration_set
+    from flightdepth.weights.card import FLIGHT_DETAIL
 
     if not card.any_lens:
         return rendered(calibration_set(card, scenes=min(scenes, INT8_PAIRS)))  # all of them only for sigma
-    half = (scenes + 1) // 2
-    rooms, outdoors = calibration_set(card, scenes=half), outdoor_calibration_set(card, scenes=half)
-    return [pair for both in zip(rendered(rooms), rendered(outdoors), strict=True) for pair in both]
+    pairs = []
+    for flight_size in (False, True):
+        half = max(1, scenes // 2 // (FLIGHT_DETAIL**2 if flight_size else 1))
+        rooms = calibration_set(card, scenes=half, flight_size=flight_size)
+        outdoors = outdoor_calibration_set(card, scenes=half, flight_size=flight_size)
+        pairs += [pair for both in zip(rendered(rooms), rendered(outdoors), strict=True) for pair in both]
+    return pairs
 
 
 def with_int8_ranges(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> NetworkCard:

@@ -17,10 +17,11 @@ from flightdepth.commands.terminal import mention, say, warn
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.camera_evidence import ChosenCamera
 from flightdepth.flight.cameras import choose_camera
-from flightdepth.flight.flight_log import choose_telemetry, untold
+from flightdepth.flight.flight_log import choose_telemetry
 from flightdepth.flight.gimbal import looking
 from flightdepth.flight.recordings import doubted_length
 from flightdepth.flight.records import Telemetry
+from flightdepth.flight.untold import untold
 from flightdepth.flight.video import Video
 from flightdepth.live.autopilot_feed import AutopilotFeed, AutopilotListener
 from flightdepth.live.depth_stage import DepthStage, Lens
@@ -96,6 +97,7 @@ class Session:
                 motion=self._motion,
                 boot_ns=lambda live_ns: None if self.feed is None else self.feed.boot_ns(live_ns),
                 telemetry_dropped=self._telemetry_dropped,
+                untold=lambda: None if self.link is None else self.link.instead(),
                 lacking=lambda: None if self.obstacles is None else self.obstacles.lacking,
                 lens=LensWatch(self.store) if chosen is None or chosen.turns_tell else None,
             ),

@@ -23,14 +23,15 @@ SEED, TEXTURE_SEED = 1702_2018, 8  # neither training's nor those of the fixed t
 FITS = 4  # which pixels count depends on the scale a little
 
 
-def calibration_set(card: NetworkCard, *, scenes: int) -> TestSet:
+def calibration_set(card: NetworkCard, *, scenes: int, flight_size: bool = False) -> TestSet:
     """Pairs like those of the fixed test set, of other rooms with other textures."""
-    return replace(fixed_set(card, scenes=scenes, textures=test_textures(TEXTURE_SEED)), seed=SEED)
+    textures = test_textures(TEXTURE_SEED)
+    return replace(fixed_set(card, scenes=scenes, textures=textures, flight_size=flight_size), seed=SEED)
 
 
-def outdoor_calibration_set(card: NetworkCard, *, scenes: int) -> OutdoorTestSet:
+def outdoor_calibration_set(card: NetworkCard, *, scenes: int, flight_size: bool = False) -> OutdoorTestSet:
     """Pairs like those of the outdoor test set, of other flights."""
-    return replace(outdoor_set(card, scenes=scenes), seed=SEED)
+    return replace(outdoor_set(card, scenes=scenes, flight_size=flight_size), seed=SEED)
 
 
 def fitted_sigma_scale(network: Network, pairs: Iterable[TruePair]) -> tuple[float, float]:

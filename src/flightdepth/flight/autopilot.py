@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.gimbal import GimbalAttitude, camera_attitude
@@ -26,25 +25,12 @@ from flightdepth.flight.records import (
     by_time,
     none_of,
 )
-from flightdepth.motion import Vector, rotation_from_quaternion
+from flightdepth.motion import rotation_from_quaternion
 
-Stamps = NDArray[np.int64]
-Indices = NDArray[np.intp]
-
-# A log's time that steps back, or ahead, by more starts a new run; less is a packet that overtook another.
-STEP_NS = 2 * NS_PER_S
-# Packets that overtake one another, and messages of other kinds, are not so far apart.
-BACK_NS = NS_PER_S // 5
-# A run of fewer records beside longer ones is a damaged stamp.
-SHORTEST_RUN = 3
-# Left free after a reboot, so that nobody integrates across it: more than any gap that is bridged (1.5 s).
-REBOOT_GAP_NS = 2 * NS_PER_S
 # Stamps beyond are damage: microseconds since 1970 reach this in 2096, and ns still fit into int64.
 LAST_STAMP_US = 4 * 10**15
 # Reasons that readers share.
 DAMAGED_BYTES = "bytes skipped: damaged or cut off"
-OTHER_POWER_UPS = "records of other power-ups of the autopilot"
-DAMAGED_TIMES = "records with a damaged time"
 OTHER_GIMBALS = "attitudes of other gimbals"
 # A filter's output that does not change for so long while moving has died.
 STUCK_NS = 2 * NS_PER_S
@@ -73,70 +59,15 @@ class Position(NamedTuple):
     altitude_m: float
 
 
+Value = Velocity | BodyAttitude | GimbalAttitude | Position
+
+
 class Record(NamedTuple):
     """One value of a log; `stamp_ns` since the autopilot's power-up, `received_ns` by another clock, or 0."""
 
     stamp_ns: int
-    value: Velocity | BodyAttitude | GimbalAttitude | Position
+    value: Value
     received_ns: int = 0
-
-
-def boots(stamps_ns: Stamps, counts: Counter[str], received_ns: Stamps | None = None) -> list[Indices]:
-    """Indices of the records [n] of each power-up, in the order of the log; lone damaged stamps are left out.
-
-    A log whose time starts again holds another power-up. Within one, times never go back by STEP_NS. Where another
-    clock tells when records were received [n], it also finds a power-up whose times begin near the end of the one
-    before, or beyond: more time passed than the autopilot's clock tells.
-    """
-    steps_ns = np.diff(stamps_ns)
-    lost_ns = np.zeros_like(steps_ns) if received_ns is None else np.diff(received_ns) - steps_ns
-    breaks = np.flatnonzero((np.abs(steps_ns) > STEP_NS) | ((steps_ns < -BACK_NS) & (lost_ns > STEP_NS))) + 1
-    runs = np.split(np.arange(len(stamps_ns)), breaks) if len(stamps_ns) else []
-    long_runs = [run for run in runs if len(run) >= SHORTEST_RUN] or runs
-    if lost := len(stamps_ns) - sum(map(len, long_runs)):
-        counts[DAMAGED_TIMES] += lost
-    found: list[Indices] = []
-    for run in long_runs:
-        if found and _goes_on(stamps_ns, received_ns, found[-1][-1], run[0]):
-            found[-1] = np.concatenate([found[-1], run])
-        else:
-            found.append(run)
-    return found
-
-
-def _goes_on(stamps_ns: Stamps, received_ns: Stamps | None, last: np.intp, first: np.intp) -> bool:
-    """Whether the record `first` is of the power-up of the record `last` before it."""
-    step_ns = stamps_ns[first] - stamps_ns[last]
-    if received_ns is None or step_ns <= STEP_NS:
-        return bool(step_ns > 0)  # in step: if another clock goes elsewhere meanwhile, that was set
-    return bool(received_ns[first] - received_ns[last] - step_ns <= STEP_NS)
-
-
-def longest_boot(records: Sequence[Record], counts: Counter[str]) -> list[Record]:
-    """The records of the longest power-up; without another clock nobody knows where the others belong."""
-    found = boots(np.array([record.stamp_ns for record in records], dtype=np.int64), counts)
-    longest = max(found, key=len, default=np.arange(0))
-    if left := sum(map(len, found)) - len(longest):
-        counts[OTHER_POWER_UPS] += left
-    return [records[index] for index in longest.tolist()]
-
-
-def placed_boots(records: Sequence[Record], counts: Counter[str]) -> list[Record]:
-    """All records on the receiver's clock: one offset for each power-up, a gap between two of them.
-
-    The receiver's clock may be set while it runs, so only the first records of a power-up tell its offset.
-    """
-    stamps = np.array([record.stamp_ns for record in records], dtype=np.int64)
-    received = np.array([record.received_ns for record in records], dtype=np.int64)
-    placed: list[Record] = []
-    for boot in boots(stamps, counts, received):
-        offset = int(np.median(received[boot[:50]] - stamps[boot[:50]]))
-        if placed:
-            counts["reboots inside the log"] += 1
-            earliest = max(record.stamp_ns for record in placed) + REBOOT_GAP_NS
-            offset = max(offset, earliest - int(stamps[boot].min()))
-        placed += [records[i]._replace(stamp_ns=records[i].stamp_ns + offset) for i in boot.tolist()]
-    return placed
 
 
 def autopilot_telemetry(
@@ -203,18 +134,20 @@ class Gate:
                 self.cameras.append(AttitudeSample(stamp_ns, attitude))
 
     def _take_velocity(self, stamp_ns: int, value: Velocity) -> None:
-        velocity = np.array(value.ned, dtype=np.float64)
-        if not np.isfinite(velocity).all():
+        if not all(map(math.isfinite, value.ned)):
             self.counts["velocities that are not numbers"] += 1
-        elif np.linalg.norm(velocity) > FASTEST_M_S:
+        elif math.hypot(*value.ned) > FASTEST_M_S:
             self.counts[f"velocities above {FASTEST_M_S:.0f} m/s"] += 1
-        elif self._later(stamp_ns, self.velocities, "velocities") and self._alive(stamp_ns, velocity):
+        elif self._later(stamp_ns, self.velocities, "velocities") and self._alive(stamp_ns, value.ned):
             sound = value.sigma is not None and math.isfinite(value.sigma) and value.sigma >= 0
-            self.velocities.append(VelocitySample(stamp_ns, velocity, sigma=value.sigma if sound else None))
+            sigma = value.sigma if sound else None
+            self.velocities.append(
+                VelocitySample(stamp_ns, np.array(value.ned, dtype=np.float64), sigma=sigma)
+            )
 
-    def _alive(self, stamp_ns: int, velocity: Vector) -> bool:
-        newest = self.velocities[-1].velocity if self.velocities else None
-        if newest is None or not velocity.any() or not np.array_equal(newest, velocity):
+    def _alive(self, stamp_ns: int, ned: Sequence[float]) -> bool:
+        newest = self.velocities[-1].velocity.tolist() if self.velocities else None
+        if newest != list(ned) or not any(ned):
             self._unchanged_since_ns = stamp_ns
         alive = stamp_ns - self._unchanged_since_ns <= STUCK_NS
         self.counts["stuck velocities"] += not alive
@@ -239,6 +172,18 @@ class Gate:
         return float(np.interp(stamp_ns, [body.stamp_ns for body in around], headings_rad))
 
 
+def quaternion_of(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float, float, float, float]:
+    """Quaternion (w, x, y, z), w >= 0, of finite angles: `motion.rotation_from_euler`, at the speed of plain numbers.
+
+    The product of the turns about z, y and x, each (cos(angle / 2), sin(angle / 2) * axis).
+    """
+    cr, cp, cy = (math.cos(angle / 2) for angle in (roll_rad, pitch_rad, yaw_rad))
+    sr, sp, sy = (math.sin(angle / 2) for angle in (roll_rad, pitch_rad, yaw_rad))
+    w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
+    y, z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    return (w, x, y, z) if w >= 0 else (-w, -x, -y, -z)
+
+
 def heading_rad(body: BodyAttitudeSample) -> float:
     """Where a body's x points, from north clockwise."""
     rotation = rotation_from_quaternion(body.world_from_body)
@@ -247,5 +192,4 @@ def heading_rad(body: BodyAttitudeSample) -> float:
 
 def is_rotation(quaternion: Iterable[float]) -> bool:
     """Whether four numbers are a unit quaternion, as far as a log's rounding allows."""
-    numbers = [float(number) for number in quaternion]
-    return all(abs(number) < 1.1 for number in numbers) and 0.9 < math.hypot(*numbers) < 1.1
+    return 0.9 < math.hypot(*quaternion) < 1.1

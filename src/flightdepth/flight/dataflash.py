@@ -21,13 +21,13 @@ from flightdepth.flight.autopilot import (
     Record,
     Velocity,
     autopilot_telemetry,
-    longest_boot,
+    quaternion_of,
 )
 from flightdepth.flight.dataflash_records import FMT, MAGIC, Fields, Layout, field_letters, wanted_rows
 from flightdepth.flight.file_bytes import log_bytes
-from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags, turned
+from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags
+from flightdepth.flight.power_ups import longest_boot
 from flightdepth.flight.records import Telemetry
-from flightdepth.motion import quaternion_from_rotation
 
 GPS_FIX_3D = 3
 # Bits of the EKF's solution status (SS): horizontal and vertical velocity are good.
@@ -82,11 +82,12 @@ class Survey:
 class Selection:
     """Turns rows into records: of the EKF core that ArduPilot flies by, or of one GPS; of the first gimbal.
 
-    `velocity` and `attitude` name the types that are used; rows of other types give nothing.
+    `velocity`, `attitude` and `status` (of the EKF) name the types that are used; rows of other types give nothing.
     """
 
     velocity: str
     attitude: str
+    status: str
     counts: Counter[str]
     _core: float | None = None
     _status: dict[float, int] = field(default_factory=dict)
@@ -102,18 +103,17 @@ class Selection:
         fixes = +log.fixes  # of those that have any
         most = max(fixes.values(), default=0)
         receiver = min((number for number, count in fixes.items() if count * 2 >= most), default=None)
-        core = log.primaries.get(EKF_STATUS.get(velocity, "XKF4"))
-        return cls(velocity, attitude, counts, _core=core, _gps=receiver)
+        status = EKF_STATUS.get(velocity, "XKF4")
+        return cls(velocity, attitude, status, counts, _core=log.primaries.get(status), _gps=receiver)
 
     @property
     def used(self) -> frozenset[str]:
         """The types of record that `records` reads."""
-        status = EKF_STATUS.get(self.velocity, "XKF4")
-        return frozenset([self.velocity, self.attitude, status, "GPA", GIMBAL, PLACE])
+        return frozenset([self.velocity, self.attitude, self.status, "GPA", GIMBAL, PLACE])
 
     def records(self, name: str, fields: Fields) -> list[Record]:
         """The record of a row, if it is of use."""
-        if name == EKF_STATUS.get(self.velocity, "XKF4"):
+        if name == self.status:
             self._core = fields["PI"]
             self._status[fields.get("C", 0)] = int(fields["SS"])
         elif name == "GPA":
@@ -180,11 +180,10 @@ def ekf_quaternion(fields: Fields) -> Sequence[float]:
 
 def euler_quaternion(fields: Fields) -> Sequence[float]:
     """Quaternion of Roll, Pitch, Yaw in degrees."""
-    angles_deg = [fields[name] for name in ("Yaw", "Pitch", "Roll")]
+    angles_deg = [fields[name] for name in ("Roll", "Pitch", "Yaw")]
     if not all(map(math.isfinite, angles_deg)):
         return math.nan, 0.0, 0.0, 0.0
-    quaternion: list[float] = quaternion_from_rotation(turned(*angles_deg)).tolist()
-    return quaternion
+    return quaternion_of(*map(math.radians, angles_deg))
 
 
 # The first of each that a log holds is used: EKF3, EKF2, then what does without an EKF.

@@ -25,30 +25,34 @@ Letters = dict[str, tuple[str, float | None]]
 
 @dataclass(frozen=True)
 class Layout:
-    """How one type of record is packed; `factors` scale to the unit of the docs (c: hundredths, ...)."""
+    """How one type of record is packed: texts are left out, `columns` are its numbers.
+
+    `factors` are by which some of them, by index, are scaled to the unit of the docs (c: hundredths, ...).
+    """
 
     name: str
     length: int
     packed: struct.Struct
     columns: tuple[str, ...]
-    factors: tuple[float | None, ...]
+    factors: tuple[tuple[int, float], ...]
 
     def fields(self, body: bytes) -> Fields:
-        """The numbers of a record by name; texts are left out."""
-        numbers: Fields = {}
-        for name, value, factor in zip(self.columns, self.packed.unpack(body), self.factors, strict=True):
-            if not isinstance(value, bytes):
-                numbers[name] = value if factor is None else value * factor
-        return numbers
+        """The numbers of a record by name."""
+        numbers = list(self.packed.unpack(body))
+        for index, factor in self.factors:
+            numbers[index] *= factor
+        return dict(zip(self.columns, numbers, strict=True))
 
 
 def field_letters(path: Path) -> Letters:
-    """The struct code and the factor of each field letter."""
+    """The struct code and the factor of each field letter; texts are skipped, as padding is."""
     try:
         from pymavlink.DFReader import FORMAT_TO_STRUCT
     except ModuleNotFoundError as error:
         raise MissingExtra(f"reading the DataFlash log {path.name}", "ardupilot") from error
-    return {letter: (code, factor) for letter, (code, factor, _) in FORMAT_TO_STRUCT.items()}
+    return {
+        letter: (code.replace("s", "x"), factor) for letter, (code, factor, _) in FORMAT_TO_STRUCT.items()
+    }
 
 
 def wanted_rows(
@@ -97,4 +101,7 @@ def announce(
     if not known or packed.size + 3 != length:
         counts["damaged announcements of a layout"] += 1
         return
-    layouts[kind] = Layout(name, length, packed, names, tuple(letters[code][1] for code in codes))
+    fields = zip(names, (letters[code] for code in codes), strict=True)
+    numbers = [(column, factor) for column, (code, factor) in fields if not code.endswith("x")]
+    factors = tuple((index, factor) for index, (_, factor) in enumerate(numbers) if factor is not None)
+    layouts[kind] = Layout(name, length, packed, tuple(column for column, _ in numbers), factors)

@@ -1,8 +1,9 @@
-"""Sound pictures out of a video stream: after damage none until a key frame begins afresh.
+"""Sound pictures out of a video stream: after damage none until a key frame begins afresh, or a refresh is complete.
 
 A decoder goes on after damage and fills what it lacks with grey or with what it saw last; every later picture is
 built on that, up to the next key frame, and only the first of them is marked. What is told of damage: an error of
-the decoder, a packet that the container calls damaged, a picture that the decoder calls damaged.
+the decoder, a packet that the container calls damaged, a picture that the decoder calls damaged, a frame number of
+H.264 that is left out.
 """
 
 from __future__ import annotations
@@ -13,13 +14,15 @@ from typing import Any
 
 from av.error import FFmpegError
 
+from flightdepth.flight.refresh import Refresh
+
 # Pictures are shown in another order than they are decoded: so many before a damaged one may be built on it.
 REORDERED = 4
-# H.265 tells damage only when it is asked to stop there; asked of H.264, that would spoil more than it finds.
-STOP_AT_DAMAGE = frozenset({"hevc"})
 
-BUILT_ON_DAMAGE = "frames built on damaged ones, up to the next key frame"
+BUILT_ON_DAMAGE = "frames built on damaged ones, up to the next key frame or whole refresh"
 NO_KEY_FRAME_YET = "frames before the first key frame"
+NO_PICTURE = "video packets that gave no picture"
+MISSING = "places where video packets are missing"
 GAP, MOST_AGAIN = "places of the file without a packet", 1000
 READ_ERROR = "read errors (the rest of the video is lost)"
 
@@ -29,6 +32,7 @@ class SoundPictures:
 
     What is left out is counted in `counts`; `whole` says that the stream is read from its start on, so that
     what it lacks can be told. `begin_by`: where no key frame begins by this time, ticks, none is given at all.
+    `read_pts`: how far the stream was read, ticks, None before the first packet with a time.
     """
 
     def __init__(
@@ -46,47 +50,70 @@ class SoundPictures:
         self._waiting = True  # for a key frame
         self._damaged = False  # since the last picture given
         self._damage_pts: int | None = None
-        self._ahead_pts: int | None = None  # of a damaged packet whose picture is still in the decoder
+        self.read_pts: int | None = None
+        self._ahead_pts: list[int] = []  # of damaged packets whose pictures are still in the decoder
         decoder = stream.codec_context
         self._leaning = False  # whether pictures lean on others: not where each packet is a key frame
         self._hold = REORDERED if decoder is None or decoder.codec.reorder else 0
-        if decoder is not None and decoder.name in STOP_AT_DAMAGE:
-            decoder.options = {"err_detect": "explode"}
+        self._refresh = Refresh(decoder)
 
     def __iter__(self) -> Iterator[tuple[Any, bool]]:
-        read = hidden = given = 0
+        read = owed = 0  # packets; those whose picture was neither given nor counted
         for packet in self._packets():
             read += packet.size > 0
-            if packet.is_discard:  # decoded, not shown: an MP4's edit list begins later
-                hidden += packet.size > 0
-                self._waiting &= not packet.is_keyframe
-            self._leaning |= packet.size > 0 and not packet.is_keyframe
-            if packet.is_corrupt:
-                self._ahead_pts = packet.pts if self._ahead_pts is None else self._ahead_pts
+            owed += packet.size > 0 and not packet.is_discard
+            self._take_note(packet)
             try:
                 pictures = packet.decode()
             except FFmpegError:
-                self._counts["damaged video packets"] += 1
-                self._damage(packet.pts)
+                owed -= 1
+                self._refused(packet)
                 continue
-            given += len(pictures)
+            owed -= len(pictures)
             for picture in pictures:
-                yield from self._judged(picture)
-                if None not in (self._begin_by, picture.pts) and picture.pts > self._begin_by:
+                if self._begin_by is not None and picture.pts is not None and picture.pts > self._begin_by:
                     return
+                yield from self._judged(picture)
         yield from self._held
-        if self._whole:  # after a seek, packets may rightly give no picture
-            self._count_lost(read, read - hidden - given)
+        self._count_lost(read, owed)
+
+    def _take_note(self, packet: Any) -> None:
+        """What is known of a packet before it is decoded."""
+        if self._waiting:
+            self._refresh.begin_anew(packet)
+        if packet.is_discard:  # decoded, not shown: an MP4's edit list begins later
+            self._waiting &= not packet.is_keyframe
+        self._leaning |= packet.size > 0 and not packet.is_keyframe
+        if packet.pts is not None:
+            self.read_pts = packet.pts if self.read_pts is None else max(packet.pts, self.read_pts)
+        missing = self._refresh.misses(packet)
+        if missing and not self._waiting:
+            self._counts[MISSING] += 1
+        if (missing or packet.is_corrupt) and packet.pts is not None:
+            self._ahead_pts.append(packet.pts)
+
+    def _refused(self, packet: Any) -> None:
+        """The decoder can make nothing of a packet: it is damaged, or leans on what is."""
+        if not self._refresh.entered:
+            self._counts[NO_KEY_FRAME_YET] += 1
+            return
+        leans = self._waiting and self._damaged
+        self._counts[BUILT_ON_DAMAGE if leans else "damaged video packets"] += 1
+        self._damage(packet.pts)
+
+    @property
+    def _why_waiting(self) -> str:
+        return BUILT_ON_DAMAGE if self._damaged else NO_KEY_FRAME_YET
 
     def _judged(self, picture: Any) -> Iterator[tuple[Any, bool]]:
-        if None not in (self._ahead_pts, picture.pts) and picture.pts >= self._ahead_pts:
-            self._damage_shown(self._ahead_pts)
-            self._ahead_pts = None
+        if shown := [pts for pts in self._ahead_pts if picture.pts is not None and picture.pts >= pts]:
+            self._damage_shown(max(shown))
+            self._ahead_pts = [pts for pts in self._ahead_pts if pts not in shown]
         if picture.is_corrupt:
             self._counts["damaged frames"] += 1
             self._damage_shown(picture.pts)
         elif self._waiting and not self._begins_afresh(picture):
-            self._counts[BUILT_ON_DAMAGE if self._damaged else NO_KEY_FRAME_YET] += 1
+            self._counts[self._why_waiting] += 1
         else:
             self._held.append((picture, self._damaged))
             self._waiting = self._damaged = False
@@ -97,7 +124,7 @@ class SoundPictures:
     def _begins_afresh(self, picture: Any) -> bool:
         # Several pictures are in the decoder at once: a key frame from before the damage may come after its news.
         later = self._damage_pts is None or picture.pts is None or picture.pts > self._damage_pts
-        return bool(picture.key_frame) and later
+        return bool(picture.key_frame and later) or self._refresh.is_whole(picture.pts)
 
     def _damage_shown(self, pts: int | None) -> None:
         """Damage in the order of display: what is held back may be built on it."""
@@ -108,15 +135,17 @@ class SoundPictures:
 
     def _damage(self, pts: int | None) -> None:
         self._damaged, self._waiting = True, self._leaning
+        self._refresh.damage(pts)
         if pts is not None:
             self._damage_pts = pts if self._damage_pts is None else max(self._damage_pts, pts)
 
     def _count_lost(self, read: int, lost: int) -> None:
-        lost -= self._counts.get("damaged video packets", 0)
-        if lost > 0:
-            self._counts["video packets that gave no picture"] = lost
+        kept_back = [why for why in (BUILT_ON_DAMAGE, NO_KEY_FRAME_YET) if self._counts[why]]
+        # After a seek, packets may rightly give no picture.
+        if lost > 0 and (self._whole or kept_back):
+            self._counts[kept_back[0] if kept_back else NO_PICTURE] += lost
         # FFmpeg ends a cut MP4 without a word, but the index at its front tells how much there should be.
-        if read < self._stream.frames:
+        if self._whole and read < self._stream.frames:
             self._counts["frames missing at the end of the file"] = self._stream.frames - read
 
     def _packets(self) -> Iterator[Any]:

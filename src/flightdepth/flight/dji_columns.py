@@ -1,73 +1,48 @@
-"""The columns of DJI flight records that were decoded to CSV, whoever did it, as numbers in one set of units.
+"""The rows of DJI flight records that were decoded to CSV, whoever did it, as numbers in one set of units.
 
-    maker                                     columns
-    AirData                                   time(millisecond), latitude, height_above_takeoff(feet), xSpeed(mph),
-                                              compass_heading(degrees), isVideo, gimbal_heading(degrees), ...
-    PhantomHelp's viewers (Flight Reader),    OSD.flyTime [s], OSD.latitude, OSD.height [ft], OSD.xSpeed [MPH],
-    TXTlogToCSVtool                           OSD.yaw, GIMBAL.yaw, CAMERA.isVideo, CUSTOM.isVideo, ...
-    Litchi                                    time(millisecond), latitude, altitude(m), velocityX(mps), yaw(deg),
-                                              isTakingVideo, gimbalYawRaw (tenths of a degree), ...
-
-The unit stands in the name, in round or square brackets. A first line `sep=,` is skipped; where a country writes
-decimal commas, semicolons or tabs part the columns. Rows of another number of cells than the header are left out
-and counted: what stands in the wrong column would pass for a number.
+`dji_header` knows the columns. Rows of another number of cells than the header are left out and counted: what stands
+in the wrong column would pass for a number.
 """
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.flight.dji_header import (
+    ALTITUDE,
+    BODY,
+    GIMBAL,
+    GIMBAL_MODE,
+    HEIGHT,
+    METRES,
+    METRES_A_SECOND,
+    PLACE,
+    RECORDING,
+    SECONDS,
+    SPEEDS,
+    TIME,
+    WALL_CLOCK,
+    Column,
+    Header,
+    cells_of,
+    header_and_rows,
+)
 from flightdepth.flight.order import rising
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.motion import Vector
 
-UNIT = re.compile(r"^(.*?)\s*[(\[]\s*([^)\]]*?)\s*[)\]]$")
 CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d{1,9})?)(?:\s*([ap])\.?\s?m\b)?", re.IGNORECASE)
-SECONDS = {"s": 1.0, "ms": 1e-3, "millisecond": 1e-3}
-METRES = {"m": 1.0, "meters": 1.0, "metres": 1.0, "ft": 0.3048, "feet": 0.3048}
-METRES_A_SECOND = {"m/s": 1.0, "mps": 1.0, "mph": 0.44704, "km/h": 1 / 3.6, "kph": 1 / 3.6, "kmh": 1 / 3.6}
-
-TIME = ("time", "osd.flytime")
-WALL_CLOCK = ("custom.updatetime", "datetime")
-PLACE = (("latitude", "osd.latitude"), ("longitude", "osd.longitude"))
-ALTITUDE = ("altitude_above_sealevel", "osd.altitude")
-HEIGHT = (
-    "height_above_takeoff",
-    "osd.height",
-    "ascent",
-    *ALTITUDE,
-    "altitude",
-)
-SPEEDS = tuple((f"{axis}speed", f"osd.{axis}speed", f"velocity{axis}") for axis in "xyz")
-BODY = (("compass_heading", "osd.yaw", "yaw"), ("pitch", "osd.pitch"), ("roll", "osd.roll"))
-GIMBAL = (
-    ("gimbal_heading", "gimbal.yaw", "gimbalyawraw"),
-    ("gimbal_pitch", "gimbal.pitch", "gimbalpitchraw"),
-    ("gimbal_roll", "gimbal.roll", "gimbalrollraw"),
-)
-IN_TENTHS = frozenset({"gimbalyawraw", "gimbalpitchraw", "gimbalrollraw"})
-GIMBAL_MODE = ("gimbal.mode",)
-RECORDING = ("custom.isvideo", "camera_info.recordstate", "camera.isvideo", "isvideo", "istakingvideo")
 IS_RECORDING = frozenset({"1", "1.0", "true", "yes", "recording", "start", "starting"})
 # A clock is taken instead of the time in flight where that stands still in more than this share of the rows.
 STANDING_SHARE = 0.05
 HALF_DAY_S = 43_200.0
-
-
-class Column(NamedTuple):
-    """A column's number, and what turns its numbers into s, m, m/s or degrees."""
-
-    at: int
-    scale: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,56 +69,6 @@ class FlightTable:
     gimbal_deg: Vector
     recording: NDArray[np.bool_] | None
     follows: bool | None
-
-
-@dataclass(frozen=True)
-class Header:
-    """The columns of one file, in its order, names in lower case without their units."""
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    separator: str
-
-    @classmethod
-    def of(cls, line: str) -> Header:
-        """Read a header line, whatever parts its columns."""
-        separator = max(",;\t", key=line.count)
-        cells = _cells(line, separator)
-        parted = [UNIT.match(cell.strip()) for cell in cells]
-        names = [match[1] if match else cell.strip() for match, cell in zip(parted, cells, strict=True)]
-        units = [match[2].lower() if match else "" for match in parted]
-        return cls(tuple(name.lower() for name in names), tuple(units), separator)
-
-    def column(self, names: Sequence[str], units: Mapping[str, float] | None = None) -> Column | None:
-        """The first of `names` that is there, in a unit of `units`; without them any unit counts as it is (degrees)."""
-        for name in names:
-            for at, (other, unit) in enumerate(zip(self.names, self.units, strict=True)):
-                if other == name and (units is None or unit in units):
-                    scale = 1.0 if units is None else units[unit]
-                    return Column(at, scale * 0.1 if name in IN_TENTHS else scale)
-        return None
-
-    @property
-    def is_record(self) -> bool:
-        """Whether it is that of a DJI flight record: a time, a place, and speeds, gimbal or recordings."""
-        timed = self.column(TIME, SECONDS) or self.column(WALL_CLOCK)
-        telling = [self.column(SPEEDS[0], METRES_A_SECOND), self.column(GIMBAL[0]), self.column(RECORDING)]
-        return timed is not None and all(map(self.column, PLACE)) and any(telling)
-
-    @property
-    def maker(self) -> str:
-        """Whose layout it is, for people."""
-        if any(name.startswith("osd.") for name in self.names):
-            return "DJI flight record"
-        return "Litchi log" if "velocityx" in self.names else "AirData log"
-
-
-def header_and_rows(text: str) -> tuple[Header, list[str]]:
-    """The header of a file, and the lines after it."""
-    lines = [line for line in text.splitlines(keepends=True) if line.strip()]
-    if lines and lines[0].lstrip('"').lower().startswith("sep="):
-        del lines[0]
-    return Header.of(lines[0] if lines else ""), lines[1:]
 
 
 def flight_table(text: str, counts: Counter[str]) -> FlightTable:
@@ -180,18 +105,10 @@ def _whole_rows(header: Header, lines: list[str], counts: Counter[str]) -> list[
     if lines and not lines[-1].endswith(("\n", "\r")):
         counts["last lines without an end: cut off"] += 1
         lines = lines[:-1]
-    width, rows = len(header.names), [_cells(line, header.separator) for line in lines]
+    width, rows = len(header.names), [cells_of(line, header.separator) for line in lines]
     whole = [row for row in rows if len(row) >= width and not any(row[width:])]
     counts["rows of another number of cells than the header"] += len(rows) - len(whole)
     return whole
-
-
-def _cells(line: str, separator: str) -> list[str]:
-    """The cells of one line; none where one is longer than the csv module reads."""
-    try:
-        return next(csv.reader([line], delimiter=separator), [])
-    except csv.Error:
-        return []
 
 
 def _times(header: Header, rows: Sequence[Sequence[str]]) -> Vector:

@@ -1,8 +1,9 @@
 """DJI flight records decoded to CSV: AirData's, PhantomHelp's Flight Reader and TXTlogToCSVtool, Litchi's.
 
-dji_columns.py reads the columns, dji_speeds.py tells the velocity. Gimbal and body angles are yaw from north
-clockwise, pitch up, roll to the right, as in DJI's subtitles; the gimbal's yaw is put right by the drone's where it
-follows that (gimbal_heading.py). A log covers the flight: its columns also tell when videos were recorded.
+dji_header.py knows the columns, dji_columns.py reads them, dji_speeds.py tells the velocity. Gimbal and body angles
+are yaw from north clockwise, pitch up, roll to the right, as in DJI's subtitles; the gimbal's yaw is put right by the
+drone's where it follows that (gimbal_heading.py). A log covers the flight: its columns also tell when videos were
+recorded.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.dji_columns import FlightTable, flight_table, header_and_rows
+from flightdepth.flight.dji_columns import FlightTable, flight_table
+from flightdepth.flight.dji_header import header_and_rows
 from flightdepth.flight.dji_speeds import flown
 from flightdepth.flight.file_bytes import as_text, log_bytes
 from flightdepth.flight.gimbal import looking_along, turned

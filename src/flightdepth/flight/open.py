@@ -22,7 +22,6 @@ from flightdepth.flight.flight_log import (
     forward_velocity,
     mounted,
     synchronised,
-    untold,
 )
 from flightdepth.flight.offset import ClockOffset
 from flightdepth.flight.own_track import disagreements
@@ -41,6 +40,7 @@ from flightdepth.flight.records import (
 from flightdepth.flight.steadiness import small_camera
 from flightdepth.flight.turn_verdict import doubted_by_turns
 from flightdepth.flight.turned_focal import TurnWatch
+from flightdepth.flight.untold import untold
 from flightdepth.flight.video import Video
 
 BODY_ONLY = (

@@ -6,6 +6,7 @@ Every `stamp_ns` is int nanoseconds since the first picture of the video.
 from __future__ import annotations
 
 import hashlib
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -75,7 +76,7 @@ class VelocitySample:
 
     def __post_init__(self) -> None:
         velocity = np.asarray(self.velocity, dtype=np.float64)
-        if velocity.shape != (3,) or not np.isfinite(velocity).all():
+        if velocity.shape != (3,) or not all(map(math.isfinite, velocity.tolist())):
             got = str(velocity.tolist())
             raise BadInput(f"velocity at {seconds(self.stamp_ns)}", expected="three finite m/s", got=got)
         if self.frame not in ("world", "camera"):
@@ -239,6 +240,8 @@ class Telemetry:
 
     def later_by(self, offset_ns: int) -> Telemetry:
         """The same telemetry with `offset_ns` added to all its times."""
+        if offset_ns == 0:
+            return self
         track = self.gyroscope
         return replace(
             self,

@@ -16,16 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flightdepth.flight.autopilot import (
-    DAMAGED_TIMES,
-    LAST_STAMP_US,
-    SHORTEST_RUN,
-    Gate,
-    Position,
-    Record,
-    Velocity,
-    boots,
-)
+from flightdepth.flight.autopilot import LAST_STAMP_US, Gate, Position, Record, Velocity
+from flightdepth.flight.power_ups import DAMAGED_TIMES, SHORTEST_RUN, boots
 from flightdepth.flight.records import LATEST_NS, NS_PER_S, BodyAttitudeSample
 from flightdepth.flight.ros_messages import FRD_FROM_FLU, Orientation, Twist, decoded
 from flightdepth.flight.ros_places import Fix
@@ -37,6 +29,7 @@ from flightdepth.flight.ulog import (
     complete_records,
     gimbal_attitudes,
     global_positions,
+    timed,
     velocities,
 )
 from flightdepth.motion import rotation_from_quaternion, rotations_from_quaternions
@@ -175,11 +168,7 @@ def odometry(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
     untold = np.full(len(told), np.nan)
     variances = np.mean([columns.get(name, untold) for name in names.variances], axis=0)
     sigmas = np.sqrt(np.where(variances > 0, variances, np.nan))  # 0 where nobody set them
-    for stamp, velocity, sigma, kept in zip(
-        columns["timestamp"].tolist(), told.tolist(), sigmas.tolist(), known.tolist(), strict=True
-    ):
-        if kept and stamp < LAST_STAMP_US:
-            yield Record(stamp * 1000, Velocity(velocity, sigma))
+    yield from timed(columns, map(Velocity, told.tolist(), sigmas.tolist()), known)
     yield from body_attitudes(columns, counts)
 
 

@@ -6,75 +6,35 @@ VehicleGlobalPosition.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import redirect_stderr, redirect_stdout
-from io import BufferedReader, StringIO
-from mmap import ACCESS_READ, mmap
+from collections.abc import Callable, Iterable, Iterator
+from itertools import compress, repeat
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.errors import BadInput, MissingExtra
 from flightdepth.flight.autopilot import (
     LAST_STAMP_US,
     OTHER_GIMBALS,
-    OTHER_POWER_UPS,
     BodyAttitude,
     Position,
     Record,
+    Value,
     Velocity,
     autopilot_telemetry,
-    boots,
-    longest_boot,
 )
 from flightdepth.flight.gimbal import GimbalAttitude
+from flightdepth.flight.power_ups import OTHER_POWER_UPS, boots, longest_boot
 from flightdepth.flight.records import Telemetry
-
-MAGIC = b"ULog\x01\x12\x35"
-# A message's size is a 16-bit number, so no honest format describes more fields.
-MAX_FIELDS = 65535
-# pyulog searches damaged stretches byte by byte, and may read 64 kB for each; a sound log is read once.
-MAX_REREADS = 30
+from flightdepth.flight.ulog_file import MAGIC, load
 
 Columns = dict[str, NDArray[Any]]
 QUATERNION = ("q[0]", "q[1]", "q[2]", "q[3]")
 POSITION, GIMBAL = "vehicle_local_position", "gimbal_device_attitude_status"
 INVALID_POSITIONS = "positions marked invalid"
 JOINED = "another log joined to this one, not read"
-
-
-class BoundedFile:
-    """A file that ends early, at `end` or for a reader which never comes to an end; notes a read past the end."""
-
-    def __init__(self, file: BufferedReader, size: int, end: int) -> None:
-        self._file, self._end = file, end
-        self._left = MAX_REREADS * size + 65536
-        self.cut = False
-
-    def read(self, size: int) -> bytes:
-        """Up to `size` bytes; none once too much was read."""
-        data = self._file.read(min(size, max(0, self._end - self._file.tell()))) if self._left > 0 else b""
-        self._left -= len(data) + 3
-        self.cut |= 0 < len(data) < size or (not data and size > 3) or self._left <= 0
-        return data
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        """As any file, but before the beginning is an error that pyulog takes for damage and goes on."""
-        try:
-            return self._file.seek(offset, whence)
-        except OSError as error:
-            raise ValueError(f"no such place in the file: {offset}") from error
-
-    def tell(self) -> int:
-        """As any file."""
-        return self._file.tell()
-
-    def close(self) -> None:
-        """Nothing: who opened the file closes it, also after an error."""
 
 
 def looks_like_ulog(head: bytes, path: Path) -> bool:
@@ -99,50 +59,6 @@ def read_ulog(path: Path) -> Telemetry:
     noted = f" ({resets} resets of the attitude)" if resets else ""
     flown = longest_boot(records, counts)
     return autopilot_telemetry(f"ULog {path.name}{noted}", flown, counts, told_by=[POSITION])
-
-
-def load(path: Path, topics: list[str]) -> tuple[Any, bool, bool]:
-    """pyulog's view of the file, whether it ends in the middle of a message, and whether another log follows in it.
-
-    Its prints go nowhere.
-    """
-    try:
-        from pyulog import ULog
-    except ModuleNotFoundError as error:
-        raise MissingExtra(f"reading the ULog {path.name}", "px4") from error
-    try:
-        size = path.stat().st_size
-        with redirect_stdout(StringIO()), redirect_stderr(StringIO()), path.open("rb") as file:
-            refuse_bombs(ULog(BoundedFile(file, size, size), parse_header_only=True).message_formats)
-            with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-                end = data.find(MAGIC, 1)
-            file.seek(0)
-            bounded = BoundedFile(file, size, end if end > 0 else size)
-            return ULog(bounded, topics), bounded.cut, end > 0
-    except Exception as error:  # pyulog raises whatever a damaged byte leads to
-        got = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        got = got or type(error).__name__
-        raise BadInput(f"telemetry {path}", expected="a ULog that can be read", got=got) from error
-
-
-def refuse_bombs(formats: dict[str, Any]) -> None:
-    """Refuse formats that unfold to more fields than a message can hold, or hold themselves."""
-    sizes: dict[str, int] = {}
-
-    def size(name: str, inside: tuple[str, ...]) -> int:
-        if name not in formats:
-            return 1
-        if name in inside:
-            raise ValueError(f"a format that holds itself ({name})")
-        if name not in sizes:
-            fields = formats[name].fields
-            sizes[name] = sum(max(count, 1) * size(kind, (*inside, name)) for kind, count, _ in fields)
-        if sizes[name] > MAX_FIELDS:
-            raise ValueError(f"a format of {sizes[name]} fields ({name})")
-        return sizes[name]
-
-    for name in formats:
-        size(name, ())
 
 
 def first_instance(log: Any, topic: str, counts: Counter[str]) -> Columns | None:
@@ -201,41 +117,38 @@ def velocities(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
     evh, evv = (columns.get(name, np.full(len(valid), np.nan)).astype(np.float64) for name in ("evh", "evv"))
     sigmas = np.sqrt((evh * evh + evv * evv) / 3)
     ned = np.stack([columns[name] for name in ("vx", "vy", "vz")], axis=1).astype(np.float64)
-    for stamp, kept, velocity, sigma in zip(
-        stamps_us(columns), valid.tolist(), ned.tolist(), sigmas.tolist(), strict=True
-    ):
-        if kept and stamp < LAST_STAMP_US:
-            yield Record(stamp * 1000, Velocity(velocity, sigma if math.isfinite(sigma) else None))
+    return timed(columns, map(Velocity, ned.tolist(), sigmas.tolist()), valid)
 
 
 def body_attitudes(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
     """VehicleAttitude: q rotates from body (forward, right, down) to world (NED), w first."""
-    for stamp, quaternion in zip(stamps_us(columns), quaternions(columns), strict=True):
-        if stamp < LAST_STAMP_US:
-            yield Record(stamp * 1000, BodyAttitude(quaternion))
+    return timed(columns, map(BodyAttitude, quaternions(columns)))
 
 
 def gimbal_attitudes(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
     """GimbalDeviceAttitudeStatus: as MAVLink's; older logs have no `delta_yaw`."""
-    stamps = stamps_us(columns)
-    delta_yaws = columns["delta_yaw"].tolist() if "delta_yaw" in columns else [math.nan] * len(stamps)
-    flags = columns["device_flags"].astype(np.int64).tolist()
-    rows = zip(stamps, quaternions(columns), flags, delta_yaws, strict=True)
-    for stamp, quaternion, flag, delta_yaw in rows:
-        if stamp < LAST_STAMP_US:
-            yield Record(stamp * 1000, GimbalAttitude(quaternion, flag, delta_yaw))
+    flags = columns["device_flags"].astype(np.int64)
+    delta_yaws = columns.get("delta_yaw", np.full(len(flags), np.nan))
+    return timed(columns, map(GimbalAttitude, quaternions(columns), flags.tolist(), delta_yaws.tolist()))
 
 
 def global_positions(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
     """VehicleGlobalPosition: the place by which PX4 flies; older logs do not say whether it is valid."""
-    whole = np.ones(len(columns["lat"]), dtype=bool)
+    lat, lon, alt = (columns[name].astype(np.float64) for name in ("lat", "lon", "alt"))
+    whole = np.ones(len(lat), dtype=bool)
     valid, measured = (columns.get(name, whole).astype(bool) for name in ("lat_lon_valid", "alt_valid"))
     counts[INVALID_POSITIONS] += int(np.count_nonzero(~valid))
-    altitudes_m = np.where(measured, columns["alt"].astype(np.float64), np.nan)
-    table = np.stack([columns["lat"], columns["lon"], altitudes_m], axis=1).tolist()
-    for stamp, kept, place in zip(stamps_us(columns), valid.tolist(), table, strict=True):
-        if kept and stamp < LAST_STAMP_US:
-            yield Record(stamp * 1000, Position(*place))
+    altitudes_m = np.where(measured, alt, np.nan)
+    return timed(columns, map(Position, lat.tolist(), lon.tolist(), altitudes_m.tolist()), valid)
+
+
+def timed(
+    columns: Columns, values: Iterable[Value], kept: NDArray[np.bool_] | None = None
+) -> Iterator[Record]:
+    """A record for each of the values [n] that is `kept` [n] and whose time is not damaged."""
+    told = repeat(True) if kept is None else kept.tolist()
+    rows = compress(zip(stamps_us(columns), values, strict=True), told)
+    return (Record(stamp * 1000, value) for stamp, value in rows if stamp < LAST_STAMP_US)
 
 
 def stamps_us(columns: Columns) -> list[int]:

@@ -109,6 +109,15 @@ class Video:
             return self._nanoseconds(self._stream.duration)
         return int((self._container.duration or 0) * NS_PER_S // av.time_base)
 
+    def _find_end_ns(self, *, whole: bool) -> int:
+        """Where the file's head promises the last picture, 0 where it does not, or where they are counted anyway."""
+        if self._stream.frames:
+            return 0 if whole else self.duration_ns
+        silent = not self._container.streams.audio  # which may last longer
+        if silent and "matroska" in self._container.format.name:
+            return self.duration_ns - self._nanoseconds(self._origin)
+        return 0
+
     def _guess_frame_count(self) -> int | None:
         rate = self._stream.average_rate
         if rate is None or not self.duration_ns:
@@ -162,7 +171,7 @@ class Video:
 
     def _timed(self, begin_by: int | None) -> Iterator[_Picture]:
         """Sound pictures with strictly rising times, from where the container stands."""
-        last_ns, ticks, damaged = -1, None, False
+        last_ns, step_ns, ticks, damaged = -1, 0, None, False
         whole = self.start_ns == 0
         sound = SoundPictures(self._container, self._stream, self.counts, whole=whole, begin_by=begin_by)
         for picture, after_damage in deinterlaced(sound):
@@ -173,9 +182,11 @@ class Video:
                 self.counts["frames not later than the one before"] += 1
             else:
                 yield _Picture(stamp_ns, picture, damaged)
-                last_ns, damaged = stamp_ns, False
-        missing_ns = self.duration_ns - max(last_ns, self.start_ns)
-        if not whole and self._stream.frames and missing_ns > LEAST_MISSING_NS:
+                last_ns, step_ns, damaged = stamp_ns, stamp_ns - last_ns, False
+        # What was read and is damaged is counted as such.
+        read_ns = last_ns if sound.read_pts is None else self._nanoseconds(sound.read_pts - self._origin)
+        missing_ns = self._find_end_ns(whole=whole) - max(read_ns, self.start_ns)
+        if missing_ns - step_ns > LEAST_MISSING_NS:  # each picture is shown for a while
             self.counts["seconds missing at the end of the file"] = round(missing_ns / NS_PER_S)
 
     def _find_origin(self) -> int:

@@ -1,7 +1,7 @@
 """MAVLink messages of one vehicle, as they come, into velocities and attitudes on the live clock.
 
-What a message means is `flight.tlog`'s business, what is sound is `flight.autopilot.Gate`'s: a flight gives the
-same samples live and from its log. Messages: https://mavlink.io/en/messages/common.html
+What a message means is `flight.mavlink_messages`' business, what is sound is `flight.autopilot.Gate`'s: a flight gives
+the same samples live and from its log.
 """
 
 from __future__ import annotations
@@ -12,25 +12,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from flightdepth.flight.autopilot import (
-    OTHER_GIMBALS,
-    REBOOT_GAP_NS,
-    SHORTEST_RUN,
-    STEP_NS,
-    Gate,
-    Position,
-    Velocity,
-)
-from flightdepth.flight.records import NS_PER_S, BodyAttitudeSample, Sample, VelocitySample
-from flightdepth.flight.tlog import (
+from flightdepth.flight.autopilot import OTHER_GIMBALS, Gate, Position, Velocity
+from flightdepth.flight.mavlink_messages import (
     ATTITUDES,
     GIMBAL,
     HEARTBEAT,
     KINDS,
     NO_AUTOPILOT,
     VELOCITIES,
-    Source,
 )
+from flightdepth.flight.power_ups import REBOOT_GAP_NS, SHORTEST_RUN, STEP_NS
+from flightdepth.flight.records import NS_PER_S, BodyAttitudeSample, Sample, VelocitySample
+from flightdepth.flight.tlog import Source
 from flightdepth.live.clock import RemoteClock
 from flightdepth.live.motion_store import MotionStore
 
@@ -71,6 +64,16 @@ class AutopilotFeed:
         self._newest_boot_ns = 0
         self._newest_live_ns = 0
         self._held_until_ns = 0
+        self._left_out = "", -NS_PER_S  # why a velocity did not count last, and when
+
+    def instead(self, now_ns: int) -> str:
+        """What the autopilot does in place of telling velocities that count; any thread may ask."""
+        if self.vehicle is None:
+            return "no autopilot's heartbeat comes"
+        why, left_out_ns = self._left_out
+        if now_ns - left_out_ns < NS_PER_S:
+            return f"{why} are left out"
+        return f"the autopilot of vehicle {self.vehicle.system} tells none ({', '.join(VELOCITIES)})"
 
     def take(self, message: Message, now_ns: int) -> None:
         """One message, received at `now_ns`."""
@@ -84,7 +87,10 @@ class AutopilotFeed:
         elif name == GIMBAL:
             self._take_gimbal(message, source, now_ns)
         elif source == self.vehicle:
+            before = Counter(self.counts)
             self._take_autopilot(name, message, now_ns)
+            if name in VELOCITIES and (left_out := self.counts - before):
+                self._left_out = next(iter(left_out)), now_ns
 
     def boot_ns(self, live_ns: int) -> int | None:
         """A time of the live clock on the autopilot's, None before anything was heard of that."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from flightdepth.flight.autopilot import STEP_NS
+from flightdepth.flight.power_ups import STEP_NS
 from flightdepth.flight.records import NS_PER_S
 
 WINDOW_NS = 10 * NS_PER_S  # two crystals 50 ppm apart drift by 0.5 ms meanwhile

@@ -49,6 +49,7 @@ class Parts:
 
     boot_ns            a time of the live clock on the autopilot's
     telemetry_dropped  what telemetry left out, by reason
+    untold             what telemetry tells in place of velocities
     lacking            what a sink can't do, and for want of what
     lens               watches whether the camera's turns deny its lens; None where they need not tell it
     """
@@ -59,6 +60,7 @@ class Parts:
     motion: Callable[[LiveEngine], MotionSource]
     boot_ns: Callable[[int], int | None] = lambda live_ns: None
     telemetry_dropped: Callable[[], dict[str, int]] = dict
+    untold: Callable[[], str | None] = lambda: None
     lacking: Callable[[], str | None] = lambda: None
     lens: LensWatch | None = None
 
@@ -123,7 +125,9 @@ class LiveEngine:
             monitor, last = self._monitor, self._last
             monitor.pictures_hz, monitor.results_hz = self._pictures.hz(now_ns), self._results.hz(now_ns)
             monitor.instead, monitor.lacking = self._video.instead, self._parts.lacking()
+            monitor.untold = self._parts.untold()
             monitor.lens_doubt = None if lens is None else lens.doubt
+            self._ages.forget(now_ns)
             return LiveStatus(
                 stamp_ns=now_ns,
                 health=monitor.judge(now_ns),

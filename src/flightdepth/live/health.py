@@ -43,6 +43,7 @@ class HealthMonitor:
 
     instead                  what came since the last picture, and was none
     lens_doubt               what the camera's turns say against its focal length
+    untold                   what telemetry tells in place of velocities
     lacking                  what somebody who needs the results can't do, and for want of what
     pictures_hz, results_hz  how many came, and went, a second
     """
@@ -51,6 +52,7 @@ class HealthMonitor:
         self._limits, self._faster = limits or Limits(), f"; {faster} take less time" if faster else ""
         self.instead: str | None = None
         self.lens_doubt: str | None = None
+        self.untold: str | None = None
         self.lacking: str | None = None
         self.pictures_hz = self.results_hz = 0.0
         self._health = Health(State.LOST, STARTING, start_ns)
@@ -143,7 +145,7 @@ class HealthMonitor:
         """The first trouble that counts, the worst first."""
         limits, velocity_ns, reboot_ns = self._limits, self._velocity_ns, self._reboot_ns
         late_ns = 0 if velocity_ns is None else now_ns - velocity_ns
-        why = self._link_error
+        why = self.untold or self._link_error
         silent = NO_TELEMETRY + (f": {why}" if why else "")
         late = f"{LATE}: no velocity for {late_ns / NS_PER_S:.1f} s" + (f"; {why}" if why else "")
         results_hz, pictures_hz = self.results_hz, self.pictures_hz

@@ -103,6 +103,7 @@ class MavlinkLink:
         self._transport: Any = None
         self._due = dict.fromkeys(("heartbeat", "timesync", "rates"), 0)
         self._asked = 0
+        self._came_ns = -NS_PER_S  # when the last bytes did
         self._questions: deque[int] = deque(maxlen=QUESTIONS_KEPT)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._work, name="mavlink", daemon=True)
@@ -116,6 +117,16 @@ class MavlinkLink:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(2.0)
+
+    def instead(self) -> str | None:
+        """What comes in place of velocities, for those who miss them; None while there is no connection."""
+        now_ns = time.monotonic_ns()
+        if self._transport is None:
+            return None
+        if now_ns - self._came_ns > NS_PER_S:
+            return f"nothing comes over {self._address}"
+        damaged = self.counts["damaged messages"] if self._feed.vehicle is None else 0
+        return self._feed.instead(now_ns) + (f", but {damaged} damaged messages" if damaged else "")
 
     def write(self, data: bytes) -> None:
         """Send a packed message, of any component; never waits long, and counts what did not go out."""
@@ -152,6 +163,7 @@ class MavlinkLink:
             ready = self._transport.select(SELECT_S)
             data = self._transport.recv(4096) if ready else b""
             now_ns = time.monotonic_ns()
+            self._came_ns = now_ns if data else self._came_ns
             for message in self._mav.parse_buffer(bytes(data)) or [] if data else []:
                 self._take(message, now_ns)
             self._keep_up(now_ns)

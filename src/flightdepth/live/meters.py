@@ -43,17 +43,21 @@ class Ages:
     def add(self, now_ns: int, age_ms: float) -> None:
         """One age."""
         self._entries.append((now_ns, age_ms))
-        while now_ns - self._entries[0][0] > self._span_ns:
+        self.forget(now_ns)
+
+    def forget(self, now_ns: int) -> None:
+        """Leave out what is older than the span."""
+        while self._entries and now_ns - self._entries[0][0] > self._span_ns:
             self._entries.popleft()
 
     @property
     def last_ms(self) -> float | None:
-        """The newest age, None before the first."""
+        """The newest age, None where there is none."""
         return self._entries[-1][1] if self._entries else None
 
     @property
     def p95_ms(self) -> float | None:
-        """The 95th percentile, None before the first."""
+        """The 95th percentile, None where there is no age."""
         if not self._entries:
             return None
         newest_ns = self._entries[-1][0]

@@ -8,8 +8,9 @@ from pathlib import Path
 from threading import Lock
 
 from flightdepth.errors import BadInput, FlightDepthError
-from flightdepth.flight.records import Frame
+from flightdepth.flight.records import AttitudeSample, Frame, VelocitySample
 from flightdepth.live.status import LiveResult
+from flightdepth.outputs.poses import FramePose, PoseTrack
 from flightdepth.outputs.preview import Preview
 from flightdepth.outputs.record import Source
 from flightdepth.outputs.writer import FlightWriter, check_target
@@ -37,7 +38,8 @@ class Recorder:
         self._stack = ExitStack()
         self._writer: FlightWriter | None = None
         self._size = (0, 0)
-        self._first_ns = 0
+        self._first_ns = self._posed_ns = 0
+        self._track = PoseTrack()
         self._count = self._of_other_size = self._lost = 0
         self._warnings: tuple[str, ...] = ()
         self._over = False
@@ -64,10 +66,21 @@ class Recorder:
         own = None if result.camera == self._camera else result.camera  # where the lens zooms
         frame = Frame(self._count, result.stamp_ns - self._first_ns, result.image, camera=own)
         self._count += 1  # whatever comes of it: no two frames share an index
-        writer.add(frame, result.depth)
+        writer.add(frame, result.depth, self._pose(frame, result))
         if writer.lost > self._lost:  # earlier frames: their files are written meanwhile
             self._lost = writer.lost
             raise FlightDepthError(f"{self._name}: a frame is left out: {writer.loss}")
+
+    def _pose(self, frame: Frame, result: LiveResult) -> FramePose | None:
+        """Where the camera was, summed from result to result; None where telemetry tells not enough."""
+        velocity_ned, world_from_camera = result.motion.velocity_ned, result.motion.world_from_camera
+        # A stream's times may step back.
+        if velocity_ned is None or world_from_camera is None or result.stamp_ns <= self._posed_ns:
+            return None
+        self._posed_ns = result.stamp_ns
+        self._track.add(VelocitySample(frame.stamp_ns, velocity_ned))
+        self._track.add(AttitudeSample(frame.stamp_ns, world_from_camera))
+        return self._track.at(frame, result.depth)
 
     def close(self, dropped: dict[str, int]) -> tuple[str, ...]:
         """Finish the folder; what the user should know of it. `dropped`: pictures missing from it, by reason."""

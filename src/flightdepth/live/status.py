@@ -74,10 +74,10 @@ class LiveStatus:
 
     stamp_ns          when this was written, live clock
     health            OK, DEGRADED or LOST, with the reason
-    age_ms            capture of the last result's picture to its result; None before the first
+    age_ms            capture of the last result's picture to its result; None where the last minute had none
     age_from          whose clock `age_ms` counts from
     distrusted        why it is not the sender's wall clock, though that was asked for
-    age_p95_ms        95 % of the last minute's results were younger; None before the first
+    age_p95_ms        95 % of the last minute's results were younger; None where there were none
     frames            received, used, dropped by reason
     ranges            n in use now, 1..4: fewer when the machine cannot keep up
     shifts            [n] frames between current and previous, of the last result

@@ -26,6 +26,7 @@ NEAREST_M = 0.01  # distances below weigh alike
 TURN_TOLD = 0.05  # rad: half of the positions may lie so far aside, seen over the way's spread
 # Half of the positions farther off than both: the way flown is not theirs.
 RECEIVER_M, STRAYING = 5.0, 0.1  # beyond a receiver's error; of the way's spread
+LONGER_TOLD = 0.02  # of a way's length: by less, receivers and velocities differ as a rule
 
 
 class LocalOnlyError(ValueError):
@@ -43,6 +44,7 @@ class Georeference:
     apart_m     distances between the flown way, so placed, and the log's positions: median and 95 %
     apart_up_m  the same of heights; None with `up_m`
     spread_m    mean distance of the flown way from its middle
+    longer      by what share the flown way is longer than the positions'; 0 where their scatter hides it
     frames      how many have a position, and of how many
     """
 
@@ -54,6 +56,7 @@ class Georeference:
     apart_m: tuple[float, float]
     apart_up_m: tuple[float, float] | None
     spread_m: float
+    longer: float
     frames: tuple[int, int]
 
     @property
@@ -69,17 +72,23 @@ class Georeference:
         return replace(cloud, points_m=np.c_[east_m, north_m, cloud.points_m[:, 2] + (self.up_m or 0.0)])
 
     def described(self, above: AltitudeAbove | None) -> str:
-        """The frame for people, three lines; `above` is what the log's altitudes count from."""
+        """The frame for people, a line each; `above` is what the log's altitudes count from."""
         heights = "the first camera, since the log tells no altitude" if self.up_m is None else above
         longitude, latitude = self._longitude_latitude(np.zeros((1, 2)))
         height = "" if self.up_m is None else f", height {self.up_m:.1f} m"
         turned = "" if self.turn == 1 else f", turned by {np.degrees(np.angle(self.turn)):.1f} degrees,"
         up = "" if self.apart_up_m is None else ", in height {:.2f} m ({:.2f} m)".format(*self.apart_up_m)
+        more, far = ("longer", "far") if self.longer > 0 else ("shorter", "near")
+        length = (
+            f"\nthe way flown is {100 * abs(self.longer):.1f} % {more} than the log's positions tell:"
+            f" where these are right, depth is so much too {far}"
+        )
+        told = length if abs(self.longer) >= LONGER_TOLD else ""
         return (
             f"{self.crs.name} (EPSG:{self.crs.to_epsg()}), heights above {heights}\n"
             f"first camera at latitude {latitude[0]:.6f}, longitude {longitude[0]:.6f}{height}\n"
             f"the way flown{turned} lies {self.apart_m[0]:.2f} m from the log's positions"
-            f" (95 % within {self.apart_m[1]:.2f} m){up}, at {self.frames[0]:,} of {self.frames[1]:,} frames"
+            f" (95 % within {self.apart_m[1]:.2f} m){up}, at {self.frames[0]:,} of {self.frames[1]:,} frames{told}"
         )
 
     def _longitude_latitude(self, points_m: Vector) -> tuple[Vector, Vector]:
@@ -124,6 +133,7 @@ def georeference(poses: Iterable[FramePose], *, true_north: bool) -> Georeferenc
         apart_m=median_and_most(apart_m),
         apart_up_m=apart_up_m,
         spread_m=spread_m,
+        longer=longer(flown, told),
         frames=(len(known), len(poses)),
     )
 
@@ -134,8 +144,8 @@ def median_and_most(distances_m: Vector) -> tuple[float, float]:
     return median_m, most_m
 
 
-def fitted(flown: Plane, told: Plane, *, turns: bool) -> tuple[complex, complex]:
-    """Turn (of length 1) and shift that bring `flown` [n] to `told` [n]; 1 where it `turns` not.
+def fitted(flown: Plane, told: Plane, *, turns: bool, stretches: bool = False) -> tuple[complex, complex]:
+    """Turn (of length 1 unless it `stretches`) and shift that bring `flown` [n] to `told` [n]; 1 where it `turns` not.
 
     Least squares, weighed anew by the inverse of each distance (Weiszfeld): the least sum of distances.
     """
@@ -143,10 +153,19 @@ def fitted(flown: Plane, told: Plane, *, turns: bool) -> tuple[complex, complex]
     for _ in range(ROUNDS):
         from_, to = np.average(flown, weights=weights), np.average(told, weights=weights)
         arrow = np.sum(weights * (told - to) * (flown - from_).conj()) if turns else 0j
-        turn = arrow / abs(arrow) if arrow else 1 + 0j
+        length = np.sum(weights * np.abs(flown - from_) ** 2) if stretches else abs(arrow)
+        turn = arrow / length if arrow else 1 + 0j
         shift = to - turn * from_
         weights = 1 / np.maximum(np.abs(turn * flown + shift - told), NEAREST_M)
     return complex(turn), complex(shift)
+
+
+def longer(flown: Plane, told: Plane) -> float:
+    """By what share `flown` [n] is longer than `told` [n]; 0 where twice the scatter of `told` hides it."""
+    turn, shift = fitted(flown, told, turns=True, stretches=True)
+    scatter_m = np.median(np.abs(turn * flown + shift - told))
+    differs_m = abs(1 - abs(turn)) * np.abs(flown - flown.mean()).mean()
+    return 1 / abs(turn) - 1 if differs_m > max(2 * scatter_m, NEAREST_M) else 0.0
 
 
 def plane_about(centre_deg: tuple[float, float]) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
 from flightdepth.renderers.raycast import Rendered
 from flightdepth.scenes.scene import Floats
 
@@ -55,6 +56,13 @@ class PairRule:
     backward: bool = True
     still: bool = True
     wide_share: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.nominal_shift < 1:
+            raise BadInput("nominal shift", expected="1 frame or more", got=str(self.nominal_shift))
+        if not 0 <= self.depth_min_m < self.depth_max_m:
+            got = f"{self.depth_min_m:g} to {self.depth_max_m:g} m"
+            raise BadInput("range of the target", expected="0 m or more, the nearest first", got=got)
 
     def draw_frames(self, rng: np.random.Generator, frames: int) -> tuple[int, int]:
         """Numbers of (previous, current), either order: |shift| = round(2 * nominal * u), at most frames - 1.
