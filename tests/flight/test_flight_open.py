@@ -6,7 +6,7 @@ import pytest
 from flight_files import add_gpmf, gps5_payload, lned_payload, make_video
 
 from flightdepth.camera import Camera
-from flightdepth.errors import BadInput
+from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight import AttitudeSample, Frame, VelocitySample, flight_log, open_flight, write_csv
 from flightdepth.flight.offset import ClockOffset
 from flightdepth.flight.open import merged
@@ -145,6 +145,18 @@ def test_a_flight_with_its_telemetry_inside(video):
     ) as flight:
         assert "GPMF" in flight.telemetry_name
         assert sum(isinstance(item, VelocitySample) for item in flight) == 8
+
+
+def test_a_flight_is_read_once(video):
+    """Run again, a notebook's cell saw one frame, and no error."""
+    with open_flight(video, speed_m_s=5.0, hfov_deg=80.0) as flight:
+        assert sum(isinstance(event, Frame) for event in flight) == 50
+        with pytest.raises(FlightDepthError, match="open it again"):
+            next(iter(flight))
+    closed = open_flight(video, speed_m_s=5.0, hfov_deg=80.0)
+    closed.close()
+    with pytest.raises(FlightDepthError, match="open it again"):
+        next(iter(closed))
 
 
 def test_a_flight_at_constant_speed(video):

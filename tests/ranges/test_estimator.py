@@ -179,6 +179,14 @@ def test_the_first_frame_has_no_depth_and_says_why() -> None:
     assert np.isnan(result.farther_than_m).all()
 
 
+def test_a_frame_in_seconds_is_refused_and_not_kept() -> None:
+    estimator = MultiRangeEstimator(Oracle(wall(40), straight(SIDEWAYS)), CAMERA)
+    with pytest.raises(BadInput, match="whole nanoseconds"):
+        estimator.add_frame(0.04, picture(0))  # type: ignore[arg-type]
+    result = estimator.add_frame(0, picture(1))
+    assert result.reason is not None and "dropped" not in result.reason
+
+
 def test_without_motion_there_is_no_depth() -> None:
     estimator = MultiRangeEstimator(Oracle(wall(40), straight(SIDEWAYS)), CAMERA)
     results = [estimator.add_frame(i * FRAME_NS, picture(i)) for i in range(5)]

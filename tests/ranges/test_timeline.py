@@ -1,7 +1,9 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flightdepth.errors import BadInput
 from flightdepth.ranges.timeline import FIRST_CAPACITY, Timeline
 
 
@@ -53,3 +55,12 @@ def test_forgetting_while_adding_stays_in_the_first_block() -> None:
         timeline.forget(k - 100)
     assert len(timeline._stamps) == FIRST_CAPACITY
     assert timeline.newest == (10 * FIRST_CAPACITY - 1, [10 * FIRST_CAPACITY - 1])
+
+
+@pytest.mark.parametrize("stamp_ns", [12.5, np.float64(3.0), "7"])
+def test_times_are_whole_nanoseconds(stamp_ns):
+    """Seconds as floats became the same time over and over, and "no motion known" came of it."""
+    timeline = Timeline(1)
+    with pytest.raises(BadInput, match=r"whole nanoseconds, got (float|str)"):
+        timeline.add(stamp_ns, [0.0])
+    assert timeline.add(np.int64(7), [0.0])

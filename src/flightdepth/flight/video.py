@@ -16,7 +16,7 @@ import numpy as np
 from av.error import FFmpegError
 from numpy.typing import NDArray
 
-from flightdepth.errors import BadInput
+from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.container import open_container, timed_stream
 from flightdepth.flight.decoding import NO_KEY_FRAME_YET, SoundPictures
 from flightdepth.flight.deinterlacing import deinterlaced
@@ -46,6 +46,7 @@ class Video:
         self.path = path
         self.start_ns, self.end_ns = _interval(start_s, end_s)
         self.counts: Counter[str] = Counter()
+        self._is_over = False
         self._container = open_container(path)
         try:
             self._stream = timed_stream(path, self._container)
@@ -78,6 +79,7 @@ class Video:
 
     def close(self) -> None:
         """Close the file."""
+        self._is_over = True
         self._container.close()
 
     @property
@@ -126,7 +128,14 @@ class Video:
         return max(0, round((end_ns - self.start_ns) / NS_PER_S * float(rate)))
 
     def frames(self) -> Iterator[Frame]:
-        """The pictures from `start_s` (included) to `end_s` (left out), in time order; call once."""
+        """The pictures from `start_s` (included) to `end_s` (left out), in time order; once, before `close`.
+
+        Raises:
+            FlightDepthError: they were asked for before, or the file is closed.
+        """
+        if self._is_over:
+            raise FlightDepthError(f"{self.path} is read once, while it is open: open it again")
+        self._is_over = True
         index, damaged = 0, False
         size = (self._first.picture.width, self._first.picture.height)
         for stamp_ns, picture, after_damage in chain([self._first], self._chosen):

@@ -31,6 +31,7 @@ from flightdepth.ranges.plan import Planner
 from flightdepth.ranges.repeats import Repeats
 from flightdepth.ranges.result import RangedDepth
 from flightdepth.ranges.temporal import TemporalAverage, step_between
+from flightdepth.ranges.timeline import check_stamp
 from flightdepth.ranges.tracks import Tracker
 from flightdepth.ranges.turning import in_view, is_visible, turned
 from flightdepth.runtimes.grid import check_image
@@ -210,6 +211,7 @@ class MultiRangeEstimator:
         assumption that the camera does not turn.
         """
         started = time.perf_counter()
+        check_stamp(stamp_ns)
         check_image("image", image, self._camera)  # first: a refused picture may come again, mended
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             self._trajectory.dropped["frame not after the one before"] += 1

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+from numbers import Integral
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from flightdepth.errors import BadInput
 
 Stamps = NDArray[np.int64]
 Rows = NDArray[np.float64]
 
 FIRST_CAPACITY = 1024
 MOST_ROWS = 65536
+
+
+def check_stamp(stamp_ns: int) -> None:
+    """Refuse times that are no whole nanoseconds: seconds, as ROS users add them up, lie closer than they tell."""
+    if not isinstance(stamp_ns, Integral):
+        raise BadInput(
+            "stamp_ns", expected="whole nanoseconds", got=f"{type(stamp_ns).__name__} {stamp_ns!r}"
+        )
 
 
 class Timeline:
@@ -44,6 +56,7 @@ class Timeline:
 
     def add(self, stamp_ns: int, row: ArrayLike) -> bool:
         """Append a row; False, and nothing kept, when `stamp_ns` does not come after the newest."""
+        check_stamp(stamp_ns)
         newest = self.newest_ns
         if newest is not None and stamp_ns <= newest:
             return False
