@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -79,6 +81,20 @@ def rotation_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Ve
     about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     return np.asarray(about_z @ about_y @ about_x)
+
+
+def quaternion_from_euler(
+    roll_rad: float, pitch_rad: float, yaw_rad: float
+) -> tuple[float, float, float, float]:
+    """Quaternion (w, x, y, z), w >= 0, of finite angles: `rotation_from_euler`, at the speed of plain numbers.
+
+    The product of the turns about z, y and x, each (cos(angle / 2), sin(angle / 2) * axis).
+    """
+    cr, cp, cy = (math.cos(angle / 2) for angle in (roll_rad, pitch_rad, yaw_rad))
+    sr, sp, sy = (math.sin(angle / 2) for angle in (roll_rad, pitch_rad, yaw_rad))
+    w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
+    y, z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    return (w, x, y, z) if w >= 0 else (-w, -x, -y, -z)
 
 
 def rotation_angle_rad(rotation: ArrayLike) -> float:

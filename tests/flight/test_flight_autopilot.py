@@ -12,12 +12,11 @@ from flightdepth.flight.autopilot import (
     Velocity,
     autopilot_telemetry,
     is_rotation,
-    quaternion_of,
 )
 from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags
 from flightdepth.flight.power_ups import REBOOT_GAP_NS, STEP_NS, boots, longest_boot, placed_boots
 from flightdepth.flight.records import NS_PER_S
-from flightdepth.motion import rotation_from_euler, rotation_from_quaternion
+from flightdepth.motion import quaternion_from_euler, rotation_from_euler, rotation_from_quaternion
 
 STAMPS = st.lists(st.integers(0, 100 * STEP_NS), max_size=60)
 
@@ -113,7 +112,7 @@ ANGLE = st.floats(-2 * np.pi, 2 * np.pi)
 
 @given(ANGLE, ANGLE, ANGLE)
 def test_the_quaternion_of_angles_is_their_rotation(roll_rad, pitch_rad, yaw_rad):
-    quaternion = quaternion_of(roll_rad, pitch_rad, yaw_rad)
+    quaternion = quaternion_from_euler(roll_rad, pitch_rad, yaw_rad)
     assert quaternion[0] >= 0
     expected = rotation_from_euler(roll_rad, pitch_rad, yaw_rad)
     np.testing.assert_allclose(rotation_from_quaternion(quaternion), expected, atol=1e-12)

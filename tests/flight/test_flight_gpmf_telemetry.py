@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from flight_files import add_gpmf, gyro_payload, lned_payload, make_video, trimmed
+from flight_files import add_gpmf, gyro_payload, klv, lned_payload, make_video, nest, trimmed
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.gpmf_telemetry import payloads, read_gpmf
@@ -124,6 +124,15 @@ def test_a_damaged_payload_is_dropped_and_counted(plain):
     parts[1] = b"DEVC" + b"\xff" * (len(parts[1]) - 4)
     log = read_gpmf(add_gpmf(plain, parts))
     assert len(log.samples) == 8
+    assert log.counts == {"damaged telemetry payloads": 1}
+
+
+@pytest.mark.parametrize("columns", [3, 5])
+def test_samples_of_too_few_columns_are_dropped_and_counted(plain, columns):
+    """They ended in an error of numpy's."""
+    damaged = nest("DEVC", nest("STRM", klv("LNED", "f", 4 * columns, 2, bytes(8 * columns))))
+    log = read_gpmf(add_gpmf(plain, [*karma_like(), damaged]))
+    assert len(log.samples) == 12
     assert log.counts == {"damaged telemetry payloads": 1}
 
 

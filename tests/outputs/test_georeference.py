@@ -162,6 +162,11 @@ def test_a_hovering_drones_way_has_no_length(drift, noise_m):
     assert "than the log's positions" not in told_of(flown(STANDS, local=drift, noise_m=noise_m))
 
 
+def test_a_receiver_that_stands_still_tells_no_length():
+    """The way flown was told to be thousands of times longer than its noise, and depth so much too far."""
+    assert "than the log's positions" not in told_of(flown(STANDS, local=weaving(), noise_m=0.3))
+
+
 def turned(ned, degrees):
     """The same way in a map whose y axis points so many degrees left of north."""
     turn = np.exp(-1j * np.radians(degrees)) * (ned[:, 1] + 1j * ned[:, 0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flightdepth.ranges.fusion import ends
-from flightdepth.runtimes.error_bar import FAR_BETA, SKY_BETA, error_bar_scale, sky_share
+from flightdepth.runtimes.error_bar import SKY_BETA, error_bar_scale, sky_share
 from flightdepth.weights.store import SHIPPED, read_card
 
 CARD = read_card(SHIPPED / "motion.onnx").model_copy(update={"sigma_scale": 0.8, "sigma_growth": 0.5})
@@ -26,7 +26,7 @@ def test_the_scale_grows_with_that_share():
     assert found.ravel() == pytest.approx([0.8, 0.8 * np.exp(0.125), 0.8 * np.exp(0.5)], rel=1e-6)
 
 
-@pytest.mark.parametrize("wall", [FAR_BETA, 0.75, SKY_BETA - 1e-3])
+@pytest.mark.parametrize("wall", [ends(CARD)[1], 0.75, SKY_BETA - 1e-3])
 def test_far_walls_of_a_room_are_no_sky(wall):
     """Through 110 degrees an eighth of a room is as far as that, and bars were 5 % too wide there."""
     assert error_bar_scale(CARD, pictures(0, 1, rest=wall), VALID) == pytest.approx(
@@ -34,8 +34,8 @@ def test_far_walls_of_a_room_are_no_sky(wall):
     )
 
 
-def test_what_is_far_is_what_fusion_takes_for_a_bound():
-    assert ends(CARD)[1] == FAR_BETA
+def test_sky_is_beyond_what_fusion_takes_for_a_bound():
+    assert ends(CARD)[1] < SKY_BETA
 
 
 @pytest.mark.parametrize("name", ["motion", "motion-tiny"])

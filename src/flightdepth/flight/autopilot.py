@@ -32,6 +32,7 @@ LAST_STAMP_US = 4 * 10**15
 # Reasons that readers share.
 DAMAGED_BYTES = "bytes skipped: damaged or cut off"
 OTHER_GIMBALS = "attitudes of other gimbals"
+NO_ROTATION = "attitudes that are no rotation"
 # A filter's output that does not change for so long while moving has died.
 STUCK_NS = 2 * NS_PER_S
 # How old the body's heading may be where a gimbal's yaw counts from it.
@@ -122,7 +123,7 @@ class Gate:
         if isinstance(value, Velocity):
             self._take_velocity(stamp_ns, value)
         elif not is_rotation(value.quaternion):
-            self.counts["attitudes that are no rotation"] += 1
+            self.counts[NO_ROTATION] += 1
         elif isinstance(value, BodyAttitude):
             if self._later(stamp_ns, self.bodies, "body attitudes"):
                 self.bodies.append(BodyAttitudeSample(stamp_ns, np.array(value.quaternion)))
@@ -170,18 +171,6 @@ class Gate:
             return None
         headings_rad = np.unwrap([heading_rad(body) for body in around])
         return float(np.interp(stamp_ns, [body.stamp_ns for body in around], headings_rad))
-
-
-def quaternion_of(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float, float, float, float]:
-    """Quaternion (w, x, y, z), w >= 0, of finite angles: `motion.rotation_from_euler`, at the speed of plain numbers.
-
-    The product of the turns about z, y and x, each (cos(angle / 2), sin(angle / 2) * axis).
-    """
-    cr, cp, cy = (math.cos(angle / 2) for angle in (roll_rad, pitch_rad, yaw_rad))
-    sr, sp, sy = (math.sin(angle / 2) for angle in (roll_rad, pitch_rad, yaw_rad))
-    w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
-    y, z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
-    return (w, x, y, z) if w >= 0 else (-w, -x, -y, -z)
 
 
 def heading_rad(body: BodyAttitudeSample) -> float:

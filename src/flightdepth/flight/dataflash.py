@@ -21,13 +21,13 @@ from flightdepth.flight.autopilot import (
     Record,
     Velocity,
     autopilot_telemetry,
-    quaternion_of,
 )
 from flightdepth.flight.dataflash_records import FMT, MAGIC, Fields, Layout, field_letters, wanted_rows
 from flightdepth.flight.file_bytes import log_bytes
 from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags
 from flightdepth.flight.power_ups import longest_boot
 from flightdepth.flight.records import Telemetry
+from flightdepth.motion import quaternion_from_euler
 
 GPS_FIX_3D = 3
 # Bits of the EKF's solution status (SS): horizontal and vertical velocity are good.
@@ -183,7 +183,7 @@ def euler_quaternion(fields: Fields) -> Sequence[float]:
     angles_deg = [fields[name] for name in ("Roll", "Pitch", "Yaw")]
     if not all(map(math.isfinite, angles_deg)):
         return math.nan, 0.0, 0.0, 0.0
-    return quaternion_of(*map(math.radians, angles_deg))
+    return quaternion_from_euler(*map(math.radians, angles_deg))
 
 
 # The first of each that a log holds is used: EKF3, EKF2, then what does without an EKF.

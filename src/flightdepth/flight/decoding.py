@@ -21,6 +21,7 @@ REORDERED = 4
 
 BUILT_ON_DAMAGE = "frames built on damaged ones, up to the next key frame or whole refresh"
 NO_KEY_FRAME_YET = "frames before the first key frame"
+DAMAGED_PACKETS, DAMAGED_FRAMES = "damaged video packets", "damaged frames"
 NO_PICTURE = "video packets that gave no picture"
 MISSING = "places where video packets are missing"
 GAP, MOST_AGAIN = "places of the file without a packet", 1000
@@ -31,7 +32,7 @@ class SoundPictures:
     """One pass over a stream: (picture, whether damage lies between it and the one before), in order of display.
 
     What is left out is counted in `counts`; `whole` says that the stream is read from its start on, so that
-    what it lacks can be told. `begin_by`: where no key frame begins by this time, ticks, none is given at all.
+    what it lacks can be told. `begin_by`: where nothing begins afresh by this time, ticks, none is given at all.
     `read_pts`: how far the stream was read, ticks, None before the first packet with a time.
     """
 
@@ -47,7 +48,7 @@ class SoundPictures:
         self._container, self._stream, self._counts, self._whole = container, stream, counts, whole
         self._held: deque[tuple[Any, bool]] = deque()
         self._begin_by = begin_by  # None once one has begun
-        self._waiting = True  # for a key frame
+        self._waiting = True  # for what begins afresh
         self._damaged = False  # since the last picture given
         self._damage_pts: int | None = None
         self.read_pts: int | None = None
@@ -98,7 +99,7 @@ class SoundPictures:
             self._counts[NO_KEY_FRAME_YET] += 1
             return
         leans = self._waiting and self._damaged
-        self._counts[BUILT_ON_DAMAGE if leans else "damaged video packets"] += 1
+        self._counts[BUILT_ON_DAMAGE if leans else DAMAGED_PACKETS] += 1
         self._damage(packet.pts)
 
     @property
@@ -110,7 +111,7 @@ class SoundPictures:
             self._damage_shown(max(shown))
             self._ahead_pts = [pts for pts in self._ahead_pts if pts not in shown]
         if picture.is_corrupt:
-            self._counts["damaged frames"] += 1
+            self._counts[DAMAGED_FRAMES] += 1
             self._damage_shown(picture.pts)
         elif self._waiting and not self._begins_afresh(picture):
             self._counts[self._why_waiting] += 1

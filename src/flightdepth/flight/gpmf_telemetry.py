@@ -27,6 +27,7 @@ from flightdepth.flight.records import NS_PER_S, GyroscopeTrack, Telemetry, none
 
 TimedStream = tuple[Interval, Stream]
 GYROSCOPE, GPS = "GYRO", ("GPS9", "GPS5")
+DAMAGED = "damaged telemetry payloads"
 # A trimmed video's edit list says where each track begins; FFmpeg cuts pictures there, and a track of data it moves.
 WHOLE_TRACKS = {"advanced_editlist": "0"}
 # A Karma's samples, the only ones with a clock, reach the camera by so much later than `on_video_clock` takes for
@@ -45,10 +46,13 @@ def read_gpmf(path: Path) -> Telemetry | None:
         try:
             parsed = streams(payload, wanted)
         except GpmfError:
-            counts["damaged telemetry payloads"] += 1
+            counts[DAMAGED] += 1
             continue
         for stream in parsed:
-            found.setdefault(stream.key, []).append((interval, stream))
+            if stream.values.shape[1] >= LEAST_COLUMNS.get(stream.key, 1):
+                found.setdefault(stream.key, []).append((interval, stream))
+            else:
+                counts[DAMAGED] += 1
     for key, read_velocities in VELOCITIES.items():
         if key in found:
             log = _telemetry(found[key], read_velocities, found.get(GYROSCOPE, []), counts)
@@ -111,7 +115,7 @@ def _telemetry(
 def _places(found: dict[str, list[TimedStream]]) -> PlaceTrack | None:
     """Where the camera was, whoever tells the velocity; what is left out was counted there."""
     for key, read in PLACES.items():
-        if parts := [part for part in found.get(key, []) if part[1].values.shape[1] >= LEAST_COLUMNS]:
+        if parts := found.get(key):
             return read([stream for _, stream in parts], sample_times(parts), Counter())
     return None
 
@@ -162,4 +166,4 @@ Reader = Callable[[list[Stream], Stamps, Counter[str]], Velocities]
 # The best first. A source of velocity more is a key and a function more.
 VELOCITIES: dict[str, Reader] = {"LNED": local_position_ned, **dict.fromkeys(GPS, gps_velocities)}
 PLACES = {"GLPI": karma_places, **dict.fromkeys(GPS, gps_places)}
-LEAST_COLUMNS = 5  # of any of them; fewer are damage
+LEAST_COLUMNS = {"LNED": 6, "GLPI": 5, **dict.fromkeys(GPS, 5)}  # fewer are damage

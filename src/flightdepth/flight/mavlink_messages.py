@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
-from flightdepth.flight.autopilot import BodyAttitude, Position, Velocity, quaternion_of
+from flightdepth.flight.autopilot import NO_ROTATION, BodyAttitude, Position, Velocity
 from flightdepth.flight.gimbal import GimbalAttitude
 from flightdepth.flight.positions import UNFIXED
-from flightdepth.motion import rotation_from_quaternion
+from flightdepth.motion import quaternion_from_euler, rotation_from_quaternion
 
 HEARTBEAT = "HEARTBEAT"
 NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: the sender of this heartbeat flies nothing
@@ -23,6 +23,13 @@ LOCAL_NED, BODY_NED, BODY_FRD = 1, 8, 12
 YEAR_US = 365 * 86400 * 10**6
 
 Message = Any
+
+
+class Source(NamedTuple):
+    """Who sent a message: MAVLink's numbers of the vehicle and of the device in it."""
+
+    system: int
+    component: int
 
 
 def local_position(message: Message, counts: Counter[str]) -> Iterator[tuple[int, Velocity]]:
@@ -72,9 +79,9 @@ def attitude(message: Message, counts: Counter[str]) -> Iterator[tuple[int, Body
     """ATTITUDE: roll, pitch and yaw in radians."""
     angles = message.roll, message.pitch, message.yaw
     if all(map(math.isfinite, angles)):
-        yield message.time_boot_ms * 10**6, BodyAttitude(quaternion_of(*angles))
+        yield message.time_boot_ms * 10**6, BodyAttitude(quaternion_from_euler(*angles))
     else:
-        counts["attitudes that are no rotation"] += 1
+        counts[NO_ROTATION] += 1
 
 
 def gimbal(message: Message, counts: Counter[str]) -> Iterator[tuple[int, GimbalAttitude]]:

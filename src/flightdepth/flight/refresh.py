@@ -85,8 +85,10 @@ class Refresh:
         missing = ahead > 1 and not frame.may_jump
         if missing:
             self.damage(None)
-        if frame.is_reference or missing:
-            self._before = frame.number - (not frame.is_reference)
+        if frame.is_reference:
+            self._before = frame.number
+        elif missing:
+            self._before = frame.number - 1
         if packet.pts is not None:
             if frame.recovery is not None:
                 self._begun.append(_Begun(packet.pts, (frame.number + frame.recovery) % frame.modulus))

@@ -11,7 +11,6 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 from flightdepth.errors import BadInput, MissingExtra
 from flightdepth.flight.autopilot import (
@@ -32,6 +31,7 @@ from flightdepth.flight.mavlink_messages import (
     RANKS,
     VELOCITIES,
     Message,
+    Source,
 )
 from flightdepth.flight.power_ups import placed_boots
 from flightdepth.flight.records import Telemetry
@@ -41,13 +41,6 @@ START = re.compile(rb"\x00[\x00-\x0e].{6}[\xfe\xfd]", re.DOTALL)
 TIME_BYTES = 8
 MAVLINK_1 = 0xFE
 SIGNED = 1  # bit of MAVLink 2's incompatibility flags; a signature makes the message longer
-
-
-class Source(NamedTuple):
-    """Who sent a message: MAVLink's numbers of the vehicle and of the device in it."""
-
-    system: int
-    component: int
 
 
 @dataclass

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 START_CODE = b"\0\0\1"
 SLICE, IDR, SEI, SPS = 1, 5, 6, 7  # H.264's types of units
@@ -35,12 +36,25 @@ class FrameNumber:
     may_jump: bool
 
 
+class SequenceParameters(NamedTuple):
+    """What is needed of them, in H.264, to read a frame's number.
+
+    number_bits    how many bits it has
+    may_jump       the stream leaves out numbers as it likes
+    colours_apart  each colour is coded as a picture of its own
+    """
+
+    number_bits: int
+    may_jump: bool
+    colours_apart: bool
+
+
 class H264Headers:
     """Reads the packets of one stream in their order; `extradata` is the container's, b"" without any."""
 
     def __init__(self, extradata: bytes) -> None:
         self._size_bytes = size_bytes(extradata, at=4)
-        self._parameters: tuple[int, bool, bool] | None = None
+        self._parameters: SequenceParameters | None = None
         for unit in _extradata_units(extradata, self._size_bytes):
             if unit and unit[0] & 31 == SPS:
                 self._parameters = _sequence_parameters(unit)
@@ -149,8 +163,8 @@ def _extradata_units(extradata: bytes, length_bytes: int) -> Iterator[bytes]:
         yield extradata[8 : 8 + int.from_bytes(extradata[6:8], "big")]
 
 
-def _sequence_parameters(unit: bytes) -> tuple[int, bool, bool] | None:
-    """Bits of a frame's number, whether numbers may jump, whether colours are coded apart; None if damaged."""
+def _sequence_parameters(unit: bytes) -> SequenceParameters | None:
+    """Those of a unit, None if damaged."""
     bits = Bits(unescaped(unit[1:]))
     try:
         profile, _ = bits.take(8), bits.take(16)
@@ -164,7 +178,7 @@ def _sequence_parameters(unit: bytes) -> tuple[int, bool, bool] | None:
             for _ in range(bits.unsigned()):
                 bits.unsigned()
         bits.unsigned()
-        return number_bits, bool(bits.take(1)), apart
+        return SequenceParameters(number_bits, bool(bits.take(1)), apart)
     except ValueError:
         return None
 
@@ -190,18 +204,17 @@ def _skip_scaling_list(bits: Bits, size: int) -> None:
             return
 
 
-def _frame_number(unit: bytes, parameters: tuple[int, bool, bool], recovery: int | None) -> FrameNumber:
-    number_bits, may_jump, apart = parameters
+def _frame_number(unit: bytes, parameters: SequenceParameters, recovery: int | None) -> FrameNumber:
     bits = Bits(unescaped(unit[1:SLICE_HEAD_BYTES]))
     for _ in ("first macroblock", "type", "picture parameters"):
         bits.unsigned()
-    if apart:
+    if parameters.colours_apart:
         bits.take(2)
     return FrameNumber(
-        number=bits.take(number_bits),
-        modulus=1 << number_bits,
+        number=bits.take(parameters.number_bits),
+        modulus=1 << parameters.number_bits,
         is_idr=unit[0] & 31 == IDR,
         is_reference=bool(unit[0] & 0x60),
         recovery=recovery,
-        may_jump=may_jump,
+        may_jump=parameters.may_jump,
     )

@@ -20,10 +20,11 @@ from flightdepth.flight.mavlink_messages import (
     KINDS,
     NO_AUTOPILOT,
     VELOCITIES,
+    Message,
+    Source,
 )
-from flightdepth.flight.power_ups import REBOOT_GAP_NS, SHORTEST_RUN, STEP_NS
+from flightdepth.flight.power_ups import DAMAGED_TIMES, REBOOT_GAP_NS, SHORTEST_RUN, STEP_NS
 from flightdepth.flight.records import NS_PER_S, BodyAttitudeSample, Sample, VelocitySample
-from flightdepth.flight.tlog import Source
 from flightdepth.live.clock import RemoteClock
 from flightdepth.live.motion_store import MotionStore
 
@@ -31,8 +32,6 @@ from flightdepth.live.motion_store import MotionStore
 PREFERRED_FOR_NS = NS_PER_S
 DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270: a range finder that looks down
 INVALID = 1  # a DISTANCE_SENSOR's `signal_quality`: 0 is unknown, 100 perfect
-
-Message = Any
 
 
 @dataclass(frozen=True)
@@ -151,7 +150,7 @@ class AutopilotFeed:
         """Whether a time lies ahead of the autopilot's clock; SHORTEST_RUN of them in a row are a clock that jumped."""
         self._ahead = self._ahead + 1 if self.clock.is_ahead(boot_ns, now_ns) else 0
         if 0 < self._ahead < SHORTEST_RUN:
-            self.counts["records with a damaged time"] += 1
+            self.counts[DAMAGED_TIMES] += 1
             return True
         if self._ahead:
             self.counts["jumps of the autopilot's clock"] += 1

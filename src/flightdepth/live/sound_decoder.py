@@ -8,7 +8,13 @@ from typing import Any
 
 from av.error import FFmpegError
 
-from flightdepth.flight.decoding import BUILT_ON_DAMAGE, MISSING, NO_KEY_FRAME_YET
+from flightdepth.flight.decoding import (
+    BUILT_ON_DAMAGE,
+    DAMAGED_FRAMES,
+    DAMAGED_PACKETS,
+    MISSING,
+    NO_KEY_FRAME_YET,
+)
 from flightdepth.flight.deinterlacing import Deinterlacer
 from flightdepth.flight.refresh import Refresh
 
@@ -52,10 +58,10 @@ class SoundDecoder:
 
     def _take_note(self, packet: Any) -> None:
         """What is known of a packet before it is decoded."""
-        if self._refresh.misses(packet):
-            self._counts.update([] if self._waiting else [MISSING])
-            self.damage(packet.pts)
-        if packet.is_corrupt:
+        missing = self._refresh.misses(packet)
+        if missing and not self._waiting:
+            self._counts[MISSING] += 1
+        if missing or packet.is_corrupt:
             self.damage(packet.pts)
         if self._skipping:
             self._skipping = 0 if packet.is_keyframe else self._skipping - 1  # not all containers tell it
@@ -70,7 +76,7 @@ class SoundDecoder:
             self._counts[NO_KEY_FRAME_YET] += 1
             return
         leans = self._waiting and self._damaged
-        self._counts[BUILT_ON_DAMAGE if leans else "damaged video packets"] += 1
+        self._counts[BUILT_ON_DAMAGE if leans else DAMAGED_PACKETS] += 1
         self.damage(packet.pts)
 
     @property
@@ -91,7 +97,7 @@ class SoundDecoder:
 
     def _is_sound(self, decoded: Any) -> bool:
         if decoded.is_corrupt:
-            self._counts["damaged frames"] += 1
+            self._counts[DAMAGED_FRAMES] += 1
             self.damage(decoded.pts)
         elif self._waiting and not self._begins_afresh(decoded):
             self._counts[self._why_waiting] += 1

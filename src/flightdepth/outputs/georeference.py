@@ -161,11 +161,12 @@ def fitted(flown: Plane, told: Plane, *, turns: bool, stretches: bool = False) -
 
 
 def longer(flown: Plane, told: Plane) -> float:
-    """By what share `flown` [n] is longer than `told` [n]; 0 where twice the scatter of `told` hides it."""
+    """By what share `flown` [n] is longer than `told` [n]; 0 where twice the scatter hides that, or all of `told`."""
     turn, shift = fitted(flown, told, turns=True, stretches=True)
     scatter_m = np.median(np.abs(turn * flown + shift - told))
-    differs_m = abs(1 - abs(turn)) * np.abs(flown - flown.mean()).mean()
-    return 1 / abs(turn) - 1 if differs_m > max(2 * scatter_m, NEAREST_M) else 0.0
+    spread_m = np.abs(flown - flown.mean()).mean()
+    least_m = min(abs(turn), abs(1 - abs(turn))) * spread_m
+    return 1 / abs(turn) - 1 if least_m > max(2 * scatter_m, NEAREST_M) else 0.0
 
 
 def plane_about(centre_deg: tuple[float, float]) -> Any:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.ranges.network import Map
-from flightdepth.runtimes.error_bar import FAR_BETA
 from flightdepth.weights.card import NetworkCard
 
 BETA_MIN = 0.1
@@ -21,6 +20,9 @@ EPSILON = 1e-3
 LOWER_MARGIN = 0.02
 SWEPT_BETA_MEAN = 0.13  # its relative error is least where points move by 3 pixels and more (docs/log.md)
 SWEPT_MARGIN = 0.01  # nearer than this the point moved by more than the widest hypothesis of full size
+# A network that sweeps compares parts of a pixel: from this share of its largest depth on a point moved by less than
+# two thirds of one, which a rotation of a tenth of a degree that no one reported does too.
+SWEPT_BETA_MAX = 0.6
 # Two ranges contradict each other when no depth is within this factor of what both say.
 TOLERANCE = 1.5
 # An output of a clamped network this little above its lower end still lies at it where a shorter pair saw the point so
@@ -169,7 +171,7 @@ def best_beta(card: NetworkCard) -> float:
 def ends(card: NetworkCard) -> tuple[float, float]:
     """At or beyond these, beta is a bound."""
     if card.knows_direction:
-        return card.beta_min + SWEPT_MARGIN, FAR_BETA
+        return card.beta_min + SWEPT_MARGIN, SWEPT_BETA_MAX
     return card.beta_min + LOWER_MARGIN, BETA_MAX
 
 

@@ -8,11 +8,8 @@ from numpy.typing import NDArray
 from flightdepth.runtimes.prediction import Maps
 from flightdepth.weights.card import NetworkCard
 
-# A network that sweeps compares parts of a pixel: from this share of its largest depth on a point moved by less than
-# two thirds of one, which a rotation of a tenth of a degree that no one reported does too.
-FAR_BETA = 0.6
-# Sky is beyond this. Walls of a room are beyond FAR_BETA too, through a wide lens or after a short displacement, but
-# there errors are no larger than a network thinks.
+# Sky is beyond this. Far walls of a room may be beyond what fusion takes for a bound, through a wide lens or after a
+# short displacement, but there errors are no larger than a network thinks.
 SKY_BETA = 0.9
 
 
