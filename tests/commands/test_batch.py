@@ -154,6 +154,14 @@ def test_what_another_card_s_flight_of_that_name_replaces_is_told(run, work):
     assert "out holds the result of another one.mp4, which" in run(flights=("card/one.mp4",))[2]
 
 
+def begun(work):
+    """Pictures of flights that are not finished; a folder may be renamed while it is looked through."""
+    try:
+        return len(list(work.rglob(".*.*-*/depth/*.png")))
+    except FileNotFoundError:
+        return 0
+
+
 def stopped_run(work, number, *flights):
     """Exit code and stderr of a run that got a signal once it had written some frames."""
     for flight in flights:
@@ -164,7 +172,7 @@ def stopped_run(work, number, *flights):
         "preexec_fn": partial(signal.signal, number, signal.SIG_DFL)
     }
     with subprocess.Popen(command, cwd=work, stderr=subprocess.PIPE, text=True, **heeding) as running:
-        while len(list(work.rglob(".*.*-*/depth/*.png"))) < 5:
+        while begun(work) < 5:
             assert running.poll() is None
             time.sleep(0.05)
         running.send_signal(number)
