@@ -154,6 +154,11 @@ def global_message(i):
     return mavlink.MAVLink_global_position_int_message(i, 480_000_000 + i, 110_000_000, 0, 0, *ned_cm_s, 0)
 
 
+def told_twice(now, i):
+    """What a second vehicle tells of its velocity."""
+    return [tlog_part(now, message, (2, 1)) for message in (global_message(i), ned_message(i, (7, i, 0)))]
+
+
 def test_what_another_vehicle_tells_twice_is_counted_once(tmp_path):
     """Its velocities in LOCAL_POSITION_NED and those in GLOBAL_POSITION_INT were added up."""
     parts = []
@@ -163,9 +168,7 @@ def test_what_another_vehicle_tells_twice_is_counted_once(tmp_path):
             tlog_part(now, message, AUTOPILOT) for message in (ned_message(i, velocity(i)), heartbeat())
         ]
         if i < 8:
-            parts += [
-                tlog_part(now, message, (2, 1)) for message in (global_message(i), ned_message(i, (7, i, 0)))
-            ]
+            parts += told_twice(now, i)
     telemetry = read(tmp_path, *parts)
     assert velocities(telemetry) == [velocity(i) for i in range(10)]
     assert telemetry.counts == {"velocities of other senders": 8}
@@ -178,9 +181,7 @@ def test_who_tells_the_same_velocity_twice_is_not_the_most_talkative(tmp_path):
         now = RECEIVED_US + i * 1000
         parts.append(tlog_part(now, ned_message(i, velocity(i)), AUTOPILOT))
         if i < 8:
-            parts += [
-                tlog_part(now, message, (2, 1)) for message in (global_message(i), ned_message(i, (7, i, 0)))
-            ]
+            parts += told_twice(now, i)
     telemetry = read(tmp_path, *parts)
     assert velocities(telemetry) == [velocity(i) for i in range(10)]
     assert telemetry.counts == {"velocities of other senders": 8}

@@ -28,7 +28,42 @@ GAP, MOST_AGAIN = "places of the file without a packet", 1000
 READ_ERROR = "read errors (the rest of the video is lost)"
 
 
-class SoundPictures:
+class Damageable:
+    """What is known of damage in a stream whose decoder is `context`; what is left out is counted in `counts`."""
+
+    def __init__(self, context: Any, counts: Counter[str]) -> None:
+        self._counts = counts
+        self._refresh = Refresh(context)
+        self._waiting = True  # for what begins afresh
+        self._damaged = False  # since the last picture given
+        self._damage_pts: int | None = None
+
+    def damage(self, pts: int | None) -> None:
+        """Something is missing or wrong at `pts`."""
+        raise NotImplementedError
+
+    def _misses(self, packet: Any) -> bool:
+        """Take note of a packet before it is decoded; whether others are missing before it."""
+        missing = self._refresh.misses(packet)
+        if missing and not self._waiting:
+            self._counts[MISSING] += 1
+        return missing
+
+    def _refused(self, packet: Any) -> None:
+        """The decoder can make nothing of a packet: it is damaged, or leans on what is."""
+        if not self._refresh.entered:
+            self._counts[NO_KEY_FRAME_YET] += 1
+            return
+        leans = self._waiting and self._damaged
+        self._counts[BUILT_ON_DAMAGE if leans else DAMAGED_PACKETS] += 1
+        self.damage(packet.pts)
+
+    @property
+    def _why_waiting(self) -> str:
+        return BUILT_ON_DAMAGE if self._damaged else NO_KEY_FRAME_YET
+
+
+class SoundPictures(Damageable):
     """One pass over a stream: (picture, whether damage lies between it and the one before), in order of display.
 
     What is left out is counted in `counts`; `whole` says that the stream is read from its start on, so that
@@ -45,18 +80,15 @@ class SoundPictures:
         whole: bool,
         begin_by: int | None = None,
     ) -> None:
-        self._container, self._stream, self._counts, self._whole = container, stream, counts, whole
+        decoder = stream.codec_context
+        super().__init__(decoder, counts)
+        self._container, self._stream, self._whole = container, stream, whole
         self._held: deque[tuple[Any, bool]] = deque()
         self._begin_by = begin_by  # None once one has begun
-        self._waiting = True  # for what begins afresh
-        self._damaged = False  # since the last picture given
-        self._damage_pts: int | None = None
         self.read_pts: int | None = None
         self._ahead_pts: list[int] = []  # of damaged packets whose pictures are still in the decoder
-        decoder = stream.codec_context
         self._leaning = False  # whether pictures lean on others: not where each packet is a key frame
         self._hold = REORDERED if decoder is None or decoder.codec.reorder else 0
-        self._refresh = Refresh(decoder)
 
     def __iter__(self) -> Iterator[tuple[Any, bool]]:
         read = owed = 0  # packets; those whose picture was neither given nor counted
@@ -87,24 +119,9 @@ class SoundPictures:
         self._leaning |= packet.size > 0 and not packet.is_keyframe
         if packet.pts is not None:
             self.read_pts = packet.pts if self.read_pts is None else max(packet.pts, self.read_pts)
-        missing = self._refresh.misses(packet)
-        if missing and not self._waiting:
-            self._counts[MISSING] += 1
+        missing = self._misses(packet)
         if (missing or packet.is_corrupt) and packet.pts is not None:
             self._ahead_pts.append(packet.pts)
-
-    def _refused(self, packet: Any) -> None:
-        """The decoder can make nothing of a packet: it is damaged, or leans on what is."""
-        if not self._refresh.entered:
-            self._counts[NO_KEY_FRAME_YET] += 1
-            return
-        leans = self._waiting and self._damaged
-        self._counts[BUILT_ON_DAMAGE if leans else DAMAGED_PACKETS] += 1
-        self._damage(packet.pts)
-
-    @property
-    def _why_waiting(self) -> str:
-        return BUILT_ON_DAMAGE if self._damaged else NO_KEY_FRAME_YET
 
     def _judged(self, picture: Any) -> Iterator[tuple[Any, bool]]:
         if shown := [pts for pts in self._ahead_pts if picture.pts is not None and picture.pts >= pts]:
@@ -132,9 +149,10 @@ class SoundPictures:
         if self._held:
             self._counts[BUILT_ON_DAMAGE] += len(self._held)
             self._held.clear()
-        self._damage(pts)
+        self.damage(pts)
 
-    def _damage(self, pts: int | None) -> None:
+    def damage(self, pts: int | None) -> None:
+        """Something is missing or wrong at `pts`."""
         self._damaged, self._waiting = True, self._leaning
         self._refresh.damage(pts)
         if pts is not None:
@@ -157,7 +175,7 @@ class SoundPictures:
 
     def _gap(self) -> None:
         self._counts[GAP] += 1
-        self._damage(None)
+        self.damage(None)
 
 
 def file_packets(container: Any, stream: Any, gap: Callable[[], None]) -> Iterator[Any]:

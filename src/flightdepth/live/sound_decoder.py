@@ -8,21 +8,14 @@ from typing import Any
 
 from av.error import FFmpegError
 
-from flightdepth.flight.decoding import (
-    BUILT_ON_DAMAGE,
-    DAMAGED_FRAMES,
-    DAMAGED_PACKETS,
-    MISSING,
-    NO_KEY_FRAME_YET,
-)
+from flightdepth.flight.decoding import DAMAGED_FRAMES, Damageable
 from flightdepth.flight.deinterlacing import Deinterlacer
-from flightdepth.flight.refresh import Refresh
 
 MOST_SKIPPED = 60  # packets: B frames keep a key frame in the decoder until others than key frames come
 IN_DECODER_S = 2  # a picture that a decoder still held when news of damage came is not older
 
 
-class SoundDecoder:
+class SoundDecoder(Damageable):
     """A codec context and what is known of damage; what is left out is counted in `counts`.
 
     As `flight.decoding` does for files, but at once: no picture is held back to see whether the next is damaged, only
@@ -30,14 +23,12 @@ class SoundDecoder:
     """
 
     def __init__(self, context: Any, counts: Counter[str]) -> None:
-        self._context, self._counts = context, counts
+        super().__init__(context, counts)
+        self._context = context
         self._deinterlacer = Deinterlacer()
         # Threads by frame would hold back as many pictures as there are cores.
         context.thread_type = "SLICE"
-        self._refresh = Refresh(context)
-        self._waiting, self._damaged = True, False
         self._skipping = 0
-        self._damage_pts: int | None = None
 
     def decode(self, packet: Any) -> Iterator[Any]:
         """Sound pictures of one packet; the last of a file come with the empty packet at its end."""
@@ -58,9 +49,7 @@ class SoundDecoder:
 
     def _take_note(self, packet: Any) -> None:
         """What is known of a packet before it is decoded."""
-        missing = self._refresh.misses(packet)
-        if missing and not self._waiting:
-            self._counts[MISSING] += 1
+        missing = self._misses(packet)
         if missing or packet.is_corrupt:
             self.damage(packet.pts)
         if self._skipping:
@@ -69,19 +58,6 @@ class SoundDecoder:
             self._refresh.damage(None)
         if self._waiting:
             self._refresh.begin_anew(packet)
-
-    def _refused(self, packet: Any) -> None:
-        """The decoder can make nothing of a packet: it is damaged, or leans on what is."""
-        if not self._refresh.entered:
-            self._counts[NO_KEY_FRAME_YET] += 1
-            return
-        leans = self._waiting and self._damaged
-        self._counts[BUILT_ON_DAMAGE if leans else DAMAGED_PACKETS] += 1
-        self.damage(packet.pts)
-
-    @property
-    def _why_waiting(self) -> str:
-        return BUILT_ON_DAMAGE if self._damaged else NO_KEY_FRAME_YET
 
     def damage(self, pts: int | None) -> None:
         """Something is missing or wrong at `pts`."""
