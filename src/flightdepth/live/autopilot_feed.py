@@ -86,9 +86,9 @@ class AutopilotFeed:
         elif name == GIMBAL:
             self._take_gimbal(message, source, now_ns)
         elif source == self.vehicle:
-            before = Counter(self.counts)
+            before = Counter(self.counts) if name in VELOCITIES else None
             self._take_autopilot(name, message, now_ns)
-            if name in VELOCITIES and (left_out := self.counts - before):
+            if before is not None and (left_out := self.counts - before):
                 self._left_out = next(iter(left_out)), now_ns
 
     def boot_ns(self, live_ns: int) -> int | None:
