@@ -15,7 +15,6 @@ import argparse
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -40,18 +39,6 @@ ONE_LENS_DEG = 90.0
 LARGEST_ERROR = 2.0  # relative; more counts as this
 EDGE_PX, HANGING_PX = 4, 6
 HEADINGS = ("mean", "median", "at edges: mean", "median", "hanging", "ms")
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Relative errors of one map, and the milliseconds that it took from the network's output."""
-
-    mean: float
-    median: float
-    edge_mean: float
-    edge_median: float
-    hanging: float
-    ms: float
 
 
 def rooms(count: int, network: Network) -> Iterator[Pair]:
@@ -94,7 +81,8 @@ def hangs(depth_m: np.ndarray, truth_m: np.ndarray) -> float:
     return float((off[asked] > 0.12).mean()) if asked.any() else np.nan
 
 
-def measured(sample: Callable[[], np.ndarray], truth_m: np.ndarray) -> Errors:
+def measured(sample: Callable[[], np.ndarray], truth_m: np.ndarray) -> tuple[float, ...]:
+    """Figures under HEADINGS: relative errors of a map, and what it took from the network's output."""
     began = time.perf_counter()
     depth_m = sample()
     took_ms = (time.perf_counter() - began) * 1000
@@ -103,8 +91,8 @@ def measured(sample: Callable[[], np.ndarray], truth_m: np.ndarray) -> Errors:
     nearest, farthest = extremes(truth_m, EDGE_PX)
     edge = known & (farthest > 1.3 * nearest)
     at_edges = off[edge] if edge.any() else np.array([np.nan])
-    values = off[known].mean(), np.median(off[known]), at_edges.mean(), np.median(at_edges)
-    return Errors(*map(float, values), hangs(depth_m, truth_m), took_ms)
+    errors = off[known].mean(), np.median(off[known]), at_edges.mean(), np.median(at_edges)
+    return (*errors, hangs(depth_m, truth_m), took_ms)
 
 
 def table(name: str, scenes: int) -> Table:
@@ -127,10 +115,9 @@ def table(name: str, scenes: int) -> Table:
     shown = Table(
         "", *HEADINGS, title=f"{name}: relative error at the pictures' own pixels", caption=origin_of(network)
     )
-    for row, errors in rows.items():
-        means = np.nanmean([list(vars(each).values()) for each in errors], axis=0)
-        ms = np.median([each.ms for each in errors])
-        shown.add_row(row, *(f"{value:.3f}" for value in means[:-1]), f"{ms:.1f}")
+    for row, figures in rows.items():
+        *errors, ms = np.array(figures).T
+        shown.add_row(row, *(f"{np.nanmean(each):.3f}" for each in errors), f"{np.median(ms):.1f}")
     return shown
 
 

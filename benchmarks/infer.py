@@ -17,6 +17,7 @@ import argparse
 import math
 import platform
 import time
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache, partial
@@ -218,32 +219,33 @@ def measure(networks: Sequence[StoredNetwork], size: int, batch: int, seconds: f
 
 
 def table(timings: list[Timing], cpu: str) -> Table:
-    shown = Table(title=f"ms per call, median (p95), on {cpu}", box=None)
-    names = list(dict.fromkeys(timing.runtime for timing in timings))
-    for heading in ("network", "size", "batch", *names):
-        shown.add_column(heading, justify="left" if heading == "network" else "right")
-    cells: dict[tuple[str, int, int], dict[str, str]] = {}
-    for timing in timings:
-        row = cells.setdefault((timing.network, timing.size, timing.batch), {})
-        row[timing.runtime] = f"{timing.median_ms:.2f} ({timing.p95_ms:.2f})"
-    for (network, size, batch), row in cells.items():
-        shown.add_row(network, str(size), str(batch), *(row[name] for name in names))
-    return shown
+    cells = [
+        (t.network, str(t.size), str(t.batch), t.runtime, f"{t.median_ms:.2f} ({t.p95_ms:.2f})")
+        for t in timings
+    ]
+    return by_runtime(f"ms per call, median (p95), on {cpu}", ("network", "size", "batch"), cells)
 
 
 def peak_table(timings: list[Timing]) -> Table:
-    known = [timing for timing in timings if timing.peak_share is not None]
-    shown = Table(title="share of the machine's matrix peak in the same precision", box=None)
-    names = list(dict.fromkeys(timing.runtime for timing in known))
-    for heading in ("network", "size", "batch", "GFLOP", *names):
+    cells = [
+        (t.network, str(t.size), str(t.batch), f"{t.operations / 1e9:.2f}", t.runtime, f"{t.peak_share:.0%}")
+        for t in timings
+        if t.peak_share is not None
+    ]
+    title = "share of the machine's matrix peak in the same precision"
+    return by_runtime(title, ("network", "size", "batch", "GFLOP"), cells)
+
+
+def by_runtime(title: str, keys: tuple[str, ...], cells: list[tuple[str, ...]]) -> Table:
+    """A row for all cells (keys, runtime, text) of the same keys, and a column for each runtime."""
+    shown, rows = Table(title=title, box=None), defaultdict(dict)
+    for *row, runtime, text in cells:
+        rows[tuple(row)][runtime] = text
+    columns = list(dict.fromkeys(runtime for *_, runtime, _ in cells))
+    for heading in (*keys, *columns):
         shown.add_column(heading, justify="left" if heading == "network" else "right")
-    rows: dict[tuple[str, int, int, int], dict[str, str]] = {}
-    for timing in known:
-        row = rows.setdefault((timing.network, timing.size, timing.batch, timing.operations), {})
-        row[timing.runtime] = f"{timing.peak_share:.0%}"
-    for (network, size, batch, count), row in rows.items():
-        shares = (row.get(name, "") for name in names)
-        shown.add_row(network, str(size), str(batch), f"{count / 1e9:.2f}", *shares)
+    for row, texts in rows.items():
+        shown.add_row(*row, *(texts.get(runtime, "") for runtime in columns))
     return shown
 
 

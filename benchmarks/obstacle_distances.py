@@ -18,14 +18,13 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.evaluation.network import without_nan
 from flightdepth.evaluation.provenance import network_facts, source_commit
-from flightdepth.files import write_json
+from flightdepth.files import file_in_progress, write_json
 from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import UNKNOWN, distances_cm
 from flightdepth.live.obstacle_rays import sectors_of
@@ -39,6 +38,7 @@ from flightdepth.runtimes.network import load_network, nearest_network
 from flightdepth.scenes.outdoor import draw_outdoor, outdoor_flight
 from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.scenes.outdoor_textures import outdoor_textures
+from flightdepth.stillbox.photometric import through_jpeg
 from flightdepth.weights.store import find_network, read_card
 
 # Low, so that much of what is seen stands in the corridor, at 3 to 40 m.
@@ -93,9 +93,8 @@ def part(number: int, work: Path) -> list[Compared]:
     if not path.exists():
         flown = compared(number)
         named = {f"{name}_{i}": value for i, one in enumerate(flown) for name, value in asdict(one).items()}
-        with path.with_suffix(".part").open("wb") as file:
+        with file_in_progress(path) as file:
             np.savez(file, **named)
-        path.with_suffix(".part").replace(path)
     with np.load(path) as stored:
         return [
             Compared(*(stored[f"{name}_{i}"] for name in ("told_m", "true_m", "ahead")))
@@ -107,7 +106,7 @@ def compared(number: int) -> list[Compared]:
     """Flight `number` for each of WAYS."""
     flight = outdoor_flight(CONFIG, SEED, number)
     rendered = render(draw_outdoor(CONFIG, SEED, number), outdoor_textures(0), CAMERA)
-    images = [through_jpeg(image) for image in rendered.images]
+    images = [through_jpeg(image, JPEG_QUALITY) for image in rendered.images]
     velocity_ned = flight.velocity(np.arange(CONFIG.frames) / CONFIG.rate_hz) @ NED_FROM_CAMERA.T
     attitude = quaternion_from_rotation(NED_FROM_CAMERA @ flight.world_from_camera)
     truths = {
@@ -123,12 +122,6 @@ def compared(number: int) -> list[Compared]:
         }
         found.append(against(told, truths, abs(velocity_ned[:, 0]) > abs(velocity_ned[:, 1])))
     return found
-
-
-def through_jpeg(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """As a camera's encoder leaves it."""
-    data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
-    return np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
 
 
 def fly(

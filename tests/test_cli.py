@@ -108,6 +108,34 @@ def test_help_says_all_in_80_columns(words, monkeypatch, capsys):
     assert [parameter.name for parameter in COMMANDS[words] if not parameter.help] == []
 
 
+@pytest.fixture
+def help_paragraphs(monkeypatch, capsys):
+    """What the help of a command says above its options in so many columns, paragraph by paragraph."""
+
+    def paragraphs(words, columns):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        assert cli.main([*words, "--help"]) == 0
+        above, *_ = capsys.readouterr().out.partition("\N{BOX DRAWINGS LIGHT ARC DOWN AND RIGHT}")
+        return "\n".join(line.rstrip() for line in above.splitlines()).strip().split("\n\n")
+
+    return paragraphs
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_a_help_is_not_broken_anew_in_80_columns(words, help_paragraphs):
+    """A line of `convert` ended after its first two words, and an example of `render` ran over two."""
+    after_usage_and_summary = slice(2, None)
+    narrow, wide = (help_paragraphs(words, columns)[after_usage_and_summary] for columns in (80, 200))
+    assert narrow == wide
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_examples_in_a_help_can_be_pasted(words, help_paragraphs):
+    """Those of `live` ran over two lines, and the shell took the first for all of it."""
+    examples = [part for part in help_paragraphs(words, 80) if part.startswith("   flightdepth ")]
+    assert [line for part in examples for line in part.splitlines()[:-1] if not line.endswith(" \\")] == []
+
+
 def test_an_unknown_option_is_2(capsys):
     assert cli.main(["run", "flight.mp4", "--frobnicate"]) == 2
 

@@ -173,7 +173,7 @@ def test_a_set_is_one_render_s_at_a_time(layout, capsys):
 def test_a_config_is_a_table_of_knobs(capsys):
     Path("short.toml").write_text('name = "mine"\n')
     assert render() == 2
-    assert "'name'" in capsys.readouterr().err
+    assert "set, name: expected keys from scenes, width" in capsys.readouterr().err
 
 
 def test_an_option_comes_before_the_config():

@@ -308,7 +308,10 @@ def test_a_run_whose_peer_can_tell_nothing_is_exported(exported, tmp_path, monke
     monkeypatch.setattr(peer, "BLIND_PX", 1e9)
     run = str(exported / "runs/small")
     assert cli.main(["export", run, "--scenes", "1", "--full-precision", "--out", "blind"]) == 0
-    assert "classical peer - m" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "classical peer - m" in out
+    # Once both were called a test set.
+    assert [line.split(" ━")[0] for line in out.splitlines() if "━" in line] == ["test set", "calibration"]
     assert "classical_l1_m" not in read_network(tmp_path / "blind/small.onnx").card.metrics
 
 

@@ -1,10 +1,8 @@
 """Wrong motion: what each kind does to a network that looks along it, and to one that knows its length alone."""
 
-from collections.abc import Mapping
-
-import numpy as np
 import pytest
 from plane_pairs import plane_pair
+from test_evaluate_network import Constant
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
@@ -17,22 +15,12 @@ DIRECTION, SPEED, ROTATION = KINDS
 MENDED = DEROTATED.format("best-hypothesis")
 
 
-class Flat:
-    """Answers 9.6 m whatever it sees: 2 px of shift at D0."""
-
-    description, architecture = "numpy", "DepthNet"
-
-    def __call__(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        n, height, width, _ = inputs["pairs"].shape
-        return {"depth_m": np.full((n, height // 4, width // 4), 9.6, np.float32)}
-
-
 @pytest.fixture(scope="module")
 def rows():
     depth_m = 64 * 0.3 / 2.0
     moves = [(0.3, 0.0, 0.0), (0.0, -0.3, 0.0), (-0.2, 0.2236, 0.0)]
     pairs = [plane_pair(CAMERA, move, distance_m=depth_m, seed=seed) for seed, move in enumerate(moves)]
-    flat = Network(difference_card(focal_px=64.0, depth_min_m=0.0, depth_max_m=100.0), Flat())
+    flat = Network(difference_card(focal_px=64.0, depth_min_m=0.0, depth_max_m=100.0), Constant(depth_m))
     found = noise_rows([Network(swept_card(), BestHypothesis()), flat], pairs)
     return {(row["kind"], row["size"]): row for row in found}
 
@@ -81,7 +69,7 @@ def test_all_networks_are_asked_about_the_same_wrong_pairs():
 
 
 def test_two_networks_of_one_name_are_no_two_columns():
-    flat = Network(difference_card(focal_px=64.0), Flat())
+    flat = Network(difference_card(focal_px=64.0), Constant(9.6))
     with pytest.raises(BadInput, match="different names, got difference, difference"):
         noise_rows([flat, flat], [])
 
@@ -92,4 +80,4 @@ def test_errors_in_other_metres_do_not_stand_side_by_side(other):
     cards = (difference_card(focal_px=64.0), difference_card(name="other", focal_px=64.0, **other))
     pair = plane_pair(CAMERA, (0.3, 0.0, 0.0), distance_m=9.6)
     with pytest.raises(BadInput, match="expected networks of one range, got difference 0 to 100 m"):
-        noise_rows([Network(card, Flat()) for card in cards], [pair])
+        noise_rows([Network(card, Constant(9.6)) for card in cards], [pair])

@@ -5,9 +5,16 @@ import pytest
 from range_parts import sequence
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation.ranges_confidence import BINS, Reliability, reliability
-from flightdepth.evaluation.ranges_coverage import PLACES, Coverage, coverage
-from flightdepth.evaluation.ranges_flicker import flicker, moved
+from flightdepth.evaluation.ranges_measures import (
+    BINS,
+    PLACES,
+    Coverage,
+    Reliability,
+    coverage,
+    flicker,
+    moved,
+    reliability,
+)
 from flightdepth.evaluation.ranges_peers import flow_card, least_relative_m
 from flightdepth.evaluation.ranges_sequences import log_of
 

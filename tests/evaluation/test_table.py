@@ -46,7 +46,8 @@ def widths(name):
     before = []
     if loaded.starts_from:
         parent, stage = loaded.starts_from.split("/")
-        before = [(n, w) for n, w in widths(parent) if int(n) <= int(stage)]
+        known = widths(parent)
+        before = known[: [name for name, _ in known].index(stage) + 1]
     return before + [(stage.name, stage.full_width) for stage in loaded.stages]
 
 
@@ -146,11 +147,11 @@ COMMAND = ["evaluate", "table", "--scenes", "2", "--procedural", "2", "--json", 
 def test_all_recipes_are_trained_with_one_dial(world, capsys):
     runs, textures = Path("dial"), Textures.procedural(2, 1)
     table.train_all(runs, textures, 8)
-    assert "4 of 4: table-flownets, 32 pairs in 4 stages" in capsys.readouterr().out
+    assert "4 of 4: table-flownets, 40 pairs in 5 stages" in capsys.readouterr().out
     seen = {row.source: read_progress(parent_checkpoint(runs, row.source)).seen for row in paper.ROWS}
-    assert seen["table-depthnet/512"] == seen["table-flownets/512"] == 4 * 8
-    assert seen["table-depthnet-64-512/512"] == 2 * 8
-    assert seen["table-depthnet-512/512"] == 8
+    assert seen["table-depthnet/512"] == seen["table-flownets/512"] == 5 * 8
+    assert seen["table-depthnet-64-512/512"] == 3 * 8
+    assert seen["table-depthnet-512/512"] == 2 * 8
     before = {path: path.read_bytes() for path in runs.glob("*/*.safetensors")}
     table.train_all(runs, textures, 8)
     assert {path: path.read_bytes() for path in before} == before
@@ -169,9 +170,9 @@ def test_the_whole_table_with_one_dial(world, capsys):
         assert measured["test"]["network"]["l1_m"] > 0
         assert {"commit", "weights_sha256", "recipe_digest", "set_version"} <= measured.keys()
     samples = {row["source"]: row["measured"]["samples"] for row in rows}
-    assert samples["table-depthnet/512"] == 4 * 8
-    assert samples["table-depthnet-64-512/512"] == 2 * 8
-    assert samples["table-depthnet-512/512"] == 8
+    assert samples["table-depthnet/512"] == 5 * 8
+    assert samples["table-depthnet-64-512/512"] == 3 * 8
+    assert samples["table-depthnet-512/512"] == 2 * 8
 
 
 @pytest.mark.slow
@@ -210,7 +211,7 @@ def test_a_run_in_the_folder_fills_its_row(world, capsys):
     assert cli.main([*COMMAND, "--runs", "one"]) == 0, capsys.readouterr().err
     rows = {row["title"]: row for row in json.loads((world / "table.json").read_text())["rows"]}
     measured = rows["DepthNet 512"]["measured"]
-    assert measured["samples"] == 8
+    assert measured["samples"] == 2 * 8
     assert measured["train"]["pairs"] == 2
     assert rows["DepthNet 64"]["measured"] is None
     assert rows["DepthNet 512, compute of the chain"]["measured"] is None

@@ -10,6 +10,7 @@ from flightdepth.flight.records import AttitudeSample, VelocitySample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.telemetry_csv import read_csv, write_csv
 from flightdepth.motion import rotation_from_quaternion
+from tests_recordings import place
 
 WORLD = "time_s,vn_m_s,ve_m_s,vd_m_s\n"
 ANGLES = "camera_yaw_deg,camera_pitch_deg,camera_roll_deg"
@@ -110,10 +111,73 @@ def test_blank_lines_and_a_byte_order_mark_do_not_matter(tmp_path):
     assert len(read(tmp_path, "\ufeff" + GOOD + "\n\n").samples) == 2
 
 
+NED_M_S = np.array([4.0, -3.0, -0.5])
+PLACES = "time_s,latitude_deg,longitude_deg,altitude_m\n"
+
+
+def placed(ned, altitude=True):
+    latitude, longitude = place(*ned[:2])
+    return f"{latitude:.8f},{longitude:.8f}" + f",{500 - ned[2]:.2f}" * altitude
+
+
+def flown(rows=40, **options):
+    return [f"{i / 10},{placed(NED_M_S * i / 10, **options)}" for i in range(rows)]
+
+
+def test_positions_alone_tell_the_velocity(tmp_path):
+    """As a receiver's logger writes them; they were refused, while those of subtitles and of ROS were taken."""
+    log = read(tmp_path, PLACES + "\n".join(flown()) + "\n")
+    assert log.name == "CSV log.csv: velocity by its positions"
+    assert [sample.frame for sample in log.velocities] == ["world"] * 40
+    assert np.allclose([sample.velocity for sample in log.velocities], NED_M_S, atol=0.02)
+    assert all(0 < sample.sigma < 0.2 for sample in log.velocities)
+    assert log.places.at(10**9)[2] == pytest.approx(500.5)
+    assert not log.any_direction and log.true_north and log.counts == {}
+
+
+def test_without_altitudes_a_flight_is_taken_as_level(tmp_path):
+    header = PLACES.replace(",altitude_m", "")
+    log = read(tmp_path, header + "\n".join(flown(altitude=False)) + "\n")
+    assert np.allclose([sample.velocity for sample in log.velocities], (4, -3, 0), atol=0.02)
+    assert log.counts == {"positions without an altitude": 40}
+
+
+def test_an_attitude_beside_positions_is_the_cameras(tmp_path):
+    rows = [f"{row},90,-30,0" for row in flown()]
+    log = read(tmp_path, PLACES.replace("\n", f",{ANGLES}\n") + "\n".join(rows) + "\n")
+    assert (len(log.velocities), len(log.attitudes)) == (40, 40)
+
+
+def test_positions_that_tell_nothing_are_left_out_and_counted(tmp_path):
+    rows = flown()
+    rows[0], rows[7], rows[11] = "0.0,,,", "0.7,0,0,0", f"1.1,{placed(NED_M_S + np.array([900, 0, 0]))}"
+    log = read(tmp_path, PLACES + "\n".join([*rows, rows[-1]]) + "\n")
+    assert np.allclose([sample.velocity for sample in log.velocities], NED_M_S, atol=0.02)
+    assert log.counts == {
+        "positions without a fix": 2,
+        "positions that jump": 1,
+        "velocities not later than the one before": 1,
+    }
+
+
+def test_a_velocity_that_is_told_comes_before_that_of_positions(tmp_path):
+    log = read(
+        tmp_path, PLACES.replace("\n", ",speed_m_s\n") + "\n".join(f"{row},7" for row in flown()) + "\n"
+    )
+    assert {sample.velocity[0] for sample in log.velocities} == {7}
+
+
+@pytest.mark.parametrize("rows", [flown(1), ["0,,,", "1,,,"]])
+def test_fewer_than_two_positions_tell_no_velocity(tmp_path, rows):
+    with pytest.raises(BadInput, match="expected a velocity, or positions that tell one, got none"):
+        read(tmp_path, PLACES + "\n".join(rows) + "\n")
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("", "an empty file"),
+        ("time,latitude,longitude\n", "or latitude_deg, longitude_deg"),
         (WORLD, "only the header"),
         ("a,b\n1,2\n", "one time column"),
         ("time_s,stamp_ns,vn_m_s,ve_m_s,vd_m_s\n", "one time column"),

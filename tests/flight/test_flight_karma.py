@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flightdepth.flight import Frame, Steadiness, VelocitySample, open_flight
+from flightdepth.flight import Frame, Steadiness, VelocitySample, gpmf_telemetry, open_flight
 from flightdepth.flight.gpmf import streams
 from flightdepth.flight.gpmf_telemetry import payloads
 from flightdepth.flight.positions import local_ned
@@ -49,6 +49,15 @@ def test_its_way_follows_the_positions_that_its_drone_tells(judged):
     way, _ = integrate(stamps, np.array([item.velocity for item in velocities]), track.stamps_ns)
     apart = way - local_ned(track.places[:, :2], track.places[:, 2])
     assert np.linalg.norm((apart - np.median(apart, axis=0))[:, :2], axis=1).max() < 3.5
+
+
+def test_what_the_drone_itself_says_of_its_velocity_is_doubted_by_its_positions(judged, monkeypatch):
+    """Until both were brought together depth was so much too far, and `run` said nothing."""
+    assert not any("positions tell" in line for line in judged[0].warnings)
+    monkeypatch.setattr(gpmf_telemetry, "MOST_WRONG_M_S", 0.0)
+    with open_flight(KARMA, hfov_deg=64.4) as flight:
+        (line,) = (line for line in flight.warnings if "positions tell" in line)
+    assert "is 4.2 % longer" in line and "so much too far" in line
 
 
 @pytest.fixture(scope="module")

@@ -185,6 +185,14 @@ def test_a_log_of_the_videos_name_beside_it_is_found(video, tmp_path):
         open_flight(video, hfov_deg=60)
 
 
+@pytest.mark.parametrize(("film", "name"), [("FLIGHT.MP4", "flight.csv"), ("Flight.mp4", "FLIGHT.CSV")])
+def test_a_log_beside_the_video_may_be_written_in_another_case(video, tmp_path, film, name):
+    """The camera's card and the autopilot's: "no log beside it whose name is FLIGHT"."""
+    log(tmp_path, range(0, 2100, 100)).rename(tmp_path / name)
+    with open_flight(video.rename(tmp_path / film), hfov_deg=60) as flight:
+        assert name in flight.telemetry_name
+
+
 def test_a_track_without_a_velocity_leaves_the_log_beside_the_video(video, tmp_path):
     """A GoPro that never had a fix, on a drone whose log has the video's name."""
     add_gpmf(video, [gps5_payload([[48, 11, 500, 0, 0]] * 18, fix=0)] * 2)

@@ -79,7 +79,11 @@ class Flying:
             ready_ns=self.clock_ns,
             boot_ns=None,
             motion=MotionAt(
-                camera_attitude(), np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 3.0, 0.0]), None
+                camera_attitude(),
+                np.array([1.0, 0.0, 0.0, 0.0]),
+                np.array([0.0, 3.0, 0.0]),
+                None,
+                self.clock_ns - 40_000_000,
             ),
             status=self.status(),
         )

@@ -260,6 +260,16 @@ def test_rates_and_ages_by_hand():
     assert (ages.p95_ms, ages.last_ms) == (7.0, 7.0)
 
 
+def test_a_rate_begins_anew_after_a_pause():
+    """After a camera that came back 1.7 pictures a second were told for 10, and the machine was called too slow."""
+    rate = Rate()
+    for i in range(11):
+        rate.add(i * S // 10)
+    for i in range(5):
+        rate.add(3 * S + i * S // 10)
+    assert rate.hz(3 * S + 4 * S // 10) == pytest.approx(10)
+
+
 def test_ages_end_with_their_minute():
     """Hours after the stream's end /metrics told the last ones, as of the last minute."""
     ages = Ages(span_s=60)

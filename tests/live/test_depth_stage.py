@@ -7,7 +7,7 @@ from live_peers import sample_pictures
 
 from flightdepth.camera import Camera
 from flightdepth.flight.records import BodyAttitudeSample, VelocitySample
-from flightdepth.live.depth_stage import DepthStage, Lens
+from flightdepth.live.depth_stage import FROZEN, DepthStage, Lens
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.motion import NED_FROM_CAMERA
 from flightdepth.runtimes.network import load_network
@@ -49,6 +49,22 @@ def test_a_fixed_camera_that_turns_is_noticed_though_nobody_tells_the_drones_att
             store.add(BodyAttitudeSample(stamp_ns, np.array([np.cos(half), 0, 0, np.sin(half)])), stamp_ns)
         staged = stage.take(stamp_ns, seen(wide, i * TURN_RAD - 0.1))
     assert witness in staged.depth.reason
+
+
+def test_a_frozen_picture_has_one_name(wide, save_difference_network):
+    """A dark scene, new to one look and the same to the other, flipped between two names."""
+    network = load_network(save_difference_network(), device="cpu", threads=1)
+    store = MotionStore(NED_FROM_CAMERA)
+    stage = DepthStage(network, Lens(CAMERA), store, ranges=1, fixed=False)
+    image, reasons = np.zeros((180, 320, 3), np.uint8), []
+    for i in range(30):
+        stamp_ns = 10**9 + i * FRAME_NS
+        store.add(VelocitySample(stamp_ns, np.array([3.0, 0, 0])), stamp_ns)
+        image[::4, ::4] = i % 2 if i > 15 else 0  # all that the stage looks at
+        staged = stage.take(stamp_ns, image)
+        reasons += [staged.depth.reason] if staged is not None else []
+    assert {reason.split(":")[0] for reason in reasons[1:]} == {FROZEN}
+    assert {reason.endswith(" in flight") for reason in reasons[1:]} == {True, False}  # both looks saw it
 
 
 def test_one_picture_from_the_future_does_not_blind_the_estimator_until_then(wide, save_difference_network):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+import weakref
 from collections import Counter
 from types import SimpleNamespace
 
@@ -14,6 +15,7 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.flight.turned_focal import TurnedFocal
+from flightdepth.live import engine as engine_module
 from flightdepth.live.depth_stage import DepthStage, Lens, NoCalibration, Staged
 from flightdepth.live.engine import LiveEngine, Parts
 from flightdepth.live.meters import Rate
@@ -44,7 +46,7 @@ class Stage:
         if self.errors:
             raise self.errors.pop(0)
         depth = RangedDepth.unknown(CAMERA.height, CAMERA.width, "hovering", 1.0)
-        return Staged(depth, image, CAMERA, changed=True, compiled=self.compiles)
+        return Staged(depth, image, CAMERA, compiled=self.compiles)
 
 
 class Video:
@@ -143,7 +145,7 @@ def test_rates_are_read_under_the_lock_alone():
             return super().hz(now_ns)
 
     run = engine()
-    run._pictures, run._results = Guarded(), Guarded()
+    run._pictures, run._taken, run._results = Guarded(), Guarded(), Guarded()
     run.run(threading.Event())
     run.status()
 
@@ -197,6 +199,59 @@ def test_what_turns_say_of_the_lens_is_the_state():
     run = LiveEngine(parts)
     assert run.status().lens is told
     assert run._monitor.lens_doubt == told.doubt
+
+
+def test_why_nothing_comes_is_said_once_until_something_does():
+    """A line each second or two for as long as a camera was off, beside the state that says it anyway."""
+    said = []
+    run = engine(say=said.append)
+    for _ in range(3):
+        run._on_stream_error("nothing came in time")
+        run.on_link_error("MAVLink tcp:x:1: refused")
+    run._on_stream_error("another sender began")
+    run._on_picture(1)
+    run.on_velocity(1)
+    run._on_stream_error("another sender began")
+    run.on_link_error("MAVLink tcp:x:1: refused")
+    again = "; opening it again"
+    came, other = f"video: nothing came in time{again}", f"video: another sender began{again}"
+    link = f"MAVLink tcp:x:1: refused{again}"
+    assert said == [came, link, other, other, link]
+
+
+def test_pictures_that_repeat_are_no_slow_machine(monkeypatch):
+    """Of a camera of 5 pictures a second in a stream of 30 it said `the machine is too slow`."""
+    run, clock = engine(), SimpleNamespace(now_ns=10**12)
+    take = run._stage.take
+    monkeypatch.setattr(engine_module, "time", SimpleNamespace(monotonic_ns=lambda: clock.now_ns))
+    for i in range(60):
+        clock.now_ns += 10**9 // 30
+        monkeypatch.setattr(run._stage, "take", (lambda *picture: None) if i % 6 else take)
+        run._on_picture(clock.now_ns)
+        run._work(PICTURE)
+    assert run.status().fps == pytest.approx(5)
+    assert run._monitor.taken_hz == pytest.approx(30)
+
+
+def test_the_engine_keeps_no_result():
+    """Freeing the last one's maps took milliseconds, with the lock held."""
+    run = engine()
+    kept = []
+    run.add_sink("test", lambda result: kept.append(weakref.ref(result.depth)))
+    run.run(threading.Event())
+    run._sinks[0].close()
+    assert kept and kept[0]() is None
+
+
+def test_of_a_sink_s_failure_the_error_s_own_words_are_told():
+    said = []
+    run = engine(say=said.append)
+    run._on_sink_failure("recorder", BadInput("disk", expected="500 MB", got="1 MB"))
+    run._on_sink_failure("page", OSError("broken"))
+    assert said == [
+        "recorder failed, the estimator goes on: disk: expected 500 MB, got 1 MB",
+        "page failed, the estimator goes on: OSError: broken",
+    ]
 
 
 UNCALIBRATED = NoCalibration("camera: expected a calibration for 100x100, got one for 6x4")
@@ -301,10 +356,11 @@ def test_of_a_clock_that_nobody_asked_for_nothing_is_said(monkeypatch):
 
 
 @pytest.mark.parametrize("compiles", [True, False])
-def test_the_time_to_compile_is_no_load(compiles: bool) -> None:
+def test_the_time_to_compile_is_no_load_and_no_age(compiles: bool) -> None:
     run = engine()
     run._stage.compiles = compiles
     loads: list[float] = []
     run._control = SimpleNamespace(add=lambda now_ns, busy_ms, period_ms: loads.append(busy_ms) or 1)
     run.run(threading.Event())
     assert len(loads) == (0 if compiles else 1)
+    assert (run.status().age_ms is None) == compiles  # of seconds, in the p95 of the first ones

@@ -2,8 +2,8 @@
 
 import pytest
 
+from flightdepth.live.depth_stage import FROZEN
 from flightdepth.live.health import (
-    FROZEN,
     LATE,
     LENS,
     NO_TELEMETRY,
@@ -33,7 +33,6 @@ class Flight:
         seconds,
         *,
         pictures=True,
-        changed=True,
         results=True,
         no_depth=None,
         doubt=None,
@@ -49,8 +48,6 @@ class Flight:
                 self.monitor.velocity(now)
             if pictures:
                 self.monitor.picture(now)
-            if pictures and changed:
-                self.monitor.changed(now)
             if pictures and results:
                 self.monitor.result(now, no_depth=no_depth, age_ms=age, doubt=doubt)
             healths.append(self.monitor.judge(now))
@@ -122,7 +119,7 @@ def test_all_well_is_ok_and_stays_so(flight):
     [
         ({"pictures": False}, State.LOST, SILENT, 2.0),
         ({"results": False}, State.LOST, STUCK, 2.2),
-        ({"changed": False}, State.DEGRADED, FROZEN, 1.2),
+        ({"no_depth": f"{FROZEN}: the same for 0.31 s"}, State.DEGRADED, FROZEN, 0.4),
         ({"velocity": False}, State.DEGRADED, LATE, 0.6),
         ({"no_depth": "hovering: flown 0.01 m"}, State.DEGRADED, "hovering", 0.4),
         ({"no_depth": "turns 3.0 degrees in 0.10 s"}, State.DEGRADED, "turns", 0.4),
@@ -140,7 +137,7 @@ def test_each_trouble_is_told_in_time_and_ends(flight, off, state, reason, withi
 def test_what_a_sink_lacks_is_told_until_it_has_it(flight):
     flight.monitor.lacking = "obstacles are unknown: nobody tells the drone's heading"
     assert flight.fly(1)[-1].state is State.DEGRADED
-    assert flight.noticed_s(State.DEGRADED, FROZEN, changed=False) < 2  # worse things first
+    assert flight.noticed_s(State.DEGRADED, FROZEN, no_depth=FROZEN) < 2  # worse things first
     flight.monitor.lacking = None
     assert flight.fly(2)[-1].state is State.OK
 
@@ -214,10 +211,10 @@ def test_a_source_that_died_is_not_a_frozen_picture(flight):
 
 
 def test_a_slow_machine(flight):
-    flight.monitor.pictures_hz, flight.monitor.results_hz = 30.0, 3.0
+    flight.monitor.pictures_hz, flight.monitor.taken_hz = 30.0, 3.0
     told = flight.fly(FRAME_S)[-1].reason
     assert told == f"{SLOW}: 3.0 results a second of 30 pictures; --no-align take less time"
-    flight.monitor.pictures_hz, flight.monitor.results_hz = 4.0, 4.0  # a slow camera is none
+    flight.monitor.pictures_hz, flight.monitor.taken_hz = 4.0, 4.0  # a slow camera is none
     assert flight.fly(1)[-1].state is State.OK
 
 

@@ -16,7 +16,8 @@ from flightdepth.flight.records import AttitudeSample, BodyAttitudeSample
 from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live import lens_watch
-from flightdepth.live.health import FROZEN, LENS, HealthMonitor
+from flightdepth.live.depth_stage import FROZEN
+from flightdepth.live.health import LENS, HealthMonitor
 from flightdepth.live.lens_watch import APART_NS, LEAST_NEW, MOST_PAIRS, MOST_WAITING, LensWatch
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation
@@ -140,7 +141,7 @@ def test_pictures_that_turn_more_smoothly_say_nothing(monkeypatch):
 
 def test_pictures_that_stand_still_are_left_out(monkeypatch):
     flight, store = Flight(monkeypatch, HOVERING), MotionStore(NED_FROM_CAMERA)
-    flight.fly(LensWatch(store), store, reason=FROZEN)
+    flight.fly(LensWatch(store), store, reason=f"{FROZEN}: the same for 0.31 s")
     assert flight.judged == []
 
 
@@ -207,7 +208,7 @@ def test_what_is_kept_is_bounded(monkeypatch):
 def test_the_state_names_both_focal_lengths(monkeypatch):
     watch, _ = flown(monkeypatch, camera=WRONG)
     monitor = HealthMonitor(0)
-    for happened in (monitor.picture, monitor.changed, monitor.velocity):
+    for happened in (monitor.picture, monitor.velocity):
         happened(1)
     monitor.result(1, no_depth=None, age_ms=20.0)
     monitor.lens_doubt = watch.verdict.doubt

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_peers import skip_where_time_is_not_real, until
+from live_peers import SAMPLE, skip_where_time_is_not_real, until
 from live_runs import running
 
 from flightdepth.errors import BadInput
@@ -32,6 +32,18 @@ def test_a_name_of_the_table_is_that_lens():
 def test_a_field_of_view_holds_for_any_size():
     lens = Lens.given(None, 80.0)
     assert {round(lens.at(*size).horizontal_fov_deg, 6) for size in [(640, 480), (1280, 720)]} == {80.0}
+
+
+@pytest.mark.parametrize(
+    ("given", "hfov_deg", "told"),
+    [
+        (Path(NAME), None, f"{NAME} in the table of lenses: "),
+        (SAMPLE / "camera.json", None, "calibration camera.json"),
+        (None, 80.0, "--hfov 80, an ideal lens"),
+    ],
+)
+def test_where_a_camera_comes_from_is_told(given, hfov_deg, told):
+    assert Lens.given(given, hfov_deg).source.startswith(told)
 
 
 def test_a_name_that_no_one_knows_is_refused():

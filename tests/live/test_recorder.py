@@ -14,6 +14,8 @@ import pytest
 from page_flights import Flying
 
 from flightdepth.errors import BadInput, FlightDepthError
+from flightdepth.flight.records import VelocitySample
+from flightdepth.live.motion_store import MotionStore
 from flightdepth.live.recorder import Recorder
 from flightdepth.outputs import FlightFolder
 from flightdepth.outputs import writer as writing
@@ -82,6 +84,20 @@ def test_poses_are_written_where_telemetry_tells_velocity_and_attitude(recorder,
     np.testing.assert_allclose(east_m[8:], 0.3 * np.arange(10), atol=1e-3)
     assert {(pose.segment, pose.attitude) for pose in poses.values()} == {(0, "log"), (1, "log")}
     np.testing.assert_allclose(poses[0].world_from_camera, flown[0].motion.world_from_camera, atol=1e-6)
+
+
+@pytest.mark.parametrize(("silent", "segments"), [(14, {0}), (17, {0, 1})])
+def test_no_pose_is_summed_across_a_gap_that_run_would_not_bridge(recorder, tmp_path, silent, segments):
+    """The velocity before it holds for half a second: gaps of 1.5 to 2 s looked that much shorter."""
+    store = MotionStore()
+    for i, each in enumerate(results(40)):
+        if not 10 < i < 10 + silent:
+            store.add(VelocitySample(each.stamp_ns, each.motion.velocity_ned), each.stamp_ns)
+        turn = each.motion.world_from_camera
+        recorder(replace(each, motion=replace(store.at(each.stamp_ns), world_from_camera=turn)))
+    recorder.close({})
+    poses = FlightFolder(tmp_path / "recording").poses
+    assert {pose.segment for pose in poses.values()} == segments
 
 
 def test_a_picture_s_own_focal_length_stands_beside_it_where_the_lens_zooms(recorder, tmp_path):

@@ -6,8 +6,8 @@ import struct
 import threading
 import time
 from collections import Counter
-from contextlib import closing
-from itertools import islice
+from contextlib import closing, contextmanager
+from itertools import groupby, islice
 
 import av
 import numpy as np
@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from live_peers import RATE_HZ, encode, free_port, skip_where_time_is_not_real, until
 
 from flightdepth.flight.decoding import BUILT_ON_DAMAGE
+from flightdepth.live import rtp_stream
 from flightdepth.live.picture_clock import PictureClock
 from flightdepth.live.rtp import (
     LONGEST_HELD_NS,
@@ -45,19 +46,31 @@ def rtp(sequence=1, timestamp=0, *, marker=False, payload=b"\x41x", source=7, ki
     return struct.pack(">BBHII", 0x80, kind | marker << 7, sequence, timestamp, source) + payload
 
 
-def as_sent(clip, port):
-    """What FFmpeg sends of a clip as RTP, and its packets as they were encoded."""
+@contextmanager
+def bound(port):
+    """A socket that hears what is sent to a port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as heard:
         heard.bind(("127.0.0.1", port))
         heard.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
         heard.settimeout(0.3)
+        yield heard
+
+
+def drained(heard):
+    """The datagrams that came."""
+    datagrams = []
+    try:
+        while True:
+            datagrams.append(heard.recv(65536))
+    except TimeoutError:
+        return datagrams
+
+
+def as_sent(clip, port):
+    """What FFmpeg sends of a clip as RTP, and its packets as they were encoded."""
+    with bound(port) as heard:
         encoded = send(clip, port)
-        datagrams = []
-        try:
-            while True:
-                datagrams.append(heard.recv(65536))
-        except TimeoutError:
-            return datagrams, encoded
+        return drained(heard), encoded
 
 
 def send(clip, port, wait=lambda i: None):
@@ -388,20 +401,54 @@ def test_no_packet_of_the_new_stream_is_taken_for_one_of_the_old():
     assert counts == {"RTP packets that do not go on from those before": 1}
 
 
-def test_ages_count_from_the_senders_clock(clip):
-    """FFmpeg tells by RTCP when it sent: the true age is that of packets on one machine, a few milliseconds."""
-    port, stop, ages = free_port(), threading.Event(), []
-    began = time.monotonic()
-    sender = threading.Thread(
-        target=send, args=(clip, port, lambda i: time.sleep(max(0, began + 0.3 + i / 15 - time.monotonic())))
-    )
-    with closing(RtpStream(f"rtp://127.0.0.1:{port}", Counter())) as stream:
-        sender.start()
-        for picture in islice(stream.pictures(PictureClock(0, wall_from_sender=True), stop), 40):
+class Clock:
+    """In place of `time`: it is `due_ns` as soon as somebody waits; the wall clock was `wall_ns` at 0."""
+
+    def __init__(self, wall_ns):
+        self.now_ns, self.due_ns, self.wall_ns = 0, 0, wall_ns
+
+    def waits(self, wait):
+        def waited(timeout_s):
+            self.now_ns = self.due_ns
+            return wait(timeout_s)
+
+        return waited
+
+    def monotonic_ns(self):
+        return self.now_ns
+
+    def monotonic(self):
+        return self.now_ns / 1e9
+
+    def time_ns(self):
+        return self.wall_ns + self.now_ns
+
+
+def test_ages_count_from_the_senders_clock(clip, monkeypatch):
+    """FFmpeg tells by RTCP when it sent the first; here each comes when it is due, however busy the machine is."""
+    port, sent, ages = free_port(), [0, 10**9], []
+    with bound(port) as pictures, bound(port + 1) as control:
+        while sent[1] - sent[0] > 5_000_000:  # nobody knows the time of the first packet better
+            drained(pictures), drained(control), sent.clear()
+            send(clip, port, lambda i: sent.append(time.time_ns()))
+        datagrams, reports = drained(pictures), drained(control)
+    clock, first = Clock(sent[0]), RtpPacket.parse(datagrams[0]).timestamp
+    monkeypatch.setattr(rtp_stream, "time", clock)
+    with (
+        closing(RtpStream(f"rtp://127.0.0.1:{port}", Counter())) as stream,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        monkeypatch.setattr(stream._selector, "select", clock.waits(stream._selector.select))
+        found = stream.pictures(PictureClock(0, wall_from_sender=True), threading.Event())
+        for report in reports:
+            sender.sendto(report, ("127.0.0.1", port + 1))
+        for timestamp, parts in groupby(datagrams, lambda data: RtpPacket.parse(data).timestamp):
+            clock.due_ns = (timestamp - first) % 2**32 * 10**9 // 90_000
+            for part in parts:
+                sender.sendto(part, ("127.0.0.1", port))
+            picture = next(found)
             if picture.age_from == "sender":
-                ages.append((time.monotonic_ns() - picture.stamp_ns) / 1e6)
-        stop.set()
-    sender.join()
+                ages.append((clock.now_ns - picture.stamp_ns) / 1e6)
     assert len(ages) > 30
     assert -10 < np.median(ages) < 30
 

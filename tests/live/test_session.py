@@ -80,6 +80,7 @@ def test_a_recording_tells_which_log_was_found(session, tmp_path, monkeypatch):
     monkeypatch.setattr(played.engine, "add_sink", lambda name, sink: None)
     played._add_sinks(SimpleNamespace(callback=lambda *end: None))
     assert made[0][2] == played.log.name
+    assert made[0][4] == "--hfov 80, an ideal lens"  # it was empty
     assert "v.csv" in played.log.name
 
 

@@ -1,10 +1,12 @@
 """Addresses of video: what FFmpeg is told, and what is refused."""
 
+import av
 import pytest
+from live_peers import encode
 
 from flightdepth.errors import BadInput
 from flightdepth.live.video_address import RTP, codec_of, video_address
-from flightdepth.live.video_input import LONGEST_PAUSE_S, in_words, pause_s
+from flightdepth.live.video_input import LONGEST_PAUSE_S, VideoInput, VideoListener, in_words, pause_s
 
 
 def test_rtsp_goes_over_tcp_unless_told():
@@ -81,6 +83,25 @@ def test_ffmpegs_queue_is_short():
     assert "fifo_size" not in video_address("srt://cam:9000").options
 
 
+class Sender:
+    """Bytes in the order in which they come, as from a socket; `at` is how many were read."""
+
+    def __init__(self, data):
+        self.data, self.at = data, 0
+
+    def read(self, size):
+        self.at += size
+        return self.data[self.at - size : self.at]
+
+
+def test_a_transport_stream_is_open_after_a_few_pictures(tmp_path):
+    """FFmpeg took 33 pictures first, a second of 30 and three of 10."""
+    clip, address = encode(tmp_path / "clip.ts", seconds=4), video_address("udp://0.0.0.0:5600")
+    source = Sender(clip.read_bytes())
+    with av.open(source, format=address.format, options=dict(address.options), buffer_size=188):
+        assert source.at < len(source.data) / 4
+
+
 @pytest.mark.parametrize(
     "text", ["gopher://x", "udp://0.0.0.0", "rtp://0.0.0.0:70000", "nothing-of-this-name.mp4", ""]
 )
@@ -106,6 +127,35 @@ def test_the_pause_doubles_up_to_its_limit():
     pauses = [pause_s(n) for n in range(12)]
     assert pauses[:4] == [0.25, 0.5, 1.0, 2.0]
     assert max(pauses) == LONGEST_PAUSE_S
+
+
+@pytest.mark.parametrize(
+    ("error", "longest_s"),
+    [
+        (TimeoutError("nothing came in time"), 0.25),
+        (av.error.ExitError(1, "Immediate exit requested"), 0.25),
+        (OSError("refused"), 4.0),
+    ],
+)
+def test_who_waited_for_a_silent_sender_hears_it_soon_when_it_comes_back(monkeypatch, error, longest_s):
+    """A camera that had been off was not heard for up to four seconds: nobody listened on its port."""
+    told, pauses = [], []
+    nobody = VideoListener(lambda now_ns: None, told.append, told.append)
+    video = VideoInput(video_address("rtp://127.0.0.1:5600"), nobody)
+
+    def silent():
+        raise error
+
+    def wait(pause_s):
+        pauses.append(pause_s)
+        if len(pauses) == 8:
+            video._stop.set()
+
+    monkeypatch.setattr(video, "_open", silent)
+    monkeypatch.setattr(video._stop, "wait", wait)
+    video._keep_reading()
+    assert max(pauses) == longest_s
+    assert len(told) == 8
 
 
 def test_an_error_tells_no_address():

@@ -11,23 +11,10 @@ from flightdepth.camera import Camera
 from flightdepth.flight.records import Frame
 from flightdepth.outputs.record import Source
 from flightdepth.ranges.result import RangedDepth
-from flightdepth.weights.card import NetworkCard
+from tests_networks import difference_card
 
 WIDTH, HEIGHT = 96, 64
-CARD = NetworkCard(
-    name="by-hand",
-    architecture="DepthNet",
-    base_width=16,
-    activation="none",
-    nominal_shift=3,
-    D0_m=0.3,
-    depth_min_m=0,
-    depth_max_m=100,
-    focal_px=64,
-    width=128,
-    height=128,
-    samples=0,
-)
+CARD = difference_card(name="by-hand", focal_px=64)
 SOURCE = Source(
     flight="flight.mp4",
     telemetry="log.csv",

@@ -9,7 +9,6 @@ from flightdepth.outputs.palette import (
     FARTHER_HATCH,
     NEARER_HATCH,
     UNKNOWN_HATCH,
-    Bounds,
     DepthScale,
     Palette,
     coloured,
@@ -19,10 +18,9 @@ from flightdepth.outputs.palette import (
 SCALE = DepthScale(1, 100)
 
 
-def paint(depths_m, bounds=None):
+def paint(depths_m):
     stored = centimetres_from_depth(np.array([depths_m], np.float32))
-    palette = Palette(SCALE)
-    return (palette.paint(stored) if bounds is None else palette.paint(stored, bounds))[0].astype(int)
+    return Palette(SCALE).paint(stored)[0].astype(int)
 
 
 def test_nearer_is_brighter():
@@ -62,14 +60,14 @@ def test_bounds_show_only_where_depth_is_unknown():
     depth_m[:, 40:] = 10
     farther = np.zeros((40, 60), np.bool_)
     farther[:, 20:] = True
-    picture = Palette(SCALE).paint(centimetres_from_depth(depth_m), Bounds(farther=farther))
+    picture = Palette(SCALE).paint(centimetres_from_depth(depth_m), farther)
     assert (picture[:, :20] == UNKNOWN_HATCH.picture(60, 40)[:, :20]).all()
     assert (picture[:, 20:40] == FARTHER_HATCH.picture(60, 40)[:, 20:40]).all()
     assert (picture[:, 40:] == paint([10.0])[0]).all()
 
 
 def test_a_nearer_bound_has_its_own_hatch():
-    picture = Palette(SCALE).paint(np.zeros((40, 60), np.uint16), Bounds(nearer=np.ones((40, 60), np.bool_)))
+    picture = Palette(SCALE).paint(np.zeros((40, 60), np.uint16), nearer=np.ones((40, 60), np.bool_))
     assert (picture == NEARER_HATCH.picture(60, 40)).all()
 
 

@@ -24,6 +24,10 @@ def test_a_missing_folder_is_refused(tmp_path):
         FlightFolder(tmp_path / "nowhere")
 
 
+def test_a_folder_shows_where_it_is_and_how_much_it_holds(folder):
+    assert repr(FlightFolder(folder)) == f"FlightFolder({str(folder)!r}: 1 frames)"
+
+
 def test_a_missing_frame_is_refused(folder):
     with pytest.raises(BadInput, match=r"000007\.png"):
         FlightFolder(folder).depth_m(7)

@@ -11,6 +11,7 @@ from flightdepth.ranges import MultiRangeEstimator, RangedDepth
 from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
+from tests_networks import difference_card
 
 FRAME_NS = 33_366_667
 CAMERA = Camera.from_fov(128, 128, 90)
@@ -19,19 +20,8 @@ Depth = Callable[[np.ndarray, Camera], np.ndarray]
 
 
 def card(depth_max_m: float = 100.0, D0_m: float = 0.3, depth_min_m: float = 0.0) -> NetworkCard:
-    return NetworkCard(
-        name="oracle",
-        architecture="DepthNet",
-        base_width=32,
-        activation="none",
-        nominal_shift=3,
-        D0_m=D0_m,
-        depth_min_m=depth_min_m,
-        depth_max_m=depth_max_m,
-        focal_px=64,
-        width=128,
-        height=128,
-        samples=0,
+    return difference_card(
+        name="oracle", D0_m=D0_m, depth_min_m=depth_min_m, depth_max_m=depth_max_m, focal_px=64
     )
 
 

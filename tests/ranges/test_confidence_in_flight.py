@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flightdepth.evaluation.metrics import pooled
-from flightdepth.evaluation.ranges_confidence import Reliability, reliability
+from flightdepth.evaluation.ranges_measures import Reliability, reliability
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.renderers.raycast import render
 from flightdepth.runtimes.network import load_network

@@ -197,6 +197,15 @@ def test_a_picture_of_another_camera_is_refused(network: Network) -> None:
         network.depth(grey(SQUARE, 1), grey(WIDE, 2), 1.0, WIDE)
 
 
+def test_what_is_no_camera_is_refused(network: Network) -> None:
+    with pytest.raises(BadInput, match="camera: expected a flightdepth.Camera, got None"):
+        network.grid(None)  # type: ignore[arg-type]
+
+
+def test_a_network_shows_its_name(network: Network) -> None:
+    assert repr(network).startswith(f"Network('{network.card.name}', ")
+
+
 def test_an_unknown_name_is_answered_with_the_names() -> None:
     with pytest.raises(BadInput, match="network: expected a path to an ONNX file or one of"):
         load_network("depthnet-255")

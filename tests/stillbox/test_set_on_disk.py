@@ -78,6 +78,8 @@ def test_a_set_is_made_larger(layout, stand, whole, tmp_path):
     ("changes", "said"),
     [
         ({"layout": Layout.SHARDS}, "format: expected folder as it was begun, got shards"),
+        # Once told as too few scenes.
+        ({"layout": Layout.SHARDS, "scenes": SCENES - 1}, "format: expected folder as it was begun, got"),
         ({"source": small_source(seed=2)}, "seed: expected 1 as it was begun, got 2"),
         ({"source": small_source(frames=4)}, "frames: expected 3 as it was begun, got 4"),
         ({"scenes": SCENES - 1}, "scenes: expected at least 7, got 6"),

@@ -13,6 +13,7 @@ from small_sets import A_FOLDER, SCENES, as_rendered, render_small, small_source
 
 from flightdepth.errors import BadInput
 from flightdepth.stillbox import original_layout
+from flightdepth.stillbox.set_on_disk import Layout
 from flightdepth.stillbox.stored import open_stored_set
 
 SOURCE = small_source(orientation_noise_rad=0.01)
@@ -92,6 +93,12 @@ def test_a_set_without_arguments(copy):
 def test_no_set_at_all(tmp_path):
     with pytest.raises(BadInput, match=r"expected sub-folders with metadata\.json, got none"):
         open_stored_set(tmp_path)
+
+
+def test_shards_are_no_folders(tmp_path):
+    render_small(tmp_path / "set", Layout.SHARDS)
+    with pytest.raises(BadInput, match=r"got none\. Shards are not read: render with --format folder"):
+        open_stored_set(tmp_path / "set")
 
 
 def test_a_set_of_empty_folders(copy):

@@ -40,12 +40,12 @@ def test_camera_effects_come_to_a_share_of_the_pairs():
 
     clean, all_of_them, some = (
         pairs(),
-        pairs(photometric=True),
-        pairs(photometric=True, photometric_share=0.3),
+        pairs(photometric_share=1.0),
+        pairs(photometric_share=0.3),
     )
     touched = (some != clean).any((1, 2, 3)).mean() / (all_of_them != clean).any((1, 2, 3)).mean()
     assert touched == pytest.approx(0.3, abs=0.08)
-    assert np.array_equal(pairs(photometric=True, photometric_share=1.0), all_of_them)
+    assert np.array_equal(pairs(photometric_share=1.0), all_of_them)
 
 
 def test_the_same_seed_gives_the_same_bytes():
@@ -65,10 +65,10 @@ def test_how_scenes_are_rendered_changes_nothing(threads):
     assert all(map(same, batches(0, 6), batches(0, 6, threads=threads)))
 
 
-@pytest.mark.parametrize("photometric", [False, True])
-def test_samples_do_not_depend_on_the_batch_size(photometric):
-    whole, ten = batches(0, 2, photometric=photometric)
-    with opened(photometric=photometric) as pairs:
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_samples_do_not_depend_on_the_batch_size(share):
+    whole, ten = batches(0, 2, photometric_share=share)
+    with opened(photometric_share=share) as pairs:
         assert pairs.batch(13, 1).pairs.tobytes() == ten.pairs[3:4].tobytes()
     assert whole.pairs.shape == (10, 16, 16, 6)
 
@@ -148,7 +148,7 @@ def test_a_pool_that_is_no_whole_number_of_chunks_is_refused(scenes):
 
 def test_camera_effects_are_refused_where_the_noise_does_not_cover_the_picture():
     with pytest.raises(BadInput, match="camera effects: expected at most 1024 px, got 1920 px"):
-        opened(Picture(1920, 1080, 1920), photometric=True)
+        opened(Picture(1920, 1080, 1920), photometric_share=1.0)
 
 
 @pytest.mark.parametrize("size", [(65, 64, 64), (64, 65, 64), (0, 4, 8)])

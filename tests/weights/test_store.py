@@ -49,6 +49,13 @@ def test_a_missing_file_is_an_unknown_network(tmp_path: Path) -> None:
         read_network(tmp_path / "gone.onnx")
 
 
+@pytest.mark.parametrize("name", ["runs/mine", "runs/mine/checkpoint.safetensors"])
+def test_a_run_is_no_network_yet(tmp_path: Path, name: str) -> None:
+    (tmp_path / "runs/mine").mkdir(parents=True)
+    with pytest.raises(BadInput, match=rf"Make one of a run with: flightdepth export .*/{name}\.$"):
+        read_network(tmp_path / name)
+
+
 @pytest.mark.parametrize("kept", [0, 1, 100, -1])
 def test_a_truncated_file_is_refused(save_difference_network: Save, kept: int) -> None:
     path = save_difference_network()

@@ -50,14 +50,16 @@ def convert(
 ) -> None:
     """Turn a flight's depth into one file that other programs read. The name's end says which.
 
-    A point cloud with colours and confidence. A .ply is local: metres east, north and up from the first camera. So
-    are .las and .laz, unless the log told where on Earth the drone was: they are in UTM then, with its EPSG code.
+    A point cloud with colours and confidence. A .ply is local: metres east,
+    north and up from the first camera. So are .las and .laz, unless the log told
+    where on Earth the drone was: they are in UTM then, with its EPSG code.
 
       flightdepth convert out flight.ply
 
       flightdepth convert out flight.laz --voxel 0.5 --max-range 40
 
-    A ROS 2 recording: depth as 32FC1, confidence, pictures, camera info and transforms:
+    A ROS 2 recording: depth as 32FC1, confidence, pictures, camera info and
+    transforms:
 
       flightdepth convert out flight.mcap
 

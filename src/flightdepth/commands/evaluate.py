@@ -101,7 +101,8 @@ def evaluate_network_command(
 
     Scenes that another renderer made, Blender or the authors' own:
 
-      flightdepth render 256 --renderer blender --samples 32 --scenes 40 --out blender-256
+      flightdepth render 256 --renderer blender --samples 32 --scenes 40 \\
+        --out blender-256
 
       flightdepth evaluate network motion --set blender-256
 

@@ -86,7 +86,7 @@ def export(
         weights = mean_of(weights, other)
         card = card.model_copy(update={"mean_with": other.card.sha256})
     make_folder("--out", out)
-    pairs = rendered(fixed_set(card, scenes=scenes))
+    pairs = rendered(fixed_set(card, scenes=scenes), "test set")
     path = write_network(run.recipe, weights, card, pairs, out, full_precision=full_precision)
     say(f"next: flightdepth evaluate network {path}")
 
@@ -155,9 +155,9 @@ def mean_of(weights: Weights, other: StoredNetwork) -> Weights:
     }
 
 
-def rendered(pairs: TestSet | OutdoorTestSet) -> list[TestPair]:
-    """Every pair of a test set, with a progress bar."""
-    return list(counted(pairs, "test set", "scenes"))
+def rendered(pairs: TestSet | OutdoorTestSet, title: str) -> list[TestPair]:
+    """Every pair of a set, with a progress bar."""
+    return list(counted(pairs, title, "scenes"))
 
 
 def write_network(
@@ -227,13 +227,15 @@ def calibration_pairs(card: NetworkCard, scenes: int) -> list[TestPair]:
     from flightdepth.weights.card import FLIGHT_DETAIL
 
     if not card.any_lens:
-        return rendered(calibration_set(card, scenes=min(scenes, INT8_PAIRS)))  # all of them only for sigma
+        fewer = min(scenes, INT8_PAIRS)  # all of them only for sigma
+        return rendered(calibration_set(card, scenes=fewer), "calibration")
     pairs = []
     for flight_size in (False, True):
         half = max(1, scenes // 2 // (FLIGHT_DETAIL**2 if flight_size else 1))
         rooms = calibration_set(card, scenes=half, flight_size=flight_size)
         outdoors = outdoor_calibration_set(card, scenes=half, flight_size=flight_size)
-        pairs += [pair for both in zip(rendered(rooms), rendered(outdoors), strict=True) for pair in both]
+        drawn = rendered(rooms, "calibration"), rendered(outdoors, "calibration, outdoors")
+        pairs += [pair for both in zip(*drawn, strict=True) for pair in both]
     return pairs
 
 

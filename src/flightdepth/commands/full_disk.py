@@ -11,13 +11,15 @@ from flightdepth.errors import FlightDepthError
 
 
 @contextmanager
-def room_on_the_disk(out: Path, then: str) -> Iterator[None]:
-    """A full disk is said in one line that says how to go on with what stands in `out`: `then`, once there is room."""
+def room_on_the_disk(
+    out: Path, then: str = "give the same command again", *, left: str = "what stands there is valid"
+) -> Iterator[None]:
+    """A full disk is said in one line: what it left of `out`, and what to do once there is room."""
     try:
         yield
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
         raise FlightDepthError(
-            f"no room left on the disk of {out}; what stands there is valid. Free some room and {then}"
+            f"no room left on the disk of {out}; {left}. Free some room and {then}"
         ) from error

@@ -111,14 +111,14 @@ def live(
 
     A camera that speaks RTSP and an autopilot on UDP, with a page to watch:
 
-      flightdepth live --video rtsp://192.168.1.10/main --hfov 80
-      --mavlink udpin:0.0.0.0:14550 --serve 127.0.0.1:8080
+      flightdepth live --video rtsp://192.168.1.10/main --hfov 80 \\
+        --mavlink udpin:0.0.0.0:14550 --serve 127.0.0.1:8080
 
     A camera on this computer, screwed to the drone, 15 degrees down; the
     autopilot on a serial port hears of obstacles:
 
-      flightdepth live --video /dev/video0 --camera camera.yaml --mount fixed
-      --mount-pitch -15 --mavlink serial:/dev/ttyAMA0:921600 --obstacles
+      flightdepth live --video /dev/video0 --camera camera.yaml --mount fixed \\
+        --mount-pitch -15 --mavlink serial:/dev/ttyAMA0:921600 --obstacles
 
     A recorded flight as if it were live, sending nothing:
 

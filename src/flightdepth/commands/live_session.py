@@ -57,11 +57,13 @@ class Session:
         self.settings = settings
         self.address = video_address(settings.video)
         self.log, chosen = recorded(settings, self.address)
-        if chosen is not None:
+        if chosen is None:
+            self.lens = Lens.given(settings.camera, settings.hfov)
+        else:
+            self.lens = Lens(chosen.camera, source=chosen.source)
             say(f"camera: {chosen.source}")
             for warning in chosen.warnings:
                 warn(warning)
-        self.lens = Lens.given(settings.camera, settings.hfov) if chosen is None else Lens(chosen.camera)
         nominal = self.lens.nominal(*NOMINAL_SIZE)
         self.network: Network = load_network(
             settings.network or nearest_network(nominal),
@@ -151,7 +153,7 @@ class Session:
         if settings.out is not None:
             telemetry = settings.mavlink if self.log is None else self.log.name
             facts = settings.for_record | {"video": self.address.name}
-            recorder = Recorder(settings.out, self.network.card, str(telemetry), facts)
+            recorder = Recorder(settings.out, self.network.card, str(telemetry), facts, self.lens.source)
             for place in keep_interrupted(settings.out):
                 warn(f"an earlier recording was interrupted: what was written of it stands in {place}")
             stack.callback(self._end_recording, recorder)

@@ -8,13 +8,14 @@ from flightdepth.commands.terminal import say, show_table
 def networks() -> None:
     """List the networks that ship with this build.
 
-    `flightdepth run` takes motion unless told otherwise; motion-tiny takes a third of its time and is less exact.
+    `flightdepth run` takes motion unless told otherwise; motion-tiny takes a
+    third of its time and is less exact.
 
       flightdepth run flight.mp4 --network motion-tiny
 
-    Those for any lens adapt to the camera (in brackets: the focal length that the
-    nominal displacement goes with). The others want a camera whose focal length in
-    pixels is near to theirs: the video is scaled to it first.
+    Those for any lens adapt to the camera (in brackets: the focal length that
+    the nominal displacement goes with). The others want a camera whose focal
+    length in pixels is near to theirs: the video is scaled to it first.
     """
     from rich.table import Table
 

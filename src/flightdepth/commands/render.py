@@ -15,7 +15,7 @@ from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.full_disk import room_on_the_disk
 from flightdepth.commands.ray_option import check_engine
 from flightdepth.commands.terminal import progress_bar, say
-from flightdepth.commands.textures import PROCEDURAL, gathered_textures
+from flightdepth.commands.textures import ProceduralOption, TexturesOption, gathered_textures
 from flightdepth.errors import BadInput
 from flightdepth.files import held
 
@@ -54,12 +54,8 @@ def render(
     config: Annotated[
         Path | None, typer.Option(metavar="FILE", help="TOML or JSON with knobs of the set: frames = 20 ...")
     ] = None,
-    textures: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Photos to dress the scenes in, beside made ones.")
-    ] = None,
-    procedural: Annotated[
-        int | None, typer.Option(metavar="N", help=f"How many textures to make. Default: {PROCEDURAL}.")
-    ] = None,
+    textures: TexturesOption = None,
+    procedural: ProceduralOption = None,
     renderer: Annotated[
         Literal["raycast", "blender"],
         typer.Option(help="raycast: this package's own. blender: Cycles, where Blender is installed."),
@@ -80,18 +76,20 @@ def render(
 ) -> None:
     """Write scenes with depth to the disk. Training does not need it: it renders as it goes.
 
-    A hundred scenes in the layout of the original, or as many as the original has:
+    A hundred scenes in the layout of the original, or as many as the original
+    has:
 
       flightdepth render 64 --out stillbox-64
 
       flightdepth render 256 --scenes all --out stillbox-256
 
-    Stopped, killed, or out of disk? The same command goes on where it was, and ends with
-    the same bytes. With a larger --scenes it makes the set larger.
+    Stopped, killed, or out of disk? The same command goes on where it was, and
+    ends with the same bytes. With a larger --scenes it makes the set larger.
 
-    Shards for training on many machines, rendered by a Ray cluster:
+    Shards for other loaders (WebDataset), rendered by a Ray cluster:
 
-      flightdepth render 256 --scenes all --format shards --engine ray --address auto --out shards
+      flightdepth render 256 --scenes all --format shards --out shards \\
+        --engine ray --address auto
     """
     with extra_packages("flightdepth render", "train"):
         from flightdepth.stillbox.encoding import Source
@@ -105,7 +103,7 @@ def render(
     source = Source(wanted, chosen(renderer, samples))
     dressed = dressing(wanted, textures, procedural)
     with (
-        room_on_the_disk(out, "give the same command again"),
+        room_on_the_disk(out),
         held(out, "set", "render", "give another --out"),
     ):
         target = open_set(out, Layout(layout), f"stillbox-{name}", source.arguments(dressed), count)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +15,6 @@ from flightdepth.files import check_parent, write_atomic
 
 if TYPE_CHECKING:
     from flightdepth.evaluation.renderer import Frame
-    from flightdepth.scenes import Scene, Textures
 
 SEED, TEXTURES = 101, 40  # of the scenes and of their procedural textures
 PICTURED = 4  # scenes in the picture
@@ -63,32 +61,17 @@ def renderer(
 
 def compared(blender: Any, scenes: int, size: int, outdoor: bool) -> list[Frame]:
     """Every scene by both, with a progress bar."""
-    from flightdepth.camera import Camera
     from flightdepth.evaluation.renderer import both_ways
-
-    textures, drawn = outdoor_set(scenes) if outdoor else room_set(scenes)
-    frames = both_ways(drawn, textures, Camera.from_fov(size, size, 90), blender)
-    return list(counted(frames, "both ways", "scenes", total=scenes))
-
-
-def room_set(scenes: int) -> tuple[Textures, Iterator[tuple[int, Scene]]]:
-    """Still Box as it is by default."""
-    from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
-
-    config = StillBoxConfig()
-    return Textures.procedural(TEXTURES, SEED), (
-        (number, draw_scene(config, TEXTURES, SEED, number)) for number in range(scenes)
-    )
-
-
-def outdoor_set(scenes: int) -> tuple[Textures, Iterator[tuple[int, Scene]]]:
-    """Fields, trees and houses under a sky."""
-    from flightdepth.scenes.outdoor import draw_outdoor
+    from flightdepth.scenes import StillBoxConfig, Textures
     from flightdepth.scenes.outdoor_config import OutdoorConfig
-    from flightdepth.scenes.outdoor_textures import outdoor_textures
+    from flightdepth.stillbox.sets import SceneSet
 
-    config = OutdoorConfig()
-    return outdoor_textures(SEED), ((number, draw_outdoor(config, SEED, number)) for number in range(scenes))
+    drawn = SceneSet(OutdoorConfig() if outdoor else StillBoxConfig(), size, size, SEED)
+    textures = drawn.own_textures() or Textures.procedural(TEXTURES, SEED)
+    numbered = ((number, drawn.scene(number, len(textures))) for number in range(scenes))
+    return list(
+        counted(both_ways(numbered, textures, drawn.camera, blender), "both ways", "scenes", total=scenes)
+    )
 
 
 def show(result: dict[str, Any]) -> None:

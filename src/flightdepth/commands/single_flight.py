@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flightdepth.commands.batch import Outcome
+from flightdepth.commands.full_disk import room_on_the_disk
 from flightdepth.commands.network_options import check_align, precision_of
 from flightdepth.commands.run_settings import RunSettings
 from flightdepth.commands.signals import heed_interrupt
@@ -74,7 +75,7 @@ def introduce(path: Path, flight: Flight, network: Network) -> None:
         f" -> {network.card.name} at {grid.camera.width}x{grid.camera.height}; {flight.telemetry_name}"
     )
     say(f"camera: {flight.camera_source}")
-    if flight.clock is not None:
+    if flight.clock is not None and flight.clock.offset_s is not None:  # else a warning says why
         say(f"offset between video and log: {flight.clock}")
     for line in warnings_of(flight, network):
         warn(line)
@@ -124,7 +125,11 @@ def write_depth(
 
     writer = FlightWriter(target, source, preview, depth_format=settings.depth_format, stopped=keeps)
     try:
-        with writer, progress_bar(name, flight.frame_count_hint, "frames") as bar:
+        with (
+            room_on_the_disk(target, left="nothing of this flight was written"),
+            writer,
+            progress_bar(name, flight.frame_count_hint, "frames") as bar,
+        ):
             run_flight(flight, estimator, writer, progress)
     except KeyboardInterrupt:
         if writer.kept is None:

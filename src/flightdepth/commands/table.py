@@ -92,7 +92,7 @@ def train_all(runs: Path, textures: Textures, samples: int | None) -> None:
     for number, name in enumerate(RECIPES, 1):
         recipe = scaled(load_recipe(name), samples)
         say(f"{number} of {len(RECIPES)}: {name}, {recipe.samples:,} pairs in {len(recipe.stages)} stages")
-        with room_on_the_disk(runs, "give the same command again"):
+        with room_on_the_disk(runs):
             run(recipe, textures, runs / name, resume=True)
         if read_trained(runs / name).progress.stage < len(recipe.stages):
             say("stopped; the same command goes on from here")

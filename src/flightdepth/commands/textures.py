@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from flightdepth.commands.terminal import say
 from flightdepth.errors import BadInput
@@ -13,6 +15,15 @@ if TYPE_CHECKING:
 
 PROCEDURAL = 200  # textures made where nobody says how many
 SEED = 1  # of the procedural textures; the fixed test sets have others
+
+TexturesOption = Annotated[
+    Path | None,
+    typer.Option("--textures", metavar="DIR", help="Photos to dress the scenes in, beside made ones."),
+]
+ProceduralOption = Annotated[
+    int | None,
+    typer.Option("--procedural", metavar="N", help=f"How many textures to make. Default: {PROCEDURAL}."),
+]
 
 
 def gathered_textures(folder: Path | None, procedural: int | None) -> Textures:

@@ -13,7 +13,7 @@ from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.full_disk import room_on_the_disk
 from flightdepth.commands.signals import stop_request
 from flightdepth.commands.terminal import ToldProgress, progress_bar, say
-from flightdepth.commands.textures import PROCEDURAL, gathered_textures
+from flightdepth.commands.textures import ProceduralOption, TexturesOption, gathered_textures
 from flightdepth.errors import BadInput
 from flightdepth.files import held, make_folder
 
@@ -41,12 +41,8 @@ def train(
     samples: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Pairs in all, instead of the recipe's.")
     ] = None,
-    textures: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Photos to dress the scenes in, beside made ones.")
-    ] = None,
-    procedural: Annotated[
-        int | None, typer.Option(metavar="N", help=f"How many textures to make. Default: {PROCEDURAL}.")
-    ] = None,
+    textures: TexturesOption = None,
+    procedural: ProceduralOption = None,
     sets: Annotated[
         list[Path] | None,
         typer.Option("--set", metavar="DIR", help="Learn from a stored set, one for each picture width."),
@@ -65,8 +61,8 @@ def train(
 ) -> None:
     """Train a network; scenes are rendered while it learns, nothing is downloaded.
 
-    Ctrl-C saves the run and stops it. --resume goes on with exactly the steps that
-    would have come.
+    Ctrl-C saves the run and stops it. --resume goes on with exactly the steps
+    that would have come.
 
       flightdepth train depthnet-256
 
@@ -74,13 +70,15 @@ def train(
 
       flightdepth train tiny-clamped-256 --textures photos --samples 20000
 
-    Stages of your own, appended to a copy of the recipe, on top of the shipped weights:
+    Stages of your own, appended to a copy of the recipe, on top of the shipped
+    weights:
 
       flightdepth train my/tiny-clamped-512.toml --shipped
 
     Stored sets instead of drawn scenes, the original's or those of `render`:
 
-      flightdepth train depthnet-256 --set stillbox/64 --set stillbox/128 --set stillbox/256
+      flightdepth train depthnet-256 --set stillbox/64 --set stillbox/128 \\
+        --set stillbox/256
 
     Several GPUs, or several processes on one CPU, share each batch:
 

@@ -8,12 +8,12 @@ from typing import Protocol
 import numpy as np
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation.arrays import Flags, Image, Maps
 from flightdepth.evaluation.metrics import pooled
 from flightdepth.evaluation.peer import BLIND_PX, ClassicalPeer
 from flightdepth.evaluation.warping import NEAREST_M
 from flightdepth.motion import Vector
 from flightdepth.ranges.fusion import BETA_MAX, WORST_SIGMA, ends
+from flightdepth.runtimes.arrays import Flags, Image, Maps
 from flightdepth.runtimes.network import Network
 from flightdepth.sweep import FIELD_SCALE, motion_field
 from flightdepth.weights.card import NetworkCard

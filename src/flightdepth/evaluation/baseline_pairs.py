@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation.arrays import Flags, Image
 from flightdepth.evaluation.tracked_points import PathLength
 from flightdepth.flight import AttitudeSample, Flight, Frame, Steadiness, VelocitySample
 from flightdepth.flight.steadiness import TurnRate
@@ -23,6 +22,7 @@ from flightdepth.ranges.network import FrameGrid
 from flightdepth.ranges.pairs import Baselines, FrameBuffer, baselines, same_way
 from flightdepth.ranges.pairs import Frame as Prepared
 from flightdepth.ranges.turning import homography, is_visible, turned
+from flightdepth.runtimes.arrays import Flags, Image
 
 NEAR_ENOUGH = 0.2  # of the wanted distance
 SPAN_S = 4.0  # how long ago an earlier frame may be, as in the estimator

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.evaluation.arrays import Flags, Image
 from flightdepth.evaluation.baseline_methods import Answer
 from flightdepth.evaluation.baselines import Sight
 from flightdepth.outputs.encoding import centimetres_from_depth
 from flightdepth.outputs.legend import GROUND_RGB, legend, write
-from flightdepth.outputs.palette import Bounds, DepthScale, Palette
+from flightdepth.outputs.palette import DepthScale, Palette
+from flightdepth.runtimes.arrays import Flags, Image
 
 SCALE = DepthScale(2.0, 200.0)
 FULL_ERROR = 64.0  # grey levels of difference that are shown white
@@ -82,7 +82,7 @@ def depth_picture(answer: Answer, palette: Palette, shape: tuple[int, ...]) -> I
     known_m = np.where(measured, depth_m, np.float32(np.nan)).astype(np.float32)
     cell = shape[0] // depth_m.shape[0]
     centimetres = enlarged(centimetres_from_depth(known_m), cell)
-    return palette.paint(centimetres, Bounds(enlarged(farther, cell), enlarged(nearer, cell)))
+    return palette.paint(centimetres, enlarged(farther, cell), enlarged(nearer, cell))
 
 
 def enlarged(map_hw: NDArray[Any], cell: int) -> NDArray[Any]:

@@ -9,6 +9,7 @@ from typing import Any
 from rich.table import Table
 
 from flightdepth.evaluation.baselines import MOVED_PX
+from flightdepth.evaluation.network_tables import laid_out
 
 Rows = Sequence[Mapping[str, Any]]
 Cells = Mapping[tuple[str, str], str]  # by method and column
@@ -36,7 +37,7 @@ def tables(result: Mapping[str, Any]) -> list[tuple[str, Table]]:
             slopes(result["slope_of_moved"]),
         ),
     )
-    return [(title, laid_out(cells)) for title, cells in titled]
+    return [(title, table_of(cells)) for title, cells in titled]
 
 
 def photometric(rows: Rows) -> Cells:
@@ -72,13 +73,8 @@ def spread(ends: Mapping[str, Any], middle: float) -> str:
     return "-" if math.isnan(middle) else f"{middle:.2f} +-{(ends['high'] - ends['low']) / 2:.2f}"
 
 
-def laid_out(cells: Cells) -> Table:
+def table_of(cells: Cells) -> Table:
     """In the order that rows and columns were given."""
-    columns = list(dict.fromkeys(column for _, column in cells))
-    table = Table(box=None)
-    table.add_column("")
-    for column in columns:
-        table.add_column(column, justify="right")
-    for name in dict.fromkeys(name for name, _ in cells):
-        table.add_row(name, *(cells.get((name, column), "-") for column in columns))
-    return table
+    names, columns = (list(dict.fromkeys(key[i] for key in cells)) for i in (0, 1))
+    rows = ([name, *(cells.get((name, column), "-") for column in columns)] for name in names)
+    return laid_out(None, ["", *columns], rows)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from flightdepth.evaluation.arrays import Maps
 from flightdepth.evaluation.network_tables import number, percent
+from flightdepth.runtimes.arrays import Maps
 
 
 @dataclass(frozen=True)

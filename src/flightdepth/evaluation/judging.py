@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from flightdepth.evaluation.arrays import Maps
 from flightdepth.runtimes.alignment import clues_of
+from flightdepth.runtimes.arrays import Maps
 from flightdepth.runtimes.error_bar import error_bar_scale
 from flightdepth.runtimes.network import Network
 from flightdepth.stillbox.pairs import Pair

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flightdepth.evaluation.arrays import Maps
+from flightdepth.runtimes.arrays import Maps
 
 DEPTH_EDGES_M = (0.0, 5.0, 10.0, 20.0, 40.0, 60.0, 100.0)
 ANGLE_EDGES_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 180.0)

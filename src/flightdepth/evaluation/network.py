@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.evaluation.arrays import Maps
 from flightdepth.evaluation.metrics import PERCENTILES, PictureErrors, picture_errors, pooled, summary
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.evaluation.peer import ClassicalPeer, best_constant_m, known_pixels
@@ -18,6 +17,7 @@ from flightdepth.evaluation.places import Indices, errors_by_place, places_of
 from flightdepth.evaluation.provenance import network_facts, source_commit
 from flightdepth.evaluation.sigma_scale import believed
 from flightdepth.evaluation.spread import spread_summary
+from flightdepth.runtimes.arrays import Maps
 from flightdepth.runtimes.network import Network
 from flightdepth.weights.card import NetworkCard
 

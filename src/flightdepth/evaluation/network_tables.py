@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rich.table import Table
 
 WHO = ("network", "classical", "constant")
 
+ERROR_COLUMNS = ("L1 m", "RMSE m", "abs rel", "< 1.25")
 PLACE_COLUMNS = ("pixels", "of the network's error", "its abs rel")
 
 
@@ -29,24 +30,21 @@ PARTS = {  # of true depths, and of angles between the optical axis and the dire
 
 def metrics_table(result: Mapping[str, Any]) -> Table:
     """A row each for the network, the classical peer and the best constant of `evaluate_network`."""
-    table = Table(title=f"{result['name']} on {result['set']}, {result['pairs']} pairs", box=None)
-    for heading in ("", "L1 m", "RMSE m", "abs rel", "< 1.25", "L1 of network / this"):
-        table.add_column(heading, justify="left" if heading == "" else "right")
-    for who in WHO:
-        errors = result[who]
-        row = [number(errors[key], 3) for key in ("l1_m", "rmse_m", "abs_rel", "delta")]
-        table.add_row(who, *row, number(result["l1_ratios"].get(who), 2))
-    return table
+    title = f"{result['name']} on {result['set']}, {result['pairs']} pairs"
+    rows = ([who, *error_cells(result, who)] for who in WHO)
+    return laid_out(title, ("", *ERROR_COLUMNS, "L1 of network / this"), rows)
+
+
+def error_cells(result: Mapping[str, Any], who: str) -> list[str]:
+    """The ERROR_COLUMNS of one of WHO, and the network's L1 over its."""
+    figures = [number(result[who][key], 3) for key in ("l1_m", "rmse_m", "abs_rel", "delta")]
+    return [*figures, number(result["l1_ratios"].get(who), 2)]
 
 
 def parts_table(result: Mapping[str, Any], parts: str, title: str, heading: str) -> Table:
     """Mean error in each of the PARTS."""
-    table = Table(title=title, box=None)
-    for name in (heading, PARTS[parts].counted, *WHO):
-        table.add_column(name, justify="right")
-    for cells in part_rows(result, parts, joint=" to "):
-        table.add_row(*cells)
-    return table
+    rows = part_rows(result, parts, joint=" to ")
+    return laid_out(title, (heading, PARTS[parts].counted, *WHO), rows)
 
 
 def part_rows(result: Mapping[str, Any], parts: str, *, joint: str) -> list[list[str]]:
@@ -65,12 +63,8 @@ def part_rows(result: Mapping[str, Any], parts: str, *, joint: str) -> list[list
 
 def places_table(result: Mapping[str, Any]) -> Table:
     """Mean error in each of `places.PLACES`."""
-    table = Table(title="where the error sits, L1 in metres", box=None)
-    for name in ("", *PLACE_COLUMNS, *WHO):
-        table.add_column(name, justify="right" if name else "left")
-    for cells in place_rows(result):
-        table.add_row(*cells)
-    return table
+    headings = ("", *PLACE_COLUMNS, *WHO)
+    return laid_out("where the error sits, L1 in metres", headings, place_rows(result))
 
 
 def place_rows(result: Mapping[str, Any]) -> list[list[str]]:
@@ -90,13 +84,11 @@ def place_rows(result: Mapping[str, Any]) -> list[list[str]]:
 def spread_table(result: Mapping[str, Any]) -> Table:
     """The error bar beside the error, in ten groups of rising sigma."""
     spread = result["spread"]
-    title = f"error bar: {inside(spread)}"
-    table = Table(title=title, box=None)
-    for heading in ("sigma m", "L1 m", "inside one"):
-        table.add_column(heading, justify="right")
-    for group in spread["by_sigma"]:
-        table.add_row(number(group["sigma_m"], 2), number(group["l1_m"], 2), f"{group['inside_one']:.0%}")
-    return table
+    rows = (
+        [number(group["sigma_m"], 2), number(group["l1_m"], 2), f"{group['inside_one']:.0%}"]
+        for group in spread["by_sigma"]
+    )
+    return laid_out(f"error bar: {inside(spread)}", ("sigma m", "L1 m", "inside one"), rows)
 
 
 def inside(spread: Mapping[str, Any]) -> str:
@@ -118,6 +110,16 @@ def tables(result: Mapping[str, Any]) -> Sequence[Table]:
         places_table(result),
     )
     return (*first, spread_table(result)) if "spread" in result else first
+
+
+def laid_out(title: str | None, headings: Iterable[str], rows: Iterable[Sequence[str]]) -> Table:
+    """A table of figures; a column without a heading holds names."""
+    table = Table(title=title, box=None)
+    for heading in headings:
+        table.add_column(heading, justify="right" if heading else "left")
+    for cells in rows:
+        table.add_row(*cells)
+    return table
 
 
 def percent(value: float | None) -> str:

@@ -2,37 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.evaluation.metrics import picture_errors
 from flightdepth.evaluation.pairs import Task, TruePair, refuse_namesakes
+from flightdepth.motion import Vector
 from flightdepth.ranges.derotation import derotated
+from flightdepth.runtimes.arrays import Image
 from flightdepth.runtimes.network import Network
 from flightdepth.scenes import chance
 from flightdepth.stillbox.motion_noise import rotated, tilted
 
-# Kind of error -> its sizes: degrees, share of the speed, degrees.
+DIRECTION, SPEED, ROTATION = "direction off, degrees", "speed off, share", "unreported rotation, degrees"
+# Kind of error -> its sizes.
 KINDS: Mapping[str, tuple[float, ...]] = {
-    "direction off, degrees": (0.0, 1.0, 2.0, 5.0, 10.0),
-    "speed off, share": (0.0, 0.02, 0.05, 0.1),
-    "unreported rotation, degrees": (0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0),
+    DIRECTION: (0.0, 1.0, 2.0, 5.0, 10.0),
+    SPEED: (0.0, 0.02, 0.05, 0.1),
+    ROTATION: (0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0),
 }
 SEED = 11
 DEROTATED = "{} derotated"  # heading of the errors after what the pictures show of it was taken out
-
-
-@dataclass(frozen=True)
-class Wrong:
-    """A pair as telemetry reports it: the earlier picture, and the displacement at D0, metres (3,)."""
-
-    previous: NDArray[np.uint8]
-    nominal: NDArray[np.float64]
 
 
 def noise_rows(
@@ -85,31 +78,25 @@ def _errors_m(
     network: Network, pair: TruePair, error: tuple[str, float], rng: np.random.Generator, *, derotate: bool
 ) -> Iterator[tuple[str, float]]:
     """L1 by column: as reported, and mended where asked for."""
-    kind, size = error
     task = Task.of(pair, network.card)
-    wrong = WRONGS[kind](task, pair, size, rng)
-    tries = {network.card.name: wrong}
+    reported = _reported(task, pair, error, rng)
+    tries = {network.card.name: reported}
     if derotate:
-        previous, nominal, _ = derotated(wrong.previous, pair.current, wrong.nominal, task.camera)
-        tries[DEROTATED.format(network.card.name)] = Wrong(previous, nominal)
-    for name, each in tries.items():
-        found = task.ask(network, pair, previous=each.previous, nominal=each.nominal)
+        previous, nominal, _ = derotated(reported[0], pair.current, reported[1], task.camera)
+        tries[DEROTATED.format(network.card.name)] = previous, nominal
+    for name, (previous, nominal) in tries.items():
+        found = task.ask(network, pair, previous=previous, nominal=nominal)
         yield name, picture_errors(found.depth_m[0], task.truth_m).l1_m
 
 
-def _direction(task: Task, pair: TruePair, degrees: float, rng: np.random.Generator) -> Wrong:
-    return Wrong(pair.previous, tilted(task.nominal, chance.unit_vector(rng), degrees))
-
-
-def _speed(task: Task, pair: TruePair, share: float, rng: np.random.Generator) -> Wrong:
-    return Wrong(pair.previous, task.nominal * (1 + (share if rng.random() < 0.5 else -share)))
-
-
-def _rotation(task: Task, pair: TruePair, degrees: float, rng: np.random.Generator) -> Wrong:
-    vector = chance.unit_vector(rng) * np.radians(degrees)
-    return Wrong(rotated(pair.previous, task.camera, vector), task.nominal)
-
-
-WRONGS: Mapping[str, Callable[[Task, TruePair, float, np.random.Generator], Wrong]] = dict(
-    zip(KINDS, (_direction, _speed, _rotation), strict=True)
-)
+def _reported(
+    task: Task, pair: TruePair, error: tuple[str, float], rng: np.random.Generator
+) -> tuple[Image, Vector]:
+    """The pair as telemetry that errs so tells it: the earlier picture, and the displacement at D0, metres (3,)."""
+    kind, size = error
+    if kind == DIRECTION:
+        return pair.previous, tilted(task.nominal, chance.unit_vector(rng), size)
+    if kind == SPEED:
+        return pair.previous, task.nominal * (1 + (size if rng.random() < 0.5 else -size))
+    turn = chance.unit_vector(rng) * np.radians(size)
+    return rotated(pair.previous, task.camera, turn), task.nominal

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from flightdepth.evaluation.arrays import Image
 from flightdepth.evaluation.network_tables import (
+    ERROR_COLUMNS,
     PARTS,
     PLACE_COLUMNS,
     WHO,
+    error_cells,
     inside,
-    number,
     part_rows,
     place_rows,
 )
@@ -24,6 +24,7 @@ from flightdepth.evaluation.sparsification import curve_svg
 from flightdepth.evaluation.spread import LEFT_OUT
 from flightdepth.files import write_atomic
 from flightdepth.outputs.encoding import jpeg
+from flightdepth.runtimes.arrays import Image
 from flightdepth.runtimes.network import Network
 from flightdepth.weights.card import NetworkCard
 
@@ -125,16 +126,8 @@ def what_it_is(card: NetworkCard) -> str:
 
 def errors_table(result: Mapping[str, Any]) -> str:
     """L1, RMSE, relative error of the network and its peers."""
-    columns = (("l1_m", "L1 m"), ("rmse_m", "RMSE m"), ("abs_rel", "abs rel"), ("delta", "< 1.25"))
-    rows = [
-        (
-            NAMES[who],
-            *(number(result[who][name], 3) for name, _ in columns),
-            number(result["l1_ratios"].get(who), 2),
-        )
-        for who in WHO
-    ]
-    return markdown(("", *(heading for _, heading in columns), "L1 of the network over this"), rows)
+    rows = [(NAMES[who], *error_cells(result, who)) for who in WHO]
+    return markdown(("", *ERROR_COLUMNS, "L1 of the network over this"), rows)
 
 
 def parts_table(result: Mapping[str, Any], parts: str, heading: str) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation.arrays import Image, Maps
+from flightdepth.runtimes.arrays import Image, Maps
 from flightdepth.sweep import grey
 from flightdepth.triangulation import inverse_depth
 

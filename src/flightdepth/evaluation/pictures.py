@@ -8,10 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.files import write_atomic
 from flightdepth.outputs.encoding import rgb_png
+from flightdepth.runtimes.arrays import Image, Maps
 from flightdepth.runtimes.network import Network
 
 GREEN, RED, BLUE, GREY = (0, 190, 0), (230, 0, 0), (0, 0, 230), (90, 90, 90)

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.metrics import mean, pooled
+from flightdepth.runtimes.arrays import Image, Maps
 from flightdepth.sweep import grey
 
 PLACES = ("at an edge", "beside one", "flat, textured", "flat, blank")

@@ -6,17 +6,13 @@ import base64
 import time
 from collections.abc import Sequence as Several
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.flight_errors import RANGES, DepthRange, FlightErrors
-from flightdepth.evaluation.ranges_confidence import Reliability
-from flightdepth.evaluation.ranges_coverage import Coverage
-from flightdepth.evaluation.ranges_flicker import flicker
+from flightdepth.evaluation.ranges_measures import Coverage, Reliability, flicker
 from flightdepth.evaluation.ranges_peers import FixedShift, least_relative_m
 from flightdepth.evaluation.ranges_sequences import SPEED_M_S, STEP_S, Sequence, log_of
 from flightdepth.evaluation.ranges_trials import CONSTANT, Trial
@@ -25,36 +21,16 @@ from flightdepth.motion import Vector
 from flightdepth.outputs.encoding import centimetres_from_depth, jpeg, png
 from flightdepth.ranges import DepthNetwork, FrameGrid, MultiRangeEstimator, RangedDepth
 from flightdepth.ranges.estimator import MAX_RANGES
-from flightdepth.ranges.fusion import Fusion
+from flightdepth.ranges.fusion import Fused, Fusion
 from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.network import AtSource
+from flightdepth.ranges.pairs import Pair
+from flightdepth.runtimes.arrays import Image, Maps
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
 MEASURED_FROM = 31  # frames: before, a metre was not flown yet, and long displacements can't be had
 ALL = DepthRange("all", 0.0, float("inf"))
-
-
-class OutputGrid:
-    """A network's grid whose maps stay at the output's size; scaling them up is done for the time it takes."""
-
-    def __init__(self, grid: FrameGrid) -> None:
-        self._grid = grid
-        self.camera, self.valid = grid.camera, grid.valid
-
-    def image(self, image: Image, /) -> Image:
-        """As the network's own."""
-        return self._grid.image(image)
-
-    def to_source(self, map_hw: Maps, /, interpolation: Literal["bilinear", "nearest"] = "bilinear") -> Maps:
-        """A copy of the map [h, w]."""
-        self._grid.to_source(map_hw, interpolation)
-        return map_hw.copy()
-
-    def along_edges(self, depth_m: Maps, image: Image, /) -> AsTheyAre:
-        """A copy of the depth."""
-        at_source = self._grid.along_edges(depth_m, image)
-        return AsTheyAre(depth_m.copy(), at_source)
 
 
 @dataclass(frozen=True)
@@ -76,16 +52,16 @@ class AsTheyAre:
 
 
 class Watched:
-    """A network that notes how much processor time its predictions take, and leaves maps at its output's size."""
+    """A network that notes how much processor time its predictions take."""
 
     def __init__(self, network: DepthNetwork) -> None:
         self._network = network
         self.card = network.card
         self.predict_ms: list[float] = []
 
-    def grid(self, camera: Camera, /) -> OutputGrid:
-        """See `OutputGrid`."""
-        return OutputGrid(self._network.grid(camera))
+    def grid(self, camera: Camera, /) -> FrameGrid:
+        """As the network's own."""
+        return self._network.grid(camera)
 
     def predict(
         self, previous_n: Several[Image], current: Image, displacements_n3: Vector, camera: Camera, /
@@ -97,18 +73,11 @@ class Watched:
         return found
 
 
-class Estimator(Protocol):
-    """What turns frames and velocities into depth."""
-
-    def add_velocity(self, stamp_ns: int, velocity: ArrayLike, *, frame: VelocityFrame = "world") -> None:
-        """The next velocity."""
-
-    def add_frame(self, stamp_ns: int, image: Image) -> RangedDepth:
-        """The next frame."""
-
-
 class ManyRanges(MultiRangeEstimator):
-    """The estimator with more ranges than the paper's system has: the study asks whether they help."""
+    """The estimator with more ranges than the paper's system has, and maps at the network's size.
+
+    The study asks whether they help, and has the truth at that size.
+    """
 
     def __init__(
         self, network: DepthNetwork, camera: Camera, *, ranges: int, fusion: Fusion, derotate: bool
@@ -116,6 +85,17 @@ class ManyRanges(MultiRangeEstimator):
         allowed = min(ranges, MAX_RANGES)
         super().__init__(network, camera, ranges=allowed, fusion=fusion, derotate=derotate)
         self._ranges, self._memory = ranges, MemoryLimit(ranges + 1)
+
+    def _result(
+        self,
+        pairs: tuple[Pair, ...],
+        prediction: Prediction,
+        fused: Fused,
+        at_source: AtSource,
+        **others: Any,
+    ) -> RangedDepth:
+        small = AsTheyAre(fused.depth_m, at_source)
+        return super()._result(pairs, prediction, fused, small, **others)
 
 
 class Tally:
@@ -198,7 +178,7 @@ def fly(trial: Trial, network: DepthNetwork | None, sequence: Sequence) -> dict[
     }
 
 
-def _estimator(trial: Trial, network: DepthNetwork, camera: Camera) -> Estimator:
+def _estimator(trial: Trial, network: DepthNetwork, camera: Camera) -> ManyRanges | FixedShift:
     if trial.ranges:
         return ManyRanges(network, camera, ranges=trial.ranges, fusion=trial.fusion, derotate=trial.derotate)
     card = network.card.at_focal(camera.fx)

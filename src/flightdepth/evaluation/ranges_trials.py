@@ -94,16 +94,6 @@ def peers() -> tuple[Trial, ...]:
     return (*flows, Trial(MOTION, 2, telemetry=unknown), Trial(CONSTANT, 0))
 
 
-def fixed_shifts() -> tuple[Trial, ...]:
-    """One fixed shift; beside the optimal shift (one range) and the clusters of the figure."""
-    return tuple(Trial(method, 0) for method in (DEPTHNET, CLAMPED, TINY, MOTION, FLOW))
-
-
-def more_ranges() -> tuple[Trial, ...]:
-    """n up to 6; the paper's system has at most 4."""
-    return tuple(Trial(method, n) for method in FIGURE for n in range(1, 7))
-
-
 def default_fusion() -> tuple[Trial, ...]:
     """As `flightdepth run` does it: outputs at the ends of a range are bounds."""
     counts = {DEPTHNET: (1, 2), CLAMPED: (1, 2), TINY: (1, 2, 4), MOTION: (1, 2, 3)}
@@ -145,12 +135,14 @@ def _told(logs: Iterable[Telemetry]) -> tuple[Trial, ...]:
 
 # What `--sweep` knows, in the order of flying.
 SWEEPS: dict[str, Callable[[], tuple[Trial, ...]]] = {
-    "shift": fixed_shifts,
+    # One fixed shift; beside the optimal shift (one range) and the clusters of the figure.
+    "shift": lambda: tuple(Trial(method, 0) for method in (*FIGURE, FLOW)),
     "noise": orientation_noise,
     "speed": wrong_speed,
     "telemetry": log_rates,
     "fusion": lambda: (*default_fusion(), *as_flown()),
-    "ranges": more_ranges,
+    # n up to 6; the paper's system has at most 4.
+    "ranges": lambda: tuple(Trial(method, n) for method in FIGURE for n in range(1, 7)),
 }
 
 

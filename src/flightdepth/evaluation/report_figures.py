@@ -34,14 +34,9 @@ FONT = {"family": "system-ui, sans-serif", "size": 13, "color": "#222b36"}
 GRID = "#e6e9ed"
 
 
-def rows_of(found: Mapping[str, Any]) -> dict[Trial, Mapping[str, Any]]:
-    """The rows of a result by their trial."""
-    return {trial_of(row["trial"]): row for row in found["trials"]}
-
-
 def plots(found: Mapping[str, Any]) -> dict[str, go.Figure]:
     """Every plot that the result has figures for, by its place on the page."""
-    rows = rows_of(found)
+    rows = {trial_of(row["trial"]): row for row in found["trials"]}
     drawn: dict[str, Callable[[Rows], go.Figure]] = {
         "time": time_plot,
         "spans": span_plot,

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.evaluation.arrays import Image, Maps
 from flightdepth.evaluation.bootstrap import with_ends
+from flightdepth.runtimes.arrays import Image, Maps
 from flightdepth.sweep import grey
 
 Floats = NDArray[np.float64]

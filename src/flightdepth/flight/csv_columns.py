@@ -11,7 +11,9 @@ from flightdepth.flight.records import VelocityFrame
 
 STAMP, TIME, SIGMA = "stamp_ns", "time_s", "sigma_m_s"
 SPEED: Literal["any direction"] = "any direction"
-VelocityColumns = VelocityFrame | Literal["any direction"]
+BY_PLACES: Literal["by its positions"] = "by its positions"  # where it tells nothing better
+VelocityColumns = VelocityFrame | Literal["any direction", "by its positions"]
+PLACE, ALTITUDE = ("latitude_deg", "longitude_deg"), "altitude_m"
 VELOCITY: dict[VelocityColumns, tuple[str, ...]] = {
     "world": ("vn_m_s", "ve_m_s", "vd_m_s"),
     "camera": ("vx_camera_m_s", "vy_camera_m_s", "vz_camera_m_s"),
@@ -23,14 +25,13 @@ ATTITUDE: dict[AttitudeColumns, tuple[str, ...]] = {
     "quaternion": ("qw", "qx", "qy", "qz"),
     "angles": ("camera_yaw_deg", "camera_pitch_deg", "camera_roll_deg"),
 }
-PLACE, ALTITUDE = ("latitude_deg", "longitude_deg"), "altitude_m"
-CHOICES = " or ".join(", ".join(names) for names in VELOCITY.values())
+CHOICES = " or ".join(", ".join(names) for names in (*VELOCITY.values(), PLACE))
 MEND = f"The columns are {STAMP} or {TIME}, then {CHOICES}."
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Which columns a file has, checked: one of time, one set of velocity, at most one of attitude.
+    """Which columns a file has, checked: one of time, one set of velocity or a place, at most one of attitude.
 
     Cells of `optional` ones may stay empty.
     """
@@ -48,6 +49,9 @@ class Columns:
             raise BadInput(f"{what}, line 1", expected="each column once", got=", ".join(header))
         times = [name for name in (STAMP, TIME) if name in header]
         frames = [frame for frame, names in VELOCITY.items() if _all_or_none(what, header, names)]
+        place = (*PLACE, ALTITUDE) if _all_or_none(what, header, PLACE) else ()
+        if place and not frames:
+            frames = [BY_PLACES]
         if len(times) != 1 or len(frames) != 1:
             expected = "one time column and one set of velocity columns"
             raise BadInput(f"{what}, line 1", expected=expected, got=", ".join(header)[:200], mend=MEND)
@@ -56,9 +60,9 @@ class Columns:
             raise BadInput(f"{what}, line 1", expected="one attitude", got="a quaternion and angles")
         # Without a direction an attitude would turn one that nobody told.
         attitude = attitudes[0] if attitudes and frames[0] != SPEED else None
-        place = (*PLACE, ALTITUDE) if _all_or_none(what, header, PLACE) else ()
-        optional = tuple(name for name in (SIGMA, *place) if name in header)
-        known = {times[0], *VELOCITY[frames[0]], *(ATTITUDE[attitude] if attitude else ()), *optional}
+        velocity = VELOCITY.get(frames[0], ())
+        optional = tuple(name for name in (*([SIGMA] if velocity else []), *place) if name in header)
+        known = {times[0], *velocity, *(ATTITUDE[attitude] if attitude else ()), *optional}
         ignored = tuple(name for name in header if name not in known)
         return cls("stamp_ns" if times[0] == STAMP else "time_s", frames[0], attitude, optional, ignored)
 

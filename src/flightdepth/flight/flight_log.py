@@ -101,9 +101,10 @@ def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:
 
 
 def log_beside(video: Path, mend: str) -> Path:
-    """The one log that has the video's name but for its ending, as DJI's cameras write it."""
-    named = (path for path in video.parent.iterdir() if path.stem == video.stem and path.name != video.name)
-    others = sorted(path for path in named if path.is_file())
+    """The one log that has the video's name but for its ending and its case, as DJI's cameras write it."""
+    stem = video.stem.casefold()
+    named = (path for path in video.parent.iterdir() if path.stem.casefold() == stem)
+    others = sorted(path for path in named if path.name != video.name and path.is_file())
     logs = [path for path in others if is_log(path)]
     if len(logs) == 1:
         return logs[0]

@@ -42,6 +42,7 @@ from flightdepth.flight.turn_verdict import doubted_by_turns
 from flightdepth.flight.turned_focal import TurnWatch
 from flightdepth.flight.untold import untold
 from flightdepth.flight.video import Video
+from flightdepth.flight.way_length import lengths_apart
 
 BODY_ONLY = (
     "the log tells how the drone turned, not the camera; --mount-pitch 0 uses it for a camera that is screwed "
@@ -213,7 +214,7 @@ def open_flight(
         chosen = choose_camera(video, camera, hfov_deg, log)
         told = clock_warnings(clock, inside=inside)
         if log is not None:
-            told += untold(video, log)
+            told += untold(video, log) + lengths_apart(video, log)
         if log is not None and telemetry is not None:
             told += disagreements(log, video)
         if log is not None and (not telemetry_offset_s if clock is None else clock.offset_s is None):

@@ -30,6 +30,7 @@ APART_S = 1.0  # velocities are told at least so often, where fixes are seldom s
 ROUNDING_TARGET_M_S = 0.2  # the window grows until rounding costs less than this
 JUMPING = "positions that jump"
 UNFIXED = "positions without a fix"
+LEVEL = "positions without an altitude"
 JUMP_M = 100.0  # off the median of its neighbours: not flown
 STANDING_OUT = 10.0  # times the median variance: of windows of three fixes one in a thousand does by chance
 DEGREE_M = 111_320.0  # of the equator: the longest
@@ -87,6 +88,20 @@ def velocities_by_places(
         return Velocities.none()
     steps_m = decimal_step(places_deg[kept]) * DEGREE_M, decimal_step(heights_m[kept])
     return velocities(stamps_ns[kept], ned[kept], steps_m=steps_m)
+
+
+def velocities_by_fixes(
+    stamps_ns: NDArray[np.int64], places_deg: Vector, altitudes_m: Vector, counts: Counter[str]
+) -> Velocities:
+    """The same where altitudes [n] may be NaN: as high as those around them, or all are level; counted."""
+    told = np.isfinite(altitudes_m)
+    counts[LEVEL] += int((~told).sum())
+    if told.any():
+        at_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
+        altitudes_m = np.interp(at_s, at_s[told], altitudes_m[told])
+    else:
+        altitudes_m = np.zeros(len(stamps_ns))
+    return velocities_by_places(stamps_ns, places_deg, altitudes_m, counts)
 
 
 def place_track(

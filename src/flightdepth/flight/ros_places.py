@@ -15,10 +15,9 @@ from flightdepth.flight.positions import (
     Velocities,
     place_track,
     velocities,
-    velocities_by_places,
+    velocities_by_fixes,
     without_jumps,
 )
-from flightdepth.flight.records import NS_PER_S
 from flightdepth.flight.ros_messages import (
     ODOMETRY,
     POSE,
@@ -37,7 +36,6 @@ FARTHEST_M = 1e8  # of a position, such as UTM's
 HIGHEST_M = 1e5
 FINEST_M = 1e-4  # what positions are rounded to at least
 LEAST_PLACES = 5  # that tell a velocity
-LEVEL = "positions without an altitude"
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +95,10 @@ def velocities_of_places(places: Sequence[Place]) -> Velocities:
 
 def velocities_of_fixes(fixes: Sequence[Fix], counts: Counter[str]) -> Velocities:
     """Slopes of fixes in any order; one without an altitude is as high as those around it, or all are level."""
-    stamps_ns, places_deg, heights_m = columns_of(fixes)
+    stamps_ns, places_deg, altitudes_m = columns_of(fixes)
     if len(stamps_ns) < LEAST_PLACES:
         return Velocities.none()
-    told = np.isfinite(heights_m)
-    counts[LEVEL] += int((~told).sum())
-    at_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
-    heights_m = np.interp(at_s, at_s[told], heights_m[told]) if told.any() else np.zeros(len(at_s))
-    return velocities_by_places(stamps_ns, places_deg, heights_m, counts)
+    return velocities_by_fixes(stamps_ns, places_deg, altitudes_m, counts)
 
 
 def track_of_fixes(

@@ -5,7 +5,8 @@ Columns, in any order:
     stamp_ns  or  time_s                                since the video's first picture (int ns, or seconds)
     vn_m_s, ve_m_s, vd_m_s                              velocity north, east, down (world), or
     vx_camera_m_s, vy_camera_m_s, vz_camera_m_s         velocity right, down, forward (camera), or
-    speed_m_s                                           its length alone: the direction is seen in the pictures
+    speed_m_s                                           its length alone: the direction is seen in the pictures, or
+    none of these, but a place                          from which it comes
     sigma_m_s                                           optional: its standard deviation
     qw, qx, qy, qz                                      optional: attitude, world (NED) from camera, or
     camera_yaw_deg, camera_pitch_deg, camera_roll_deg   from north clockwise, up, right side down
@@ -25,6 +26,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.files import write_atomic
@@ -32,6 +34,7 @@ from flightdepth.flight.csv_columns import (
     ALTITUDE,
     ANGLES,
     ATTITUDE,
+    BY_PLACES,
     MEND,
     PLACE,
     SIGMA,
@@ -45,7 +48,7 @@ from flightdepth.flight.file_bytes import log_bytes
 from flightdepth.flight.gimbal import looking_along
 from flightdepth.flight.order import rising
 from flightdepth.flight.places import SEA_LEVEL
-from flightdepth.flight.positions import place_track
+from flightdepth.flight.positions import UNFIXED, on_earth, place_track, velocities_by_fixes
 from flightdepth.flight.records import (
     FASTEST_M_S,
     LATEST_NS,
@@ -55,6 +58,8 @@ from flightdepth.flight.records import (
     Telemetry,
     VelocityFrame,
     VelocitySample,
+    by_time,
+    none_of,
     northwards,
     seconds,
 )
@@ -118,6 +123,7 @@ def _read(what: str, name: str, rows: Iterable[list[str]], counts: Counter[str])
             what, expected="a header line and a line for each time", got="an empty file", mend=MEND
         )
     columns = Columns.of(what, header)
+    stamps_ns: list[int] = []
     read: list[list[Sample]] = []
     places: list[list[float]] = []
     for line, row in enumerate(iterator, start=2):
@@ -125,11 +131,11 @@ def _read(what: str, name: str, rows: Iterable[list[str]], counts: Counter[str])
             continue
         where = f"{what}, line {line}"
         cells = _cells(where, header, row)
-        read.append(_samples(where, columns, cells))
+        stamps_ns.append(_stamp(where, columns.time, cells))
+        read.append(_samples(where, columns, cells, stamps_ns[-1]))
         places.append(_place(where, columns, cells))
     if not read:
         raise BadInput(what, expected="a line for each time", got="only the header")
-    stamps_ns = [samples[0].stamp_ns for samples in read]
     kept = rising(stamps_ns)
     if len(kept) < len(read):
         counts["velocities not later than the one before"] += len(read) - len(kept)
@@ -141,11 +147,16 @@ def _read(what: str, name: str, rows: Iterable[list[str]], counts: Counter[str])
     ):
         ignored += f" (an attitude is read from {' or '.join(map(', '.join, ATTITUDE.values()))})"
     samples = tuple(sample for index in kept for sample in read[index])
-    told = "speed, any direction" if columns.frame == SPEED else f"{columns.frame} velocity"
+    told = {SPEED: "speed, any direction", BY_PLACES: "velocity by its positions"}
     table = np.array(places)
-    track = place_track(stamps_ns, table[:, :2], table[:, 2], SEA_LEVEL, counts)
+    if columns.frame == BY_PLACES:
+        slopes = _by_places(what, np.array(stamps_ns)[kept], table[kept], counts)
+        samples = by_time(slopes, samples)
+    # Those that jump have been counted where the velocities are the slopes of the same.
+    jumps = Counter[str]() if columns.frame == BY_PLACES else counts
+    track = place_track(stamps_ns, table[:, :2], table[:, 2], SEA_LEVEL, jumps)
     return Telemetry(
-        f"CSV {name}: {told}{ignored}",
+        f"CSV {name}: {told.get(columns.frame, f'{columns.frame} velocity')}{ignored}",
         samples,
         dict(+counts),
         any_direction=columns.frame == SPEED,
@@ -159,8 +170,37 @@ def _cells(where: str, header: Sequence[str], row: Sequence[str]) -> dict[str, s
     return dict(zip(header, row, strict=True))
 
 
-def _samples(where: str, columns: Columns, cells: dict[str, str]) -> list[Sample]:
-    stamp_ns = _stamp(where, columns.time, cells)
+def _by_places(
+    what: str, stamps_ns: NDArray[np.int64], places: Vector, counts: Counter[str]
+) -> list[VelocitySample]:
+    """Velocities from places [n, 3] at rising stamps [n]."""
+    fixed = on_earth(places[:, :2])
+    counts[UNFIXED] += int((~fixed).sum())
+    found = velocities_by_fixes(stamps_ns[fixed], places[fixed, :2], places[fixed, 2], counts)
+    if not len(found):
+        raise BadInput(what, expected="a velocity, or positions that tell one", got=none_of(counts))
+    return found.samples()
+
+
+def _samples(where: str, columns: Columns, cells: dict[str, str], stamp_ns: int) -> list[Sample]:
+    """What a line itself tells of velocity and attitude."""
+    velocity = None if columns.frame == BY_PLACES else _velocity(where, columns, cells)
+    sigma = _optional(where, columns, cells, SIGMA)
+    try:
+        samples: list[Sample] = []
+        if velocity is not None:
+            frame: VelocityFrame = "camera" if columns.frame == "camera" else "world"
+            samples.append(VelocitySample(stamp_ns, velocity, frame, sigma))
+        if columns.attitude:
+            numbers = _numbers(where, cells, ATTITUDE[columns.attitude])
+            told = columns.attitude == "angles"
+            samples.append(AttitudeSample(stamp_ns, looking_along(*numbers) if told else _unit(numbers)))
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from error
+    return samples
+
+
+def _velocity(where: str, columns: Columns, cells: dict[str, str]) -> Vector:
     velocity = _numbers(where, cells, VELOCITY[columns.frame])
     if columns.frame == SPEED:
         if velocity[0] < 0:
@@ -170,17 +210,7 @@ def _samples(where: str, columns: Columns, cells: dict[str, str]) -> list[Sample
         raise BadInput(
             where, expected=f"at most {FASTEST_M_S:g} m/s", got=f"{speed:.0f}", mend="Velocities are in m/s."
         )
-    sigma = _optional(where, columns, cells, SIGMA)
-    try:
-        frame: VelocityFrame = "camera" if columns.frame == "camera" else "world"
-        samples: list[Sample] = [VelocitySample(stamp_ns, velocity, frame, sigma)]
-        if columns.attitude:
-            numbers = _numbers(where, cells, ATTITUDE[columns.attitude])
-            told = columns.attitude == "angles"
-            samples.append(AttitudeSample(stamp_ns, looking_along(*numbers) if told else _unit(numbers)))
-    except BadInput as error:
-        raise BadInput(f"{where}: {error}") from error
-    return samples
+    return velocity
 
 
 def _place(where: str, columns: Columns, cells: dict[str, str]) -> list[float]:

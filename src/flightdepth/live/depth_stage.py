@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.flight.camera_evidence import described
 from flightdepth.flight.camera_file import read_camera
 from flightdepth.flight.cameras import NO_CAMERA, camera_of_size
 from flightdepth.flight.lenses import Lens as KnownLens
 from flightdepth.flight.lenses import find_lens
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, VelocitySample
 from flightdepth.flight.steadiness import MAX_TURN_RAD, PAIR_NS, Steadiness
-from flightdepth.live.health import FROZEN
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.ranges.estimator import MultiRangeEstimator, check_ranges
 from flightdepth.ranges.repeats import Repeats
@@ -31,6 +31,7 @@ Image = NDArray[np.uint8]
 # Attitude and picture belong together to about this; a camera that turns may turn away by MAX_TURN_RAD in it.
 SYNC_S = 0.02
 MAX_TURN_RATE = MAX_TURN_RAD / SYNC_S
+FROZEN = "frozen picture"
 # A repeated picture is left out; so many ns of repeats are a frozen picture, and everybody shall know.
 FROZEN_NS = 3 * NS_PER_S // 10
 BACK_NS = NS_PER_S  # pictures whose times go back by more begin anew: those before had a time from the future
@@ -39,11 +40,15 @@ LOOKED_AT = 4  # every so-many-th pixel tells whether a picture changed
 
 @dataclass(frozen=True)
 class Lens:
-    """What the user said of the camera: a calibration, the horizontal field of view, or a lens of the table."""
+    """What the user said of the camera: a calibration, the horizontal field of view, or a lens of the table.
+
+    source  a line for people: where that comes from
+    """
 
     camera: Camera | None = None
     hfov_deg: float | None = None
     known: KnownLens | None = None
+    source: str = ""
 
     @classmethod
     def given(cls, camera: Path | None, hfov_deg: float | None) -> Lens:
@@ -52,10 +57,12 @@ class Lens:
             got = "neither" if camera is None else "both"
             raise BadInput("--camera and --hfov", expected="one of them", got=got, mend=NO_CAMERA)
         if camera is None:
-            return cls(hfov_deg=hfov_deg)
+            return cls(hfov_deg=hfov_deg, source=f"--hfov {hfov_deg:g}, an ideal lens")
         if not camera.exists() and camera.suffix == "":
-            return cls(known=find_lens(camera.name))
-        return cls(read_camera(camera))
+            lens = find_lens(camera.name)
+            source = f"{lens.name} in the table of lenses: {lens.camera}, {described(lens)}"
+            return cls(known=lens, source=source)
+        return cls(read_camera(camera), source=f"calibration {camera.name}")
 
     def at(self, width: int, height: int) -> Camera:
         """The camera of pictures of this size."""
@@ -75,14 +82,11 @@ class Lens:
 
 @dataclass(frozen=True, eq=False)
 class Staged:
-    """Depth of one picture, its camera, whether it differs from the picture before, and whether it had to wait until
-    the network was compiled for its size.
-    """
+    """Depth of one picture, its camera, and whether it had to wait until the network was compiled for its size."""
 
     depth: RangedDepth
     image: Image
     camera: Camera
-    changed: bool
     compiled: bool
 
 
@@ -156,14 +160,16 @@ class DepthStage:
         if self._zoom is not None:
             self._camera = camera_of_size(self._zoom(stamp_ns), width, height)
             self._estimator.see_through(self._camera)
-        changed = self._is_new(stamp_ns, image)
-        if not changed and stamp_ns - self._repeats.shown_ns < FROZEN_NS:
+        self._repeats.add(stamp_ns, image[::LOOKED_AT, ::LOOKED_AT].copy())
+        same_ns = stamp_ns - self._repeats.shown_ns if self._repeats.repeated else 0
+        if 0 < same_ns < FROZEN_NS:
             self.counts["the same picture again"] += 1
             return None
         self._feed_motion()
-        unusable = self._turning(stamp_ns, image) if changed else FROZEN
+        frozen = f"{FROZEN}: the same for {same_ns / NS_PER_S:.2f} s" if same_ns else None
+        unusable = frozen or self._turning(stamp_ns, image)
         depth = self._estimator.add_frame(stamp_ns, image, unusable=unusable)
-        return Staged(depth, image, self._camera, changed, compiled)
+        return Staged(depth, image, self._camera, compiled)
 
     def prepare(self, width: int, height: int) -> None:
         """Make ready for pictures of this size; takes the network's time to compile, seconds on a small machine."""
@@ -176,10 +182,6 @@ class DepthStage:
         self._estimator = MultiRangeEstimator(self._network, camera, ranges=self._ranges, turns=self._turns)
         self._steadiness = Steadiness(camera, max_turn_rad=self._estimator.max_turn_rad)
         self._camera = camera
-
-    def _is_new(self, stamp_ns: int, image: Image) -> bool:
-        self._repeats.add(stamp_ns, image[::LOOKED_AT, ::LOOKED_AT].copy())
-        return not self._repeats.repeated
 
     def _feed_motion(self) -> None:
         for sample in self._store.take_new():

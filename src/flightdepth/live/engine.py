@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol
 
-from flightdepth.errors import BadInput
+from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.live.depth_stage import DepthStage, NoCalibration, Staged
 from flightdepth.live.health import HealthMonitor, Limits
 from flightdepth.live.lens_watch import LensWatch
@@ -23,7 +23,7 @@ from flightdepth.live.meters import Ages, Rate
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.live.range_control import RangeControl
 from flightdepth.live.slots import SinkThread
-from flightdepth.live.status import FrameCounts, LiveResult, LiveStatus, Sink
+from flightdepth.live.status import AgeFrom, FrameCounts, LiveResult, LiveStatus, Sink
 from flightdepth.live.video_input import VideoInput, VideoListener
 from flightdepth.live.video_stream import Picture
 
@@ -76,10 +76,12 @@ class LiveEngine:
         self._start_ns = time.monotonic_ns()
         self._monitor = HealthMonitor(self._start_ns, limits, faster=parts.stage.faster)
         self._control = RangeControl(parts.stage.ranges)
-        self._pictures, self._results, self._ages = Rate(), Rate(), Ages()
+        self._pictures, self._taken, self._results, self._ages = Rate(), Rate(), Rate(), Ages()
         self._used = 0
         self._refused: Counter[str] = Counter()
-        self._last: tuple[Staged, Picture] | None = None
+        self._age_from: AgeFrom = "reception"
+        self._shifts: tuple[int, ...] = ()
+        self._displacements_m: tuple[float, ...] = ()
         self._sinks: list[SinkThread] = []
         self._video = parts.video(
             VideoListener(self._on_picture, self._on_stream_error, self._on_distrusted, self._on_cut)
@@ -122,8 +124,8 @@ class LiveEngine:
         now_ns = time.monotonic_ns()
         lens = None if self._parts.lens is None else self._parts.lens.verdict
         with self._lock:
-            monitor, last = self._monitor, self._last
-            monitor.pictures_hz, monitor.results_hz = self._pictures.hz(now_ns), self._results.hz(now_ns)
+            monitor = self._monitor
+            monitor.pictures_hz, monitor.taken_hz = self._pictures.hz(now_ns), self._taken.hz(now_ns)
             monitor.instead, monitor.lacking = self._video.instead, self._parts.lacking()
             monitor.untold = self._parts.untold()
             monitor.lens_doubt = None if lens is None else lens.doubt
@@ -132,15 +134,15 @@ class LiveEngine:
                 stamp_ns=now_ns,
                 health=monitor.judge(now_ns),
                 age_ms=self._ages.last_ms,
-                age_from="reception" if last is None else last[1].age_from,
+                age_from=self._age_from,
                 distrusted=self._video.distrusted,
                 age_p95_ms=self._ages.p95_ms,
                 frames=FrameCounts(self._video.received, self._used, self._dropped()),
                 ranges=self._stage.ranges,
-                shifts=() if last is None else tuple(last[0].depth.shifts.tolist()),
-                displacements_m=() if last is None else tuple(last[0].depth.displacements_m.tolist()),
+                shifts=self._shifts,
+                displacements_m=self._displacements_m,
                 fps_in=monitor.pictures_hz,
-                fps=monitor.results_hz,
+                fps=self._results.hz(now_ns),
                 telemetry_hz=self._store.rate_hz(now_ns),
                 telemetry_age_ms=self._store.age_ms(now_ns),
                 uptime_s=(now_ns - self._start_ns) / 1e9,
@@ -163,8 +165,9 @@ class LiveEngine:
     def on_link_error(self, why: str) -> None:
         """The telemetry's connection broke, or cannot be opened; called on the telemetry's thread."""
         with self._lock:
-            self._monitor.link_failed(why)
-        self._say(f"{why}; opening it again")
+            news = self._monitor.link_failed(why)
+        if news:
+            self._say(f"{why}; opening it again")
 
     def on_reboot(self, now_ns: int) -> None:
         """The autopilot rebooted; called on the telemetry's thread."""
@@ -179,8 +182,9 @@ class LiveEngine:
 
     def _on_stream_error(self, why: str) -> None:
         with self._lock:
-            self._monitor.stream_failed(why)
-        self._say(f"video: {why}; opening it again")
+            news = self._monitor.stream_failed(why)
+        if news:
+            self._say(f"video: {why}; opening it again")
 
     def _on_distrusted(self, why: str) -> None:
         self._say(f"video: ages count from reception, not by the sender's clock: {why}")
@@ -189,11 +193,14 @@ class LiveEngine:
         self._say(f"video: it cannot be read on, the rest of it is lost: {why}")
 
     def _on_sink_failure(self, name: str, error: Exception) -> None:
-        self._say(f"{name} failed, the estimator goes on: {type(error).__name__}: {error}")
+        kind = "" if isinstance(error, FlightDepthError) else f"{type(error).__name__}: "
+        self._say(f"{name} failed, the estimator goes on: {kind}{error}")
 
     def _work(self, picture: Picture) -> None:
         """One picture from the slot to the sinks."""
         began_ns = time.monotonic_ns()
+        with self._lock:
+            self._taken.add(began_ns)
         try:
             staged = self._stage.take(picture.stamp_ns, picture.rgb())
         except NoCalibration as error:  # the stream's size changed
@@ -218,12 +225,13 @@ class LiveEngine:
         age_ms = (ready_ns - picture.stamp_ns) / 1e6
         with self._lock:
             self._used += 1
-            self._last = staged, picture
+            # Figures, and not the result itself: its last holder frees megabytes, which takes milliseconds.
+            self._age_from, depth = picture.age_from, staged.depth
+            self._shifts = tuple(depth.shifts.tolist())
+            self._displacements_m = tuple(depth.displacements_m.tolist())
             self._results.add(ready_ns)
-            self._ages.add(ready_ns, age_ms)
-            if staged.changed:
-                self._monitor.changed(ready_ns)
-            depth = staged.depth
+            if not staged.compiled:
+                self._ages.add(ready_ns, age_ms)
             self._monitor.result(ready_ns, no_depth=depth.reason, age_ms=age_ms, doubt=depth.doubt)
 
     def _publish(self, staged: Staged, picture: Picture, ready_ns: int) -> None:

@@ -11,7 +11,6 @@ STARTING = "no picture has come yet"
 SILENT = "no picture comes"
 PREPARING = "the network is prepared for these pictures"
 STUCK = "pictures come, but no results"
-FROZEN = "the picture is frozen"
 REBOOTED = "the autopilot rebooted"
 NO_TELEMETRY = "no telemetry yet"
 LATE = "telemetry is late"
@@ -27,7 +26,6 @@ class Limits:
 
     silent_ns: int = 3 * NS_PER_S // 2
     stuck_ns: int = 2 * NS_PER_S
-    frozen_ns: int = NS_PER_S
     reboot_ns: int = 5 * NS_PER_S
     late_ns: int = NS_PER_S // 2
     no_depth_ns: int = 3 * NS_PER_S // 10
@@ -41,11 +39,11 @@ class HealthMonitor:
 
     `faster`: what would take less time than what runs. To be set before it is asked to judge:
 
-    instead                  what came since the last picture, and was none
-    lens_doubt               what the camera's turns say against its focal length
-    untold                   what telemetry tells in place of velocities
-    lacking                  what somebody who needs the results can't do, and for want of what
-    pictures_hz, results_hz  how many came, and went, a second
+    instead                what came since the last picture, and was none
+    lens_doubt             what the camera's turns say against its focal length
+    untold                 what telemetry tells in place of velocities
+    lacking                what somebody who needs the results can't do, and for want of what
+    pictures_hz, taken_hz  how many came, and were looked at, a second
     """
 
     def __init__(self, start_ns: int, limits: Limits | None = None, *, faster: str = "") -> None:
@@ -54,13 +52,13 @@ class HealthMonitor:
         self.lens_doubt: str | None = None
         self.untold: str | None = None
         self.lacking: str | None = None
-        self.pictures_hz = self.results_hz = 0.0
+        self.pictures_hz = self.taken_hz = 0.0
         self._health = Health(State.LOST, STARTING, start_ns)
         self._trouble_ns = start_ns
         self._picture_ns: int | None = None
         self._stream_error: str | None = None
         self._refused: str | None = None
-        self._changed_ns = self._resumed_ns = start_ns
+        self._resumed_ns = start_ns
         self._velocity_ns: int | None = None
         self._link_error: str | None = None
         self._reboot_ns: int | None = None
@@ -73,16 +71,13 @@ class HealthMonitor:
     def picture(self, now_ns: int) -> None:
         """A picture came."""
         if self._picture_ns is None or now_ns - self._picture_ns > self._limits.silent_ns:
-            self._resumed_ns = self._changed_ns = now_ns
+            self._resumed_ns = now_ns
         self._picture_ns, self._stream_error = now_ns, None
 
-    def changed(self, now_ns: int) -> None:
-        """A picture differed from the one before."""
-        self._changed_ns = now_ns
-
-    def stream_failed(self, why: str) -> None:
-        """The stream could not be opened, or broke."""
-        self._stream_error = why
+    def stream_failed(self, why: str) -> bool:
+        """The stream could not be opened, or broke; whether that is news since the last picture."""
+        known, self._stream_error = self._stream_error, why
+        return why != known
 
     def refused(self, why: str) -> None:
         """A picture could not be used at all."""
@@ -92,9 +87,10 @@ class HealthMonitor:
         """A velocity came."""
         self._velocity_ns, self._link_error = now_ns, None
 
-    def link_failed(self, why: str) -> None:
-        """The telemetry's connection could not be opened, or broke."""
-        self._link_error = why
+    def link_failed(self, why: str) -> bool:
+        """The telemetry's connection could not be opened, or broke; whether that is news since the last velocity."""
+        known, self._link_error = self._link_error, why
+        return why != known
 
     def rebooted(self, now_ns: int) -> None:
         """The autopilot's clock began again."""
@@ -148,17 +144,16 @@ class HealthMonitor:
         why = self.untold or self._link_error
         silent = NO_TELEMETRY + (f": {why}" if why else "")
         late = f"{LATE}: no velocity for {late_ns / NS_PER_S:.1f} s" + (f"; {why}" if why else "")
-        results_hz, pictures_hz = self.results_hz, self.pictures_hz
+        taken_hz, pictures_hz = self.taken_hz, self.pictures_hz
         troubles = (
-            ((self._picture_ns or 0) - self._changed_ns > limits.frozen_ns, FROZEN),
             (reboot_ns is not None and now_ns - reboot_ns < limits.reboot_ns, REBOOTED),
             (velocity_ns is None, silent),
             (late_ns > limits.late_ns, late),
             (now_ns - self._depth_ns > limits.no_depth_ns, self._no_depth),
             (True, self._doubt),
             (
-                0 < results_hz < min(limits.slow_hz, pictures_hz / 2),
-                f"{SLOW}: {results_hz:.1f} results a second of {pictures_hz:.0f} pictures{self._faster}",
+                0 < taken_hz < min(limits.slow_hz, pictures_hz / 2),
+                f"{SLOW}: {taken_hz:.1f} results a second of {pictures_hz:.0f} pictures{self._faster}",
             ),
             (self._age_ms > limits.old_ms, f"{OLD}: {self._age_ms:.0f} ms"),
             # Once told it lasts, so what may pass comes before it.

@@ -19,7 +19,7 @@ from flightdepth.flight.steadiness import Grey, follow, small_camera, small_grey
 from flightdepth.flight.turn_comparison import LEAST_RATE_RAD_S
 from flightdepth.flight.turn_verdict import TurnVerdict, judged_by_turns
 from flightdepth.flight.turned_focal import AROUND_S, LONGEST_PAIR_S, TurnPoints
-from flightdepth.live.health import FROZEN
+from flightdepth.live.depth_stage import FROZEN
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.live.status import LiveResult
 from flightdepth.ranges.timeline import Timeline
@@ -57,7 +57,7 @@ class LensWatch:
             self.settled, self.verdict = False, None
             self._begin(small)
         soon = len(self._waiting) > 0 and result.stamp_ns - self._waiting[-1][0] < STEP_NS
-        if self.settled or soon or result.depth.reason == FROZEN:
+        if self.settled or soon or (result.depth.reason or "").startswith(FROZEN):
             return
         self._waiting.append((result.stamp_ns, small_grey(result.image, small)))
         self._hear()

@@ -13,7 +13,7 @@ REFRESH_NS = NS_PER_S // 4  # sorting a minute's ages for each result would cost
 
 
 class Rate:
-    """Events a second over the last `span_s`."""
+    """Events a second over the last `span_s`, and since a pause of half of that."""
 
     def __init__(self, span_s: float = 3.0) -> None:
         self._span_ns = round(span_s * NS_PER_S)
@@ -21,6 +21,8 @@ class Rate:
 
     def add(self, now_ns: int) -> None:
         """One event."""
+        if self._stamps and now_ns - self._stamps[-1] > self._span_ns // 2:
+            self._stamps.clear()
         self._stamps.append(now_ns)
 
     def hz(self, now_ns: int) -> float:

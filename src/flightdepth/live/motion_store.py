@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from flightdepth.flight.records import NS_PER_S, AttitudeSample, BodyAttitudeSam
 from flightdepth.live.meters import Rate
 from flightdepth.motion import (
     Vector,
+    mixed_quaternions,
     quaternion_from_rotation,
     rotation_angle_rad,
     rotation_from_quaternion,
@@ -31,12 +33,14 @@ class MotionAt:
     world_from_body        the drone's, NED from forward-right-down
     velocity_ned           [3] m/s
     height_above_ground_m  by a range finder or the autopilot's terrain estimate
+    velocity_told_ns       stamp of the last velocity before, which `velocity_ned` rests on
     """
 
     world_from_camera: Vector | None
     world_from_body: Vector | None
     velocity_ned: Vector | None
     height_above_ground_m: float | None
+    velocity_told_ns: int | None = None
 
 
 class MotionStore:
@@ -95,11 +99,13 @@ class MotionStore:
     def at(self, stamp_ns: int) -> MotionAt:
         """The drone at `stamp_ns`, between samples or just after the last."""
         with self._lock:
+            told = _around(self._velocities, stamp_ns)
             return MotionAt(
                 _quaternion_at(self._cameras, stamp_ns),
                 _quaternion_at(self._bodies, stamp_ns),
-                _velocity_at(self._velocities, stamp_ns),
+                None if told is None else told.before + told.share * (told.after - told.before),
                 self._height_at(stamp_ns),
+                None if told is None else told.told_ns,
             )
 
     def turn_rate_rad_s(self, stamp_ns: int, over_ns: int) -> float | None:
@@ -140,17 +146,26 @@ class MotionStore:
         return self._height[1]
 
 
-def _quaternion_at(timeline: Timeline, stamp_ns: int) -> Vector | None:
-    turns, known = orientations(*timeline.between(stamp_ns, stamp_ns), np.array([stamp_ns]))
-    return quaternion_from_rotation(turns[0]) if known[0] else None
+class _Around(NamedTuple):
+    """The rows before and after a time, how far it is from one to the other, 0..1, and the stamp of the first."""
+
+    before: Vector
+    after: Vector
+    share: float
+    told_ns: int
 
 
-def _velocity_at(timeline: Timeline, stamp_ns: int) -> Vector | None:
+def _around(timeline: Timeline, stamp_ns: int) -> _Around | None:
     stamps, rows = timeline.between(stamp_ns, stamp_ns)
     if not len(stamps):
         return None
     before, _, share, known = neighbours(stamps, np.array([stamp_ns]))
     if not known[0]:
         return None
-    after = rows[min(before[0] + 1, len(rows) - 1)]
-    return np.asarray(rows[before[0]] + share[0] * (after - rows[before[0]]))
+    first = int(before[0])
+    return _Around(rows[first], rows[min(first + 1, len(rows) - 1)], float(share[0]), int(stamps[first]))
+
+
+def _quaternion_at(timeline: Timeline, stamp_ns: int) -> Vector | None:
+    around = _around(timeline, stamp_ns)
+    return None if around is None else mixed_quaternions(around.before, around.after, around.share)

@@ -30,15 +30,18 @@ class Recorder:
         network: NetworkCard,
         telemetry: str,
         settings: dict[str, bool | int | float | str | None],
+        camera_source: str = "",
     ) -> None:
-        """`telemetry`: where the velocity comes from; `settings` as they shall stand in flight.json."""
+        """Where the velocity and the camera come from, and `settings`, are as they shall stand in flight.json."""
         check_target(target)  # now, not after the flight
         self._target, self._network, self._telemetry, self._settings = target, network, telemetry, settings
+        self._camera_source = camera_source
         self._name = f"recording {target}"  # in what is said of it
         self._stack = ExitStack()
         self._writer: FlightWriter | None = None
         self._size = (0, 0)
         self._first_ns = self._posed_ns = 0
+        self._told_ns: int | None = None  # the last velocity that the track was given
         self._track = PoseTrack()
         self._count = self._of_other_size = self._lost = 0
         self._warnings: tuple[str, ...] = ()
@@ -73,12 +76,15 @@ class Recorder:
 
     def _pose(self, frame: Frame, result: LiveResult) -> FramePose | None:
         """Where the camera was, summed from result to result; None where telemetry tells not enough."""
-        velocity_ned, world_from_camera = result.motion.velocity_ned, result.motion.world_from_camera
+        motion = result.motion
+        velocity_ned, world_from_camera = motion.velocity_ned, motion.world_from_camera
         # A stream's times may step back.
         if velocity_ned is None or world_from_camera is None or result.stamp_ns <= self._posed_ns:
             return None
         self._posed_ns = result.stamp_ns
-        self._track.add(VelocitySample(frame.stamp_ns, velocity_ned))
+        if motion.velocity_told_ns != self._told_ns:  # else it is held: given again, it would shorten a gap
+            self._told_ns = motion.velocity_told_ns
+            self._track.add(VelocitySample(frame.stamp_ns, velocity_ned))
         self._track.add(AttitudeSample(frame.stamp_ns, world_from_camera))
         return self._track.at(frame, result.depth)
 
@@ -107,6 +113,7 @@ class Recorder:
             flight=str(self._settings["video"]),
             telemetry=self._telemetry,
             camera=result.camera,
+            camera_source=self._camera_source,
             network=self._network,
             settings=self._settings,
         )

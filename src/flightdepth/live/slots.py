@@ -20,18 +20,12 @@ class Newest(Generic[T]):
     def __init__(self) -> None:
         self._filled = threading.Condition()
         self._item: tuple[T] | None = None
-        self._replaced = 0
-
-    @property
-    def replaced(self) -> int:
-        """Items that a newer one pushed out."""
-        with self._filled:
-            return self._replaced
+        self.replaced = 0
 
     def put(self, item: T) -> None:
         """Never waits; pushes out an older item."""
         with self._filled:
-            self._replaced += self._item is not None
+            self.replaced += self._item is not None
             self._item = (item,)
             self._filled.notify()
 

@@ -22,7 +22,8 @@ EXPECTED = (
 QUICK = {"analyzeduration": "500000", "fpsprobesize": "0"}
 # MPEG-TS holds one picture a PES packet, which is known to be whole when the next one begins. FFmpeg's parser would
 # look for the end once more, and find it with the picture after that: another 33 ms at 30 pictures a second.
-WHOLE_PICTURES = {"fflags": "+noparse+nofillin"}
+# With nofillin it would read 33 pictures before the stream is open.
+WHOLE_PICTURES = {"fflags": "+noparse"}
 # FFmpeg's queue before the decoder, in packets of 188 bytes: a key frame of a stream of 20 Mbit/s comes in one burst.
 UDP_QUEUE = {"overrun_nonfatal": "1", "fifo_size": "8192"}
 # What `export_side_data` adds: the sender's wall clock, from RTCP reports.

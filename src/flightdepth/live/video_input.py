@@ -110,7 +110,9 @@ class VideoInput:
                     self._cut_short(error)
                     return
                 self._listener.on_error(in_words(error))
-            failures = 0 if self.received > before else failures + 1
+                # Who waited in vain waits no longer: in a pause nobody hears a sender that comes back.
+                waited = self.received > before or isinstance(error, TimeoutError | ExitError)
+            failures = 0 if waited else failures + 1
             self._stop.wait(pause_s(failures))
             self.reconnects += 1
 

@@ -21,7 +21,8 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.motion import ENU_FROM_NED, Vector
 from flightdepth.outputs.encoding import Map
-from flightdepth.outputs.pictures import Picture, pictures
+from flightdepth.outputs.palette import Picture
+from flightdepth.outputs.pictures import pictures
 from flightdepth.outputs.poses import FramePose
 from flightdepth.outputs.read import FlightFolder
 from flightdepth.outputs.voxels import Cloud, VoxelGrid

@@ -13,20 +13,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.flight.places import AltitudeAbove
+from flightdepth.flight.way_length import fitted, longer, said_longer
 from flightdepth.motion import Vector
 from flightdepth.outputs.poses import FramePose
 from flightdepth.outputs.voxels import Cloud
 
-Plane = NDArray[np.complex128]  # east + i north, metres
-ROUNDS = 30
-NEAREST_M = 0.01  # distances below weigh alike
 TURN_TOLD = 0.05  # rad: half of the positions may lie so far aside, seen over the way's spread
 # Half of the positions farther off than both: the way flown is not theirs.
 RECEIVER_M, STRAYING = 5.0, 0.1  # beyond a receiver's error; of the way's spread
-LONGER_TOLD = 0.02  # of a way's length: by less, receivers and velocities differ as a rule
 
 
 class LocalOnlyError(ValueError):
@@ -44,7 +40,7 @@ class Georeference:
     apart_m     distances between the flown way, so placed, and the log's positions: median and 95 %
     apart_up_m  the same of heights; None with `up_m`
     spread_m    mean distance of the flown way from its middle
-    longer      by what share the flown way is longer than the positions'; 0 where their scatter hides it
+    longer      by what share the flown way is longer than the positions'; 0 where their error may hide it
     frames      how many have a position, and of how many
     """
 
@@ -78,18 +74,14 @@ class Georeference:
         height = "" if self.up_m is None else f", height {self.up_m:.1f} m"
         turned = "" if self.turn == 1 else f", turned by {np.degrees(np.angle(self.turn)):.1f} degrees,"
         up = "" if self.apart_up_m is None else ", in height {:.2f} m ({:.2f} m)".format(*self.apart_up_m)
-        more, far = ("longer", "far") if self.longer > 0 else ("shorter", "near")
-        length = (
-            f"\nthe way flown is {100 * abs(self.longer):.1f} % {more} than the log's positions tell:"
-            f" where these are right, depth is so much too {far}"
-        )
-        told = length if abs(self.longer) >= LONGER_TOLD else ""
-        return (
-            f"{self.crs.name} (EPSG:{self.crs.to_epsg()}), heights above {heights}\n"
-            f"first camera at latitude {latitude[0]:.6f}, longitude {longitude[0]:.6f}{height}\n"
+        lines = (
+            f"{self.crs.name} (EPSG:{self.crs.to_epsg()}), heights above {heights}",
+            f"first camera at latitude {latitude[0]:.6f}, longitude {longitude[0]:.6f}{height}",
             f"the way flown{turned} lies {self.apart_m[0]:.2f} m from the log's positions"
-            f" (95 % within {self.apart_m[1]:.2f} m){up}, at {self.frames[0]:,} of {self.frames[1]:,} frames{told}"
+            f" (95 % within {self.apart_m[1]:.2f} m){up}, at {self.frames[0]:,} of {self.frames[1]:,} frames",
+            *said_longer(self.longer),
         )
+        return "\n".join(lines)
 
     def _longitude_latitude(self, points_m: Vector) -> tuple[Vector, Vector]:
         """Degrees [N] of points east, north [N, 2]."""
@@ -142,31 +134,6 @@ def median_and_most(distances_m: Vector) -> tuple[float, float]:
     """The median and 95 % of distances [n]."""
     median_m, most_m = np.percentile(distances_m, [50, 95]).tolist()
     return median_m, most_m
-
-
-def fitted(flown: Plane, told: Plane, *, turns: bool, stretches: bool = False) -> tuple[complex, complex]:
-    """Turn (of length 1 unless it `stretches`) and shift that bring `flown` [n] to `told` [n]; 1 where it `turns` not.
-
-    Least squares, weighed anew by the inverse of each distance (Weiszfeld): the least sum of distances.
-    """
-    turn, shift, weights = 1 + 0j, 0j, np.ones(len(flown))
-    for _ in range(ROUNDS):
-        from_, to = np.average(flown, weights=weights), np.average(told, weights=weights)
-        arrow = np.sum(weights * (told - to) * (flown - from_).conj()) if turns else 0j
-        length = np.sum(weights * np.abs(flown - from_) ** 2) if stretches else abs(arrow)
-        turn = arrow / length if arrow else 1 + 0j
-        shift = to - turn * from_
-        weights = 1 / np.maximum(np.abs(turn * flown + shift - told), NEAREST_M)
-    return complex(turn), complex(shift)
-
-
-def longer(flown: Plane, told: Plane) -> float:
-    """By what share `flown` [n] is longer than `told` [n]; 0 where twice the scatter hides that, or all of `told`."""
-    turn, shift = fitted(flown, told, turns=True, stretches=True)
-    scatter_m = np.median(np.abs(turn * flown + shift - told))
-    spread_m = np.abs(flown - flown.mean()).mean()
-    least_m = min(abs(turn), abs(1 - abs(turn))) * spread_m
-    return 1 / abs(turn) - 1 if least_m > max(2 * scatter_m, NEAREST_M) else 0.0
 
 
 def plane_about(centre_deg: tuple[float, float]) -> Any:

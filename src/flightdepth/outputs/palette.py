@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.outputs.encoding import FARTHEST, UNIT_M, UNKNOWN, Map, centimetres_from_depth
+from flightdepth.runtimes.arrays import Flags
 
 Picture = NDArray[np.uint8]
 
@@ -72,17 +73,6 @@ class DepthScale:
         return min(1.0, max(0.0, share))
 
 
-@dataclass(frozen=True, eq=False)
-class Bounds:
-    """Where a pixel without depth is known to be farther, or nearer, than some bound: bool [H, W]."""
-
-    farther: NDArray[np.bool_] | None = None
-    nearer: NDArray[np.bool_] | None = None
-
-
-NO_BOUNDS = Bounds()
-
-
 class Palette:
     """Colours depth maps by one scale. Tables and hatches are made once."""
 
@@ -93,15 +83,19 @@ class Palette:
         self._table = coloured(steps_of(shares)[:, None])[:, 0]
         self._pictures: dict[tuple[Hatch, tuple[int, ...]], Picture] = {}
 
-    def paint(self, centimetres: NDArray[np.uint16], bounds: Bounds = NO_BOUNDS) -> Picture:
-        """Colours RGB [H, W, 3] of stored depth [H, W]; `bounds` tells apart what is unknown."""
+    def paint(
+        self, centimetres: NDArray[np.uint16], farther: Flags | None = None, nearer: Flags | None = None
+    ) -> Picture:
+        """Colours RGB [H, W, 3] of stored depth [H, W].
+
+        `farther`, `nearer`, bool [H, W]: which pixels without depth are known to be so, by some bound.
+        """
         picture = np.take(self._table, centimetres, axis=0)
         unknown = centimetres == UNKNOWN
         self._lay(UNKNOWN_HATCH, unknown, picture)
-        if bounds.farther is not None:
-            self._lay(FARTHER_HATCH, unknown & bounds.farther, picture)
-        if bounds.nearer is not None:
-            self._lay(NEARER_HATCH, unknown & bounds.nearer, picture)
+        for hatch, told in ((FARTHER_HATCH, farther), (NEARER_HATCH, nearer)):
+            if told is not None:
+                self._lay(hatch, unknown & told, picture)
         return picture
 
     def fitted(
@@ -116,9 +110,9 @@ class Palette:
             return np.asarray(cv2.resize(map_hw, size, interpolation=cv2.INTER_NEAREST), np.float32)
 
         told = (None if each is None else np.isfinite(at_size(each)) for each in (farther_m, nearer_m))
-        return self.paint(centimetres_from_depth(at_size(depth_m)), Bounds(*told))
+        return self.paint(centimetres_from_depth(at_size(depth_m)), *told)
 
-    def _lay(self, hatch: Hatch, mask: NDArray[np.bool_], picture: Picture) -> None:
+    def _lay(self, hatch: Hatch, mask: Flags, picture: Picture) -> None:
         key = (hatch, mask.shape)
         if key not in self._pictures:
             self._pictures[key] = hatch.picture(mask.shape[1], mask.shape[0])

@@ -9,14 +9,12 @@ import av
 import cv2
 import numpy as np
 from av.error import FFmpegError
-from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
+from flightdepth.outputs.palette import Picture
 from flightdepth.outputs.preview import Layout
 from flightdepth.outputs.read import FlightFolder
 from flightdepth.outputs.writer import PREVIEW
-
-Picture = NDArray[np.uint8]
 
 
 def pictures(folder: FlightFolder, every: int = 1) -> Iterator[tuple[int, Picture]]:

@@ -39,11 +39,6 @@ def read_confidence(path: Path) -> Map:
     return confidence_from_bytes(_read_png(path, np.uint8))
 
 
-def read_sigma(path: Path) -> Map:
-    """Standard deviation in metres, float32 [H, W], NaN = unknown, of a .png or .npz."""
-    return _read_npz(path, "sigma_m") if path.suffix == ".npz" else read_depth(path)
-
-
 class FlightFolder:
     """An output folder: `record` (flight.json), `rows` (frames.csv), and the maps and pose of each frame.
 
@@ -64,6 +59,9 @@ class FlightFolder:
             self.poses = self._read_table(POSES, poses_from_csv)
         self._focals_px = {row.index: row.focal_px for row in self.rows if row.focal_px is not None}
 
+    def __repr__(self) -> str:
+        return f"FlightFolder({str(self.folder)!r}: {len(self.rows)} frames)"
+
     def camera(self, index: int) -> Camera:
         """The camera of the frame with this index: that of `record`, zoomed as its picture was."""
         camera = self.record.source.camera
@@ -71,16 +69,18 @@ class FlightFolder:
 
     def depth_m(self, index: int) -> Map:
         """Depth in metres, float32 [H, W], NaN = unknown, of the frame with this index."""
-        return read_depth(self._depth_file(index))
+        return read_depth(self._file(DEPTH, index, self.record.depth.format))
 
     def confidence(self, index: int) -> Map:
         """Confidence 0..1, float32 [H, W], of the frame with this index."""
-        return read_confidence(self._confidence_file(index))
+        return read_confidence(self._file(CONFIDENCE, index))
 
     def sigma_m(self, index: int) -> Map | None:
         """Standard deviation in metres, float32 [H, W]; None without depth, or of a network that tells none."""
-        path = self.folder / SIGMA / f"{index:06d}.{self.record.depth.format}"
-        return read_sigma(path) if path.exists() else None
+        path = self._file(SIGMA, index, self.record.depth.format)
+        if not path.exists():
+            return None
+        return _read_npz(path, "sigma_m") if path.suffix == ".npz" else read_depth(path)
 
     def farther_than_m(self, index: int) -> Map | None:
         """What is at least so far, metres, float32 [H, W], NaN where that is not told; None where it is nowhere."""
@@ -92,18 +92,15 @@ class FlightFolder:
 
     def _stands(self, row: FrameRow) -> bool:
         """Whether its depth came to the disk; a loss of power leaves empty files."""
-        files = self._depth_file(row.index), self._confidence_file(row.index)
-        return all(file.exists() and file.stat().st_size for file in files)
+        depth = self._file(DEPTH, row.index, self.record.depth.format)
+        return all(f.exists() and f.stat().st_size for f in (depth, self._file(CONFIDENCE, row.index)))
 
     def _bound_m(self, folder: str, index: int) -> Map | None:
-        path = self.folder / folder / f"{index:06d}.png"
+        path = self._file(folder, index)
         return read_depth(path) if path.exists() else None
 
-    def _depth_file(self, index: int) -> Path:
-        return self.folder / DEPTH / f"{index:06d}.{self.record.depth.format}"
-
-    def _confidence_file(self, index: int) -> Path:
-        return self.folder / CONFIDENCE / f"{index:06d}.png"
+    def _file(self, folder: str, index: int, ending: str = "png") -> Path:
+        return self.folder / folder / f"{index:06d}.{ending}"
 
     def _read_record(self) -> FlightRecord:
         path = self.folder / RECORD

@@ -19,7 +19,6 @@ from flightdepth.flight.records import Frame
 from flightdepth.outputs.background import Background
 from flightdepth.outputs.encoding import (
     FARTHEST,
-    Map,
     bytes_from_confidence,
     centimetres_from_depth,
     npz,
@@ -164,31 +163,25 @@ class FlightWriter:
                     (self._folder / folder / f"{frame.index:06d}.{ending}").unlink()
 
     def _write_maps(self, frame: Frame, result: RangedDepth) -> None:
-        name = f"{frame.index:06d}"
-        confidence = png(bytes_from_confidence(result.confidence))
-        (self._folder / CONFIDENCE / f"{name}.png").write_bytes(confidence)
-        self._write_sigma(name, result.sigma_m)
-        self._write_bound(FARTHER, name, result.farther_than_m)
-        self._write_bound(NEARER, name, result.nearer_than_m)
-        if self._format == "npz":
-            (self._folder / DEPTH / f"{name}.npz").write_bytes(npz(depth_m=result.depth_m))
+        exact = self._format == "npz"
+        self._write(CONFIDENCE, frame, png(bytes_from_confidence(result.confidence)))
+        if (sigma_m := result.sigma_m) is not None:
+            sigma = npz(sigma_m=sigma_m) if exact else png(rounded_centimetres(sigma_m))
+            self._write(SIGMA, frame, sigma, self._format)
+        for folder, bound_m in ((FARTHER, result.farther_than_m), (NEARER, result.nearer_than_m)):
+            # In centimetres whatever the format: a bound is one value over wide areas, and small so.
+            if np.isfinite(bound_m).any():
+                self._write(folder, frame, png(centimetres_from_depth(bound_m)))
+        if exact:
+            self._write(DEPTH, frame, npz(depth_m=result.depth_m), "npz")
             return
         centimetres = centimetres_from_depth(result.depth_m)
-        (self._folder / DEPTH / f"{name}.png").write_bytes(png(centimetres))
+        self._write(DEPTH, frame, png(centimetres))
         self._saturated_pixels += int(np.count_nonzero(centimetres == FARTHEST))
 
-    def _write_sigma(self, name: str, sigma_m: Map | None) -> None:
-        if sigma_m is None:
-            return
-        (self._folder / SIGMA).mkdir(exist_ok=True)
-        data = npz(sigma_m=sigma_m) if self._format == "npz" else png(rounded_centimetres(sigma_m))
-        (self._folder / SIGMA / f"{name}.{self._format}").write_bytes(data)
-
-    def _write_bound(self, folder: str, name: str, bound_m: Map) -> None:
-        """In centimetres whatever the format: a bound is one value over wide areas, and small so."""
-        if np.isfinite(bound_m).any():
-            (self._folder / folder).mkdir(exist_ok=True)
-            (self._folder / folder / f"{name}.png").write_bytes(png(centimetres_from_depth(bound_m)))
+    def _write(self, folder: str, frame: Frame, data: bytes, ending: str = "png") -> None:
+        (self._folder / folder).mkdir(exist_ok=True)
+        (self._folder / folder / f"{frame.index:06d}.{ending}").write_bytes(data)
 
     def _write_picture(self, frame: Frame, result: RangedDepth, written: Future[bool]) -> None:
         if written.result() and self._filmed:

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from flightdepth.flight.records import HOLD_S, MAX_GAP_S
 from flightdepth.motion import Vector, mixed_quaternions, rotations_from_quaternions
 from flightdepth.ranges.timeline import Rows, Stamps
-
-Flags = NDArray[np.bool_]
+from flightdepth.runtimes.arrays import Flags
 
 
 def neighbours(stamps_ns: Stamps, at_ns: Stamps) -> tuple[NDArray[np.intp], Vector, Vector, Flags]:

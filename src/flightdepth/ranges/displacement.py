@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import MAX_GAP_S, VelocityFrame
 from flightdepth.motion import Vector, quaternion_from_rotation, unit_quaternion
-from flightdepth.ranges.attitude import Flags, neighbours, orientations
+from flightdepth.ranges.attitude import neighbours, orientations
 from flightdepth.ranges.pose_jumps import MAX_ACCELERATION_M_S2, PoseJumps
 from flightdepth.ranges.timeline import Rows, Stamps, Timeline
+from flightdepth.runtimes.arrays import Flags
 
 SPEED_NOISE_M_S = 1.0
 

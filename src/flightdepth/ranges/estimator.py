@@ -219,7 +219,9 @@ class MultiRangeEstimator:
         self._last_ns = stamp_ns
         self._frames_given += 1
         if unusable is not None:
-            return self._skip(unusable, started)
+            if not self._trajectory.knows_attitude:
+                self.forget_frames()
+            return self._unknown(unusable, started)
         prepared = self._grid.image(image)
         # A picture that fits the grid comes back as it is; the caller may write its next frame into it.
         picture = prepared.copy() if prepared is image else prepared
@@ -359,11 +361,6 @@ class MultiRangeEstimator:
     def _moved(self, pairs: tuple[Pair, ...], card: NetworkCard) -> NDArray[np.float64] | None:
         told = card.knows_direction or all(pair.directed for pair in pairs)
         return np.stack([pair.displacement_m for pair in pairs]) if told else None
-
-    def _skip(self, reason: str, started: float) -> RangedDepth:
-        if not self._trajectory.knows_attitude:
-            self.forget_frames()
-        return self._unknown(reason, started)
 
     def _unknown(self, reason: str, started: float) -> RangedDepth:
         return RangedDepth.unknown(self._camera.height, self._camera.width, reason, _since_ms(started))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.ranges.network import Map
+from flightdepth.runtimes.arrays import Flags
 from flightdepth.weights.card import NetworkCard
 
 BETA_MIN = 0.1
@@ -39,7 +40,6 @@ LAPLACE_68 = 1.148
 # Depth beyond this is told as a bound: it hangs on hundredths of a pixel, and the files hold no larger one.
 FARTHEST_TOLD_M = 655.34
 
-Flags = NDArray[np.bool_]
 # paper: each output is a measurement; saturation: one at an end of the range is a bound, and ranges that contradict
 # each other know nothing.
 Fusion = Literal["saturation", "paper"]

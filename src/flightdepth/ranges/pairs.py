@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from flightdepth.motion import Vector
-from flightdepth.ranges.attitude import Flags
 from flightdepth.ranges.displacement import States, Trajectory
 from flightdepth.ranges.network import Image
+from flightdepth.runtimes.arrays import Flags
 
 MAX_FRAMES = 128
 # Less than this is no baseline: a stabiliser leaves a good part of it, and a flight controller drifts by it.

@@ -109,10 +109,9 @@ class Planner:
         before, clusters = self._centroids_m, max(self.ranges, self._turns if self.ranges == 1 else 1)
         if before is not None and len(before) != clusters:
             before = None  # so many were asked for until now
+        asking_m = np.minimum(depth_m, np.float32(FARTHEST_M)) if self._saturation else depth_m
         self._centroids_m = (
-            centroids(self._asking(depth_m), clusters, before, logarithmic=self._saturation)
-            if measured
-            else None
+            centroids(asking_m, clusters, before, logarithmic=self._saturation) if measured else None
         )
         self._limit_m = self._shift_per_depth * _near_depth(depth_m, nearer, farther)
         if self._start_over:
@@ -121,10 +120,6 @@ class Planner:
             return
         self._nearer_m = _tightest(nearer, ~np.isfinite(farther), MIN_NEARER, self._nearer_m, np.min)
         self._farther_m = _tightest(farther, ~np.isfinite(nearer), MIN_FARTHER, self._farther_m, np.max)
-
-    def _asking(self, depth_m: Map) -> Map:
-        """The depths that clusters are made of."""
-        return np.minimum(depth_m, np.float32(FARTHEST_M)) if self._saturation else depth_m
 
     def _looked_at(self, centroids_m: Vector) -> Vector:
         """The clusters that this frame looks at: all, or the one whose turn it is."""

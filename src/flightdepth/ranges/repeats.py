@@ -20,27 +20,25 @@ HANGS_NS = 300_000_000
 
 
 class Repeats:
-    """Tells new pictures from repeated ones; give it every picture in the order of time. Another size is new."""
+    """Tells new pictures from repeated ones; give it every picture in the order of time. Another size is new.
+
+    shown_ns  stamp at which the picture shown now was new
+    """
 
     def __init__(self) -> None:
         self._image: Image | None = None
-        self._shown_ns = 0
+        self.shown_ns = 0
         self._changed_once = False
         self._changes = 0.0, 0.0, 0.0  # that the last new pictures made, grey levels
         self.repeated = False
         self.frozen = False  # set by who knows that the camera moved meanwhile; until a new picture comes
-
-    @property
-    def shown_ns(self) -> int:
-        """Stamp at which the picture shown now was new."""
-        return self._shown_ns
 
     def taken_ns(self, stamp_ns: int) -> int:
         """When the picture given at `stamp_ns` was taken: as it was new, where it is repeated and does not hang.
 
         Video of 25 or 30 pictures a second in a file or link of more holds each several times.
         """
-        return self._shown_ns if self.repeated and stamp_ns - self._shown_ns < HANGS_NS else stamp_ns
+        return self.shown_ns if self.repeated and stamp_ns - self.shown_ns < HANGS_NS else stamp_ns
 
     def add(self, stamp_ns: int, image: Image) -> None:
         """Compare a picture, uint8 [H, W, 3], with the one before."""
@@ -49,14 +47,14 @@ class Repeats:
         change = difference(before, image) if before is not None and alike else 0.0
         mended = min(MENDED_SHARE * sorted(self._changes)[1], MENDED_LEVELS)
         same = alike and change < max(SAME_LEVELS, mended)
-        hangs = self.repeated and stamp_ns - self._shown_ns >= HANGS_NS
+        hangs = self.repeated and stamp_ns - self.shown_ns >= HANGS_NS
         refreshed = hangs and not same and not self._changed_once
         self._changed_once = refreshed
         self.repeated = same or refreshed
         if not same:
             self._image, self._changes = image, (*self._changes[1:], change)
         if not self.repeated:
-            self._shown_ns, self.frozen = stamp_ns, False
+            self.shown_ns, self.frozen = stamp_ns, False
 
 
 def difference(one: Image, other: Image) -> float:

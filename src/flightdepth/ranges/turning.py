@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.motion import Vector
 from flightdepth.ranges.network import Image
+from flightdepth.runtimes.arrays import Flags
 
 # A turn that moves no pixel by more than this is left alone: resampling would cost more than it mends.
 UNSEEN_PX = 0.1
@@ -35,7 +35,7 @@ def turned(image: Image, current_from_previous: Vector, camera: Camera) -> Image
     )
 
 
-def in_view(current_from_previous: Vector, camera: Camera, valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def in_view(current_from_previous: Vector, camera: Camera, valid: Flags) -> Flags:
     """Which pixels of an [h, w] map the previous picture showed too, before the turn, far things assumed.
 
     valid  [h, w] those of either picture that show the scene, not padding

@@ -19,15 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.runtimes.arrays import Image, Maps
 from flightdepth.runtimes.contract import DEPTH, OUTPUT_STRIDE, SIGMA
 from flightdepth.runtimes.judge import judge
 from flightdepth.runtimes.left_rotation import left_rotation, mended_depth, rotated_flow
 from flightdepth.sweep import grey, motion_field, unit_direction
 from flightdepth.triangulation import flow_of_depth, inverse_depth
 from flightdepth.weights.card import NetworkCard
-
-Image = NDArray[np.uint8]
-Maps = NDArray[np.float32]
 
 PATCH_PX, STRIDE_PX = 8, 6  # of the flow, at full size
 LEAST_SIGMA = 0.005  # of the depth

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.runtimes.arrays import Flags, Maps
 from flightdepth.runtimes.contract import DEPTH, SIGMA, STRIDE
 from flightdepth.runtimes.grid import NetworkGrid, filling_focal_px
 from flightdepth.weights.card import NetworkCard
@@ -20,8 +20,6 @@ from flightdepth.weights.card import NetworkCard
 REACH_PX, FURTHER_LOOK = 28.0, 1.3
 FEW = 0.01  # a smaller share of such pixels is not worth a look
 
-Maps = NDArray[np.float32]
-
 
 def coarser_grid(card: NetworkCard, camera: Camera) -> NetworkGrid | None:
     """The view of a grid's pictures at half their size, or as near to it as fills a grid; None: there is none."""
@@ -30,7 +28,7 @@ def coarser_grid(card: NetworkCard, camera: Camera) -> NetworkGrid | None:
     return NetworkGrid(camera, filling_focal_px(camera, camera.fx / 2))
 
 
-def beyond_reach(card: NetworkCard, depth_m: Maps, valid: NDArray[np.bool_]) -> list[int]:
+def beyond_reach(card: NetworkCard, depth_m: Maps, valid: Flags) -> list[int]:
     """Which of n pairs' outputs [n, h, w] say that enough of what is `valid` [h, w] moved too far."""
     near = (depth_m < _nearest_m(card)) & valid
     return [int(i) for i in np.flatnonzero(near.mean(axis=(1, 2)) > FEW)]

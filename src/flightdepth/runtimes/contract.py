@@ -56,7 +56,6 @@ class Runtime(Protocol):
 
     def __call__(self, inputs: Arrays) -> dict[str, NDArray[np.float32]]:
         """Outputs by name, of inputs by name; the caller owns the result."""
-        ...
 
 
 def architecture_of(inputs: dict[str, str], outputs: dict[str, str]) -> str:

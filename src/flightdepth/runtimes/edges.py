@@ -16,12 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.runtimes.arrays import Flags, Image, Maps
 from flightdepth.runtimes.contract import OUTPUT_STRIDE
 from flightdepth.runtimes.sampling import without_nan
-
-Maps = NDArray[np.float32]
-Flags = NDArray[np.bool_]
-Image = NDArray[np.uint8]
 
 STEP = 0.15  # of inverse depth: where it bends by more there is an edge
 GAP = 1.2  # one depth over another: more are two sides of one

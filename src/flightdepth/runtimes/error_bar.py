@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.runtimes.prediction import Maps
+from flightdepth.runtimes.arrays import Flags, Maps
 from flightdepth.weights.card import NetworkCard
 
 # Sky is beyond this. Far walls of a room may be beyond what fusion takes for a bound, through a wide lens or after a
@@ -13,7 +13,7 @@ from flightdepth.weights.card import NetworkCard
 SKY_BETA = 0.9
 
 
-def error_bar_scale(card: NetworkCard, beta: Maps, valid: NDArray[np.bool_]) -> Maps:
+def error_bar_scale(card: NetworkCard, beta: Maps, valid: Flags) -> Maps:
     """The scale of each of n pairs, float32 [n, 1, 1]; the more of a picture is sky, the larger errors are.
 
     beta   [n, h, w], output as a share of the largest depth
@@ -23,6 +23,6 @@ def error_bar_scale(card: NetworkCard, beta: Maps, valid: NDArray[np.bool_]) -> 
     return np.asarray(card.sigma_scale * np.exp(card.sigma_growth * sky), np.float32)[:, None, None]
 
 
-def sky_share(beta: Maps, valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+def sky_share(beta: Maps, valid: Flags) -> NDArray[np.float64]:
     """Which share of the picture is sky, or as far, by each of n pairs, [n]."""
     return np.asarray((beta[:, valid] >= SKY_BETA).mean(axis=1))

@@ -10,10 +10,10 @@ from functools import cached_property
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.runtimes.arrays import Flags, Image, Maps
 from flightdepth.runtimes.edges import Blocks, EdgeSampling
 from flightdepth.runtimes.lens import LensSampling, padded, view_bounds
 from flightdepth.runtimes.sampling import PinholeSampling, pinhole_axes
@@ -28,16 +28,14 @@ class Sampling(Protocol):
     """How pixels go to the grid and maps come back, for one kind of lens."""
 
     camera: Camera
-    valid: NDArray[np.bool_]
+    valid: Flags
     extent: tuple[float, float]  # width and height of what the source shows, in pixels of the grid
 
-    def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def image(self, image: Image) -> Image:
         """The source picture on the grid."""
-        ...
 
-    def to_source(self, map_hw: NDArray[np.float32], *, nearest: bool) -> NDArray[np.float32]:
+    def to_source(self, map_hw: Maps, *, nearest: bool) -> Maps:
         """A map of the output grid, or of the picture's pixels, at the source's pixels."""
-        ...
 
 
 class NetworkGrid:
@@ -58,14 +56,12 @@ class NetworkGrid:
         self.camera = self._sampling.camera
         self.valid = self._sampling.valid
 
-    def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def image(self, image: Image) -> Image:
         """The picture uint8 [H, W, 3] of the source on the grid; the same array where nothing changes."""
         check_image("image", image, self.source)
         return self._sampling.image(image)
 
-    def to_source(
-        self, map_hw: NDArray[np.float32], interpolation: Interpolation = "bilinear"
-    ) -> NDArray[np.float32]:
+    def to_source(self, map_hw: Maps, interpolation: Interpolation = "bilinear") -> Maps:
         """A map float32 of the output grid [h, w], or of its picture [4 h, 4 w], at the source's pixels, [H, W].
 
         NaN stays where it is nearest: a NaN neighbour has no part in a bilinear value and does not spread.
@@ -82,7 +78,7 @@ class NetworkGrid:
         """What maps of its output have in common, for `along_edges`."""
         return Blocks(self.valid)
 
-    def along_edges(self, depth_m: NDArray[np.float32], picture: NDArray[np.uint8]) -> EdgeSampling:
+    def along_edges(self, depth_m: Maps, picture: Image) -> EdgeSampling:
         """A depth [h, w] in metres, NaN = unknown, and what belongs to it at the source's pixels, with edges where
         `picture` has them, the source's on the grid (`image`).
         """
@@ -127,7 +123,7 @@ def is_ideal(camera: Camera) -> bool:
     return camera.model == "pinhole" and not any(camera.distortion)
 
 
-def check_image(what: str, image: NDArray[np.uint8], camera: Camera) -> None:
+def check_image(what: str, image: Image, camera: Camera) -> None:
     """Refuse what is not a uint8 RGB picture of the camera's size."""
     expected = (camera.height, camera.width, 3)
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape != expected:

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.runtimes.arrays import Image
 from flightdepth.runtimes.contract import CURRENT, FIELD, PAIRS, SWEEPS, Arrays
 from flightdepth.sweep import stacked, sweep
-
-Image = NDArray[np.uint8]
 
 
 def paired_inputs(previous_n: Sequence[Image], current: Image) -> Arrays:

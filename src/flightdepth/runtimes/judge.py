@@ -9,9 +9,8 @@ from threading import local
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Maps = NDArray[np.float32]
+from flightdepth.runtimes.arrays import Maps
 
 JUDGE = Path(__file__).with_name("judge.onnx")
 

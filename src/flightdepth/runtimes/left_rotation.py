@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.epipolar import aside, lines, quick_median
+from flightdepth.runtimes.arrays import Maps
 from flightdepth.triangulation import depth_errors, flow_of_depth
 
-Maps = NDArray[np.float32]
 Values = NDArray[np.float64]
 
 CONTRAST = 10.0  # squared change of grey across the line, a pixel, that gives a block half the weight

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.runtimes.arrays import Flags, Image, Maps
 from flightdepth.runtimes.contract import OUTPUT_STRIDE, STRIDE
-from flightdepth.runtimes.sampling import too_small, without_nan
+from flightdepth.runtimes.sampling import halved, too_small, without_nan
 
 # A pinhole picture grows with the tangent; no network saw more than 45 degrees off the axis at its edges.
 WIDEST_RAD = math.radians(60)
@@ -49,16 +50,13 @@ class LensSampling:
         self._to_grid = self._grid_table(camera)
         self._to_source, self._unseen = self._source_tables(camera)
 
-    def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def image(self, image: Image) -> Image:
         """Halve until no more than 1.5 source pixels fall on one of the grid, then undistort by remap."""
-        for _ in range(self._halvings):
-            even = image[: image.shape[0] // 2 * 2, : image.shape[1] // 2 * 2]
-            half = (even.shape[1] // 2, even.shape[0] // 2)
-            image = np.asarray(cv2.resize(even, half, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        sampled = cv2.remap(image, *self._to_grid, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        small = halved(image, self._halvings)
+        sampled = cv2.remap(small, *self._to_grid, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(sampled, dtype=np.uint8)
 
-    def to_source(self, map_hw: NDArray[np.float32], *, nearest: bool) -> NDArray[np.float32]:
+    def to_source(self, map_hw: Maps, *, nearest: bool) -> Maps:
         """Sample the map where each source pixel looks; NaN where the grid does not look."""
         if nearest:
             return self._sample(map_hw, cv2.INTER_NEAREST) + self._unseen
@@ -69,7 +67,7 @@ class LensSampling:
             sampled += self._sample(unknown, cv2.INTER_NEAREST)
         return sampled
 
-    def _sample(self, map_hw: NDArray[np.float32], how: int) -> NDArray[np.float32]:
+    def _sample(self, map_hw: Maps, how: int) -> Maps:
         table = self._to_source[map_hw.shape[0]]
         sampled = cv2.remap(map_hw, *table, how, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(sampled, dtype=np.float32)
@@ -78,7 +76,7 @@ class LensSampling:
         pixels = distort(self.camera.rays()[..., :2], camera)
         return fixed_point(((pixels + 0.5) / 2**self._halvings - 0.5).astype(np.float32))
 
-    def _source_tables(self, camera: Camera) -> tuple[dict[int, Table], NDArray[np.float32]]:
+    def _source_tables(self, camera: Camera) -> tuple[dict[int, Table], Maps]:
         """By their height, for maps of the output's size and for ones of the picture's."""
         size, steps = (camera.height, camera.width), (1, OUTPUT_STRIDE)
         tables = {step: (np.empty((*size, 2), np.int16), np.empty(size, np.uint16)) for step in steps}
@@ -131,7 +129,7 @@ def view_bounds(camera: Camera) -> tuple[float, float, float, float]:
     return float(left), float(right), float(top), float(bottom)
 
 
-def in_view(rays: Points, camera: Camera) -> NDArray[np.bool_]:
+def in_view(rays: Points, camera: Camera) -> Flags:
     """Whether the source sees each ray [..., 2] (x, y at z = 1), rather than folding its model onto it."""
     pixels = distort(rays, camera)
     # NaN, where undistorting does not converge, compares as false: not in view.
@@ -139,7 +137,7 @@ def in_view(rays: Points, camera: Camera) -> NDArray[np.bool_]:
     return np.asarray(inside(pixels, camera) & (missed_px < ROUND_TRIP_PX), dtype=np.bool_)
 
 
-def inside(pixels: Points, camera: Camera) -> NDArray[np.bool_]:
+def inside(pixels: Points, camera: Camera) -> Flags:
     """Whether each point [..., 2] lies in the picture, whose outermost pixels reach half a pixel further."""
     x, y = pixels[..., 0], pixels[..., 1]
     within = (x > -0.5) & (y > -0.5) & (x < camera.width - 0.5) & (y < camera.height - 0.5)

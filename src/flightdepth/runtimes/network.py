@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.runtimes.alignment import align
+from flightdepth.runtimes.arrays import Image, Maps
 from flightdepth.runtimes.coarser import beyond_reach, coarser_grid, take_near
 from flightdepth.runtimes.contract import DEPTH, SIGMA, Arrays, Precision, Runtime
 from flightdepth.runtimes.devices import OPENVINO_DEVICES, on_cpu, open_runtime
@@ -22,7 +23,7 @@ from flightdepth.runtimes.grid import NetworkGrid, check_image, filling_focal_px
 from flightdepth.runtimes.inputs import paired_inputs, swept_inputs
 from flightdepth.runtimes.memory import OutOfMemory
 from flightdepth.runtimes.onnx_openvino import unfit_weights
-from flightdepth.runtimes.prediction import Maps, Prediction
+from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.store import (
     SHIPPED,
@@ -32,8 +33,6 @@ from flightdepth.weights.store import (
     read_network,
     shipped_networks,
 )
-
-Image = NDArray[np.uint8]
 
 GRIDS_KEPT = 8  # cameras in use at the same time; a source and its grid make two
 WORTH_IT = 1.02  # a network for any lens sees that much finer, if its grid has room
@@ -62,8 +61,13 @@ class Network:
         self._cpu = cpu
         self._grids: dict[Camera, NetworkGrid] = {}
 
+    def __repr__(self) -> str:
+        return f"Network({self.card.name!r}, {self.runtime.description})"
+
     def grid(self, camera: Camera) -> NetworkGrid:
         """The network's view of `camera`; the tables are made once per camera. A view's own view is itself."""
+        if not isinstance(camera, Camera):
+            raise BadInput("camera", expected="a flightdepth.Camera", got=repr(camera))
         if camera not in self._grids:
             for seldom in list(self._grids)[: max(0, len(self._grids) + 2 - GRIDS_KEPT)]:
                 del self._grids[seldom]
@@ -84,9 +88,7 @@ class Network:
         filled_px = min(filling_focal_px(camera, focal_px), camera.fx)
         return focal_px if filled_px < focal_px * WORTH_IT else filled_px
 
-    def depth(
-        self, previous: Image, current: Image, displacement: ArrayLike, camera: Camera
-    ) -> NDArray[np.float32]:
+    def depth(self, previous: Image, current: Image, displacement: ArrayLike, camera: Camera) -> Maps:
         """Depth of `current` in metres, float32 [H, W]; NaN where unknown, all NaN for displacement 0.
 
         previous, current  uint8 RGB [H, W, 3], stabilised: `previous` rotated into `current`'s orientation

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-Maps = NDArray[np.float32]
+from flightdepth.runtimes.arrays import Flags, Maps
 
 
 @dataclass(frozen=True)
@@ -23,7 +20,7 @@ class Prediction:
     beta: Maps
     depth_m: Maps
     sigma_m: Maps | None
-    valid: NDArray[np.bool_]
+    valid: Flags
 
     def __post_init__(self) -> None:
         if self.beta.ndim != 3 or self.depth_m.shape != self.beta.shape:

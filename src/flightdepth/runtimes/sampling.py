@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.runtimes.arrays import Image, Maps
 from flightdepth.runtimes.contract import OUTPUT_STRIDE, STRIDE
 
 # A source of 64 px multiples whose focal length is this near passes untouched: so does a grid's own camera.
@@ -107,7 +107,7 @@ class PinholeSampling:
         self.valid = np.zeros((y.size // OUTPUT_STRIDE, x.size // OUTPUT_STRIDE), dtype=np.bool_)
         self.valid[y.shown(y.size // OUTPUT_STRIDE), x.shown(x.size // OUTPUT_STRIDE)] = True
 
-    def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def image(self, image: Image) -> Image:
         """Crop to the pixels in use, shrink without aliasing, pad with the border's pixels."""
         x, y = self._x, self._y
         if self._same:
@@ -117,7 +117,7 @@ class PinholeSampling:
         padded = cv2.copyMakeBorder(inner, y.pad, bottom, x.pad, right, cv2.BORDER_REPLICATE)
         return np.asarray(padded, dtype=np.uint8)
 
-    def to_source(self, map_hw: NDArray[np.float32], *, nearest: bool) -> NDArray[np.float32]:
+    def to_source(self, map_hw: Maps, *, nearest: bool) -> Maps:
         """Enlarge what shows the source, then repeat the outermost pixels into what was cut off."""
         x, y = self._x, self._y
         whole = np.empty((self._source.height, self._source.width), dtype=np.float32)
@@ -130,17 +130,24 @@ class PinholeSampling:
         return whole
 
 
-def shrink(image: NDArray[np.uint8], width: int, height: int, halvings: int) -> NDArray[np.uint8]:
+def shrink(image: Image, width: int, height: int, halvings: int) -> Image:
     """Resize [H, W, 3] without aliasing: exact 2x2 means first (fast), then area means for the rest."""
-    for _ in range(halvings):
-        half = (image.shape[1] // 2, image.shape[0] // 2)
-        image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    image = halved(image, halvings)
     shrinks = image.shape[1] > width or image.shape[0] > height
     how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(image, (width, height), interpolation=how), dtype=np.uint8)
 
 
-def enlarge(map_hw: NDArray[np.float32], target: NDArray[np.float32], *, nearest: bool) -> None:
+def halved(image: Image, times: int) -> Image:
+    """Means over 2x2 pixels of [H, W, 3], so many times over; an odd last row or column is left out."""
+    for _ in range(times):
+        height, width = image.shape[0] // 2, image.shape[1] // 2
+        even = image[: 2 * height, : 2 * width]
+        image = np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    return image
+
+
+def enlarge(map_hw: Maps, target: Maps, *, nearest: bool) -> None:
     """Resize a map into `target` (a view will do); NaN exactly where the nearest cell is NaN."""
     size = (target.shape[1], target.shape[0])
     if nearest:
@@ -152,7 +159,7 @@ def enlarge(map_hw: NDArray[np.float32], target: NDArray[np.float32], *, nearest
         target += cv2.resize(unknown, size, interpolation=cv2.INTER_NEAREST_EXACT)
 
 
-def without_nan(map_hw: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+def without_nan(map_hw: Maps) -> tuple[Maps, Maps | None]:
     """The map with each NaN replaced by the mean of its known neighbours, and what to add for them: 0, or NaN.
 
     Bilinear sampling looks one cell far, so one step of filling keeps NaN out of its neighbours.

@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from flightdepth.errors import BadInput
@@ -46,9 +45,7 @@ class OriginalLayout:
     def __enter__(self) -> OriginalLayout:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         if error is None:
             self.save()
         else:  # the disk may be full; what was named before stands

@@ -71,10 +71,6 @@ def refuse_other_things(folder: Path) -> None:
 
 
 def _refuse_other_settings(folder: Path, found: dict[str, Any], wanted: dict[str, Any]) -> None:
-    if found["scenes"] > wanted["scenes"]:
-        raise BadInput(
-            f"set {folder}, scenes", expected=f"at least {found['scenes']}", got=str(wanted["scenes"])
-        )
     before, now = ({"set": r["set"], "format": r["format"]} | r["args"] for r in (found, wanted))
     for key in before | now:
         if before.get(key) != now.get(key):
@@ -84,3 +80,7 @@ def _refuse_other_settings(folder: Path, found: dict[str, Any], wanted: dict[str
                 got=str(now.get(key)),
                 mend="Give the same settings, or another --out.",
             )
+    if found["scenes"] > wanted["scenes"]:
+        raise BadInput(
+            f"set {folder}, scenes", expected=f"at least {found['scenes']}", got=str(wanted["scenes"])
+        )

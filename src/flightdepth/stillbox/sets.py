@@ -18,6 +18,7 @@ from flightdepth.scenes.draw import stillbox_velocity
 from flightdepth.scenes.outdoor import draw_outdoor, outdoor_velocity
 from flightdepth.scenes.outdoor_config import OUTDOOR_VERSION, OutdoorConfig
 from flightdepth.scenes.outdoor_textures import outdoor_textures
+from flightdepth.scenes.refusal import refusal
 from flightdepth.scenes.scene import Floats
 
 Config = StillBoxConfig | OutdoorConfig
@@ -113,22 +114,11 @@ def changed(config: ConfigT, overrides: dict[str, Any]) -> ConfigT:
     Raises:
         BadInput: an unknown field, or a value that does not fit.
     """
-    known = type(config).model_fields
-    for key in overrides:
-        if key not in known:
-            names = ", ".join(["scenes", *_OF_THE_SET, *known])
-            raise BadInput("set", expected=f"keys from {names}", got=repr(key))
     try:
         return cast("ConfigT", type(config).model_validate(config.model_dump() | overrides))
     except ValidationError as error:
-        first = error.errors()[0]
-        said = first["msg"].removeprefix("Value error, ")
-        if not first["loc"]:  # of values that go together; it names them, what it expected and what it got
-            raise BadInput(f"set, {said}") from error
-        where = ".".join(map(str, first["loc"]))
-        raise BadInput(
-            f"set, {where}", expected=said[0].lower() + said[1:], got=str(first["input"])
-        ) from error
+        keys = ("scenes", *_OF_THE_SET, *type(config).model_fields)
+        raise refusal("set", error, {"": keys}) from error
 
 
 def read_overrides(path: Path) -> dict[str, Any]:

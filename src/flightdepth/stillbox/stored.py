@@ -134,7 +134,8 @@ def open_stored_set(folder: Path | str) -> StoredSet:
     folder = Path(folder)
     paths = sorted(folder.glob(f"*/{METADATA}"))
     if not paths:
-        raise BadInput(f"set {folder}", expected=f"sub-folders with {METADATA}", got="none")
+        mend = "Shards are not read: render with --format folder." if any(folder.glob("*.tar")) else None
+        raise BadInput(f"set {folder}", expected=f"sub-folders with {METADATA}", got="none", mend=mend)
     heads, entries = set(), []
     for path in paths:
         head, scenes = _metadata(path)

@@ -12,9 +12,9 @@ from flightdepth.renderers.raycast import Rendered
 from flightdepth.scenes import chance
 from flightdepth.stillbox.pairs import Flown
 from flightdepth.stillbox.stored import StoredSet, unclipped
-from flightdepth.stillbox.stream import PairStream
+from flightdepth.stillbox.stream import CROP, PairStream
 
-_CROP, _ORDER = 3, 4  # what a random stream is for, in the key's order of `PairStream`
+_ORDER = 4  # what a random stream is for, in the key's order of `PairStream`
 STEP_TOLERANCE = 0.01
 
 
@@ -50,7 +50,7 @@ class StoredPairs(PairStream):
                 raise BadInput(f"set {stored.folder}, step", expected=expected_m, got=f"{step_m:.3f} m")
 
     def _render(self, number: int) -> tuple[Flown, Rendered, Camera]:
-        rng = chance.stream(self.seed, _CROP, number)
+        rng = chance.stream(self.seed, CROP, number)
         x = int(rng.integers(self.stored.width - self.picture.width + 1))
         y = int(rng.integers(self.stored.height - self.picture.height + 1))
         scene = self.stored.scene(self._place(number))

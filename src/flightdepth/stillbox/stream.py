@@ -11,7 +11,6 @@ import math
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import chain
-from types import TracebackType
 
 import numpy as np
 
@@ -26,9 +25,9 @@ from flightdepth.stillbox.photometric import LARGEST_PX, Photometric
 
 CHUNK = 8
 POOL_SCENES = 192
-# What a random stream is for. Sample i's and scene n's crop, (seed, _SAMPLE, i) and (seed, _CROP, n), are streams of
+# What a random stream is for. Sample i's and scene n's crop, (seed, _SAMPLE, i) and (seed, CROP, n), are streams of
 # scenes 2 and 3, too (`chance.stream`); they stay, since another order of the key would change all training.
-_SAMPLE, _CROP = 2, 3
+_SAMPLE, CROP = 2, 3
 
 
 @dataclass(frozen=True)
@@ -91,8 +90,7 @@ class PairStream:
     picture: Picture
     rule: PairRule
     seed: int
-    photometric: bool = False
-    photometric_share: float = 1.0
+    photometric_share: float = 0.0
     h264_share: float = 0.0
     noise: MotionNoise | None = None
     upright: bool = False
@@ -109,19 +107,17 @@ class PairStream:
         if self.pool_scenes < CHUNK or self.pool_scenes % CHUNK:
             raise BadInput("pool_scenes", expected=f"a multiple of {CHUNK}", got=str(self.pool_scenes))
         larger_px = max(self.picture.width, self.picture.height)
-        if self.photometric and larger_px > LARGEST_PX:
+        if self.photometric_share and larger_px > LARGEST_PX:
             raise BadInput(
                 "pictures with camera effects", expected=f"at most {LARGEST_PX} px", got=f"{larger_px} px"
             )
         self._executor = ThreadPoolExecutor(self.threads, thread_name_prefix="pairs")
-        self._effects = Photometric() if self.photometric else None
+        self._effects = Photometric() if self.photometric_share else None
 
     def __enter__(self) -> PairStream:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._executor.shutdown(wait=True, cancel_futures=True)
 
     def batch(self, start: int, size: int) -> Batch:
@@ -160,7 +156,7 @@ class PairStream:
         return pool
 
     def _render(self, number: int) -> tuple[Flown, Rendered, Camera]:
-        camera = self.picture.draw_camera(chance.stream(self.seed, _CROP, number), self.config)
+        camera = self.picture.draw_camera(chance.stream(self.seed, CROP, number), self.config)
         config = self.picture.config_for(camera, self.config) if self.objects_for_lens else self.config
         scene = draw_scene(config, len(self.textures), self.seed, number)
         return scene, render(scene, self.textures, camera), camera

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Literal
+import re
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from flightdepth.scenes import StillBoxConfig
 from flightdepth.stillbox import PairRule, Picture
@@ -19,6 +20,15 @@ BATCH_NORM_MOMENTUM = 0.1  # where a recipe names none
 OptimizerName = Literal["adamw", "sgd", "muon"]
 
 
+def _file_name(name: str) -> str:
+    if not re.match(FILE_NAME, name):
+        raise ValueError(FILE_NAME_RULE)
+    return name
+
+
+FileName = Annotated[str, AfterValidator(_file_name)]
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -26,7 +36,7 @@ class _Strict(BaseModel):
 class Stage(_Strict):
     """One stage of the curriculum: crops of `width` x `height` from pictures `full_width` pixels wide."""
 
-    name: str = Field(pattern=FILE_NAME)
+    name: FileName
     full_width: int = Field(gt=0)
     width: int = Field(gt=0, multiple_of=STRIDE)
     height: int = Field(gt=0, multiple_of=STRIDE)
@@ -83,7 +93,7 @@ class Stage(_Strict):
 class Recipe(_Strict):
     """A network and its curriculum."""
 
-    name: str = Field(pattern=FILE_NAME)
+    name: FileName
     architecture: Literal["DepthNet", "FlowNetS", "MotionNet"] = "DepthNet"
     base_width: int = Field(gt=0)
     activation: Literal["elu+1", "none"]

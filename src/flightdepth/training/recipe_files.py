@@ -10,7 +10,8 @@ from pydantic import ValidationError
 
 from flightdepth.errors import BadInput
 from flightdepth.scenes import StillBoxConfig
-from flightdepth.training.recipe import FILE_NAME_RULE, Recipe, Stage
+from flightdepth.scenes.refusal import refusal
+from flightdepth.training.recipe import Recipe, Stage
 
 SHIPPED = resources.files("flightdepth.training") / "recipes"
 
@@ -32,25 +33,8 @@ def load_recipe(name_or_path: str) -> Recipe:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BadInput(f"recipe {name_or_path}", expected="TOML", got=str(error)) from error
     except ValidationError as error:
-        raise _refusal(name_or_path, error) from error
-
-
-def _refusal(name_or_path: str, error: ValidationError) -> BadInput:
-    """The first thing that is wrong with a recipe, in one line: an unknown key before the one it may be meant for."""
-    first = min(error.errors(), key=lambda each: each["type"] != "extra_forbidden")
-    where, said = first["loc"], first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    what = ", ".join([f"recipe {name_or_path}", *([".".join(map(str, where))] if where else [])])
-    if first["type"] == "value_error":  # of a table as a whole, which would fill the line
-        return BadInput(f"{what}, {said}") if "expected" in said else BadInput(what, expected=said)
-    if first["type"] == "missing":
-        return BadInput(what, expected="a value", got="none")
-    if first["type"] == "extra_forbidden":
-        tables = {"stages": Stage.model_fields, "scenes": StillBoxConfig.model_fields}
-        keys = tables.get(str(where[0]), Recipe.model_fields)
-        return BadInput(what, expected=f"keys from {', '.join(keys)}", got=str(where[-1]))
-    if first["type"] == "string_pattern_mismatch":
-        said = FILE_NAME_RULE
-    return BadInput(what, expected=said, got=str(first["input"]))
+        keys = {"": Recipe.model_fields, "stages": Stage.model_fields, "scenes": StillBoxConfig.model_fields}
+        raise refusal(f"recipe {name_or_path}", error, keys) from error
 
 
 def _recipe_bytes(name_or_path: str) -> bytes:

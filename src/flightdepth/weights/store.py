@@ -51,10 +51,12 @@ def find_network(name_or_path: str | Path, folder: Path = SHIPPED) -> Path:
     refuse_pickle(path)
     if path.suffix.lower() == ".onnx" and path.is_file():
         return path
+    is_run = path.is_dir() or path.suffix == ".safetensors"
     raise BadInput(
         "network",
         expected=f"a path to an ONNX file or one of: {', '.join(names) or '(none ships with this build)'}",
         got=repr(str(name_or_path)),
+        mend=f"Make one of a run with: flightdepth export {path}." if is_run else None,
     )
 
 
