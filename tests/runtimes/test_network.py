@@ -198,7 +198,7 @@ def test_a_picture_of_another_camera_is_refused(network: Network) -> None:
 
 
 def test_what_is_no_camera_is_refused(network: Network) -> None:
-    with pytest.raises(BadInput, match="camera: expected a flightdepth.Camera, got None"):
+    with pytest.raises(BadInput, match=r"camera: expected a flightdepth\.Camera, got None"):
         network.grid(None)  # type: ignore[arg-type]
 
 

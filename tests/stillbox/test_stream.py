@@ -43,9 +43,9 @@ def test_camera_effects_come_to_a_share_of_the_pairs():
         pairs(photometric_share=1.0),
         pairs(photometric_share=0.3),
     )
-    touched = (some != clean).any((1, 2, 3)).mean() / (all_of_them != clean).any((1, 2, 3)).mean()
-    assert touched == pytest.approx(0.3, abs=0.08)
-    assert np.array_equal(pairs(photometric_share=1.0), all_of_them)
+    touched, most = ((each != clean).any((1, 2, 3)).mean() for each in (some, all_of_them))
+    assert most > 0.9
+    assert touched / most == pytest.approx(0.3, abs=0.08)
 
 
 def test_the_same_seed_gives_the_same_bytes():
