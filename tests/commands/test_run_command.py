@@ -93,6 +93,7 @@ def test_a_flight_gives_depth(run, work):
     assert np.isfinite(depth_m).any()
     assert f"{FRAMES} frames in" in stdout
     assert "preview.mp4" in stdout
+    assert "error bar" not in stdout  # this network tells none
 
 
 def test_it_says_both_sizes_and_warns_of_a_narrow_input(run, work):
@@ -222,8 +223,11 @@ def test_options_that_would_do_nothing_with_this_network_are_refused(run, work, 
 
 def test_detail_is_for_networks_for_any_lens(run, work):
     refused(run("--detail", "2"), work, "one focal length")
-    code = run("--network", "motion", "--detail", "0.5", network=None)[0]
+    code, stdout, _ = run("--network", "motion", "--detail", "0.5", network=None)
     assert code == 0
+    shares = [row.sigma_share for row in FlightFolder(work / "made/out").rows if not row.reason]
+    told = f"error bar: {np.median(shares):.1%} of the depth in the median, meant to hold two errors in three"
+    assert told in " ".join(stdout.split())
     assert FlightFolder(work / "made/out").record.source.network.focal_px == 128
 
 
@@ -319,7 +323,8 @@ def test_a_pickle_in_place_of_a_network(run, work):
 
 
 def test_no_focal_length(run, work):
-    refused(run(hfov=None), work, "focal length", "--hfov")
+    """Nothing said that there is a table of lenses."""
+    refused(run(hfov=None), work, "focal length", "--hfov", "--camera NAME", "`flightdepth cameras`")
 
 
 def test_a_camera_file_without_a_focal_length(run, work):
@@ -337,6 +342,16 @@ def test_a_number_of_ranges_that_cannot_be(run, work, ranges):
 
 def test_one_log_for_several_flights(run, work):
     refused(run(work / "flight.mp4"), work, "--telemetry", "2 flights")
+
+
+@pytest.mark.parametrize("videos", [1, 2])
+def test_a_log_among_the_flights_is_refused_before_any_is_flown(run, work, videos):
+    """The first was flown to its end before the log was found to be no video."""
+    more = ["flight.mp4", "log.csv"][2 - videos :]
+    outcome = run(*(work / name for name in more), log=None)
+    mend = f"--telemetry {work / 'log.csv'}" if videos == 1 else "A log beside each video"
+    refused(outcome, work, "log.csv", "a video", mend)
+    assert outcome[1] == ""
 
 
 def test_a_folder_that_holds_something_else(run, work, capsys):

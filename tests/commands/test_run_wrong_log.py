@@ -18,11 +18,11 @@ def east_north_up(row):
 
 
 def run(folder, log, capsys):
-    """The flight's folder, and what was said."""
+    """The flight's folder, and what was said and warned of."""
     given = ["--camera", str(CALIBRATION), "--telemetry", str(log), "--network", "motion-tiny"]
     given += ["--ranges", "1", "--end", SECONDS]
     assert main(["run", str(VIDEO), *given, "--out", str(folder)]) == 0
-    return FlightFolder(folder), " ".join(capsys.readouterr().out.split())
+    return FlightFolder(folder), *(" ".join(text.split()) for text in capsys.readouterr())
 
 
 def test_axes_that_the_pictures_deny(tmp_path, capsys):
@@ -33,12 +33,16 @@ def test_axes_that_the_pictures_deny(tmp_path, capsys):
         table = csv.DictWriter(file, rows[0])
         table.writeheader()
         table.writerows(map(east_north_up, rows))
-    right, said_right = run(tmp_path / "right", LOG, capsys)
-    wrong, said_wrong = run(tmp_path / "wrong", tmp_path / "enu.csv", capsys)
-    assert "deny" not in said_right and right.record.notes == ()
-    assert "the pictures deny the log's direction of motion, and are followed" in said_wrong
-    (note,) = wrong.record.notes
-    frames = int(note.rsplit("(", maxsplit=1)[1].split()[0])
+    right, said_right, warned_right = run(tmp_path / "right", LOG, capsys)
+    wrong, said_wrong, warned_wrong = run(tmp_path / "wrong", tmp_path / "enu.csv", capsys)
+    assert "deny" not in said_right + warned_right
+    assert right.record.notes == wrong.record.notes == ()
+    assert "warning: the pictures deny the log's direction of motion, and are followed" in warned_wrong
+    assert "`run --telemetry-offset auto` seeks it" in warned_wrong  # `live` says the same, and takes no auto
+    assert "deny" not in said_wrong
+    *before, warning = wrong.record.source.warnings
+    assert tuple(before) == right.record.source.warnings
+    frames = int(warning.rsplit("(", maxsplit=1)[1].split()[0])
     assert frames > len(wrong.rows) / 2
     one, other = (each.depth_m(len(right.rows) - 1) for each in (right, wrong))
     known = np.isfinite(one) & np.isfinite(other)

@@ -103,6 +103,17 @@ def test_velocities_that_the_ekf_calls_bad_are_left_out_and_counted(tmp_path, st
     assert telemetry.counts == {"velocities marked invalid": 2}
 
 
+def test_the_first_velocity_is_as_bad_as_the_ekf_says_next(tmp_path):
+    """A log without GPS whose XKF1 came before its XKF4 had one velocity, and a warning of its length."""
+    rows = [
+        record
+        for i in range(3)
+        for record in (xkf1(START_US + i, velocity(i)), dataflash_record("XKF4", START_US + i, 0, 1, 0))
+    ]
+    with pytest.raises(BadInput, match=r"none \(3 velocities marked invalid\)"):
+        read(tmp_path, dataflash_head() + b"".join(rows))
+
+
 def test_euler_angles_where_there_is_no_quaternion(tmp_path):
     # Centidegrees: rolled 90 degrees to the right while heading east, the right wing points down.
     parts = [dataflash_head(["XKF1", "ATT"])]

@@ -162,6 +162,14 @@ def test_a_video_of_another_length_is_doubted_unless_an_offset_is_given(video, t
         assert not any("recording" in line for line in flight.warnings)
 
 
+def test_who_asked_the_pictures_in_vain_need_not_ask_again(video, tmp_path):
+    """The next warning told him to try `--telemetry-offset auto`."""
+    text = airdata(record(recordings=((5, 55),)))
+    with opened(video, tmp_path / "log.csv", text, telemetry_offset_s="auto") as flight:
+        [doubt] = (line for line in flight.warnings if "recording of 50 s, the video has 20 s" in line)
+    assert doubt.endswith("time 0 may be elsewhere: give the seconds, as --telemetry-offset S")
+
+
 def test_without_a_recording_time_0_is_the_first_velocity(video, tmp_path):
     text = airdata(record(recordings=(), start_s=100))
     with opened(video, tmp_path / "log.csv", text) as flight:

@@ -1,5 +1,6 @@
 """`flightdepth convert` on a folder written by hand."""
 
+import errno
 import sys
 
 import laspy
@@ -78,6 +79,23 @@ def test_a_recording(convert, work):
     assert convert("flight.mcap")[0] == 0
     with AnyReader([work / "flight.mcap"]) as reader:
         assert {connection.msgcount for connection in reader.connections} == {FRAMES}
+
+
+@pytest.mark.parametrize("kind", ["ply", "laz", "mcap"])
+def test_a_full_disk_says_what_to_do(convert, work, monkeypatch, kind):
+    """All that was said was `[Errno 28] No space left on device`."""
+    monkeypatch.setattr("flightdepth.files.os.fsync", full)
+    options = [] if kind == "mcap" else ["--every", "1"]
+    code, _, stderr = convert(f"large.{kind}", *options)
+    assert (code, (work / f"large.{kind}").exists()) == (3, False)
+    assert stderr.splitlines()[-1] == (
+        f"error: no room left on the disk of {work / 'large'}.{kind}; nothing of it was written."
+        " Free some room and give the same command again"
+    )
+
+
+def full(descriptor):
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def refused(outcome, *words):

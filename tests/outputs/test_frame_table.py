@@ -17,8 +17,9 @@ def table(row):
 def test_a_row_by_hand():
     row = FrameRow(3, 100_100_000, (2, 9), (0.25, 1.5), (12.0, 40.5), 0.75, 6.5, "", "by-hand")
     assert table(row).splitlines() == [
-        "index,stamp_ns,shifts,displacements_m,centroids_m,valid_fraction,latency_ms,reason,network,focal_px",
-        "3,100100000,2 9,0.2500 1.5000,12.000 40.500,0.7500,6.50,,by-hand,",
+        "index,stamp_ns,shifts,displacements_m,centroids_m,valid_fraction,latency_ms,reason,network,focal_px,"
+        "sigma_share",
+        "3,100100000,2 9,0.2500 1.5000,12.000 40.500,0.7500,6.50,,by-hand,,",
     ]
 
 
@@ -51,9 +52,10 @@ def test_the_row_of_a_frame_without_depth_says_why():
     assert (row.shifts, row.valid_fraction, row.reason) == ((), 0.0, "hovering")
 
 
-def test_a_table_of_an_older_version_names_neither_network_nor_focal_length():
+@pytest.mark.parametrize("missing", [1, 3])
+def test_a_table_of_an_older_version_names_neither_error_bar_nor_network_and_focal_length(missing):
     row = FrameRow(3, 100, (2,), (0.25,), (12.0,), 0.75, 6.5, "")
-    older = [line.rsplit(",", 2)[0] for line in table(row).splitlines()]
+    older = [line.rsplit(",", missing)[0] for line in table(row).splitlines()]
     assert rows_from_csv("\n".join(older)) == [row]
 
 
@@ -61,6 +63,21 @@ def test_the_focal_length_of_a_picture_that_was_zoomed_comes_back():
     zoomed = replace(frame(), camera=Camera.from_fov(WIDTH, HEIGHT, 60))
     row = FrameRow.of(zoomed, unknown("hovering"))
     assert rows_from_csv(table(row))[0].focal_px == pytest.approx(48 * 3**0.5, abs=0.001)
+
+
+def test_the_error_bar_of_a_frame_is_the_median_of_what_is_known():
+    depth_m = np.where(np.arange(WIDTH) < WIDTH / 4, np.nan, np.linspace(1, 90, WIDTH)) * np.ones((HEIGHT, 1))
+    shares = np.where(np.arange(HEIGHT) < HEIGHT / 4, 0.3, 0.04)[:, None]
+    result = replace(known(depth_m), sigma_m=(shares * depth_m).astype(np.float32))
+    row = FrameRow.of(frame(), result)
+    assert row.sigma_share == pytest.approx(0.04)
+    assert rows_from_csv(table(row))[0].sigma_share == pytest.approx(0.04)
+
+
+def test_what_has_no_error_bar_tells_none():
+    nothing = np.full((HEIGHT, WIDTH), np.nan, np.float32)
+    for result in (known(10), unknown(), replace(known(nothing), sigma_m=nothing)):
+        assert FrameRow.of(frame(), result).sigma_share is None
 
 
 def test_one_column_for_each_field():

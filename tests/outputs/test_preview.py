@@ -64,6 +64,16 @@ def test_unknown_is_hatched_and_the_reason_is_written():
     assert (footer[..., 0] - footer[..., 2] > 60).any()  # in the colour of a warning, which nothing else has
 
 
+def test_the_latency_is_named(monkeypatch):
+    """A film said "895.5 ms", and no more."""
+    written = []
+    monkeypatch.setattr(
+        "flightdepth.outputs.preview.write", lambda _, text, *place: written.append(text) or 0
+    )
+    Preview(WIDTH, HEIGHT).draw(frame(), known(10))
+    assert written[-1] == "known 100%   latency 5.0 ms"
+
+
 def test_farther_than_is_not_shown_as_unknown():
     result = known(np.nan)
     result.farther_than_m[:] = 120

@@ -8,8 +8,8 @@ from flightdepth.outputs.frame_table import FrameRow
 from flightdepth.outputs.record import Counts, DepthScaleNote, FlightRecord, ReasonTally, Summary
 
 
-def row(index, reason="", latency_ms=5.0, valid_fraction=0.5):
-    return FrameRow(index, index, (), (), (), valid_fraction, latency_ms, reason)
+def row(index, reason="", latency_ms=5.0, valid_fraction=0.5, sigma_share=None):
+    return FrameRow(index, index, (), (), (), valid_fraction, latency_ms, reason, sigma_share=sigma_share)
 
 
 ROWS = [
@@ -17,8 +17,8 @@ ROWS = [
     row(1, "turns 3.1 degrees in 0.10 s"),
     row(2, "turns 12 degrees in 0.10 s"),
     row(3, valid_fraction=0.2, latency_ms=4),
-    row(4, valid_fraction=0.4, latency_ms=6),
-    row(5, valid_fraction=0.9, latency_ms=50),
+    row(4, valid_fraction=0.4, latency_ms=6, sigma_share=0.04),
+    row(5, valid_fraction=0.9, latency_ms=50, sigma_share=0.08),
 ]
 
 
@@ -48,11 +48,12 @@ def test_medians_are_over_frames_with_depth():
     summary = Summary.of(ROWS, Counts.of(ROWS, {}, 0), ())
     assert (summary.valid_fraction_median, summary.latency_median_ms) == (0.4, 6)
     assert summary.latency_p95_ms == pytest.approx(45.6)
+    assert summary.sigma_share_median == pytest.approx(0.06)  # of those that tell it
 
 
 def test_without_any_depth_the_medians_are_nan():
     summary = Summary.of(ROWS[:2], Counts.of(ROWS[:2], {}, 0), ())
-    assert math.isnan(summary.latency_median_ms)
+    assert math.isnan(summary.latency_median_ms) and math.isnan(summary.sigma_share_median)
 
 
 def test_the_record_comes_back_from_its_json():

@@ -1,5 +1,6 @@
 """`flightdepth view`: a recording that Rerun's own tool reads, and the viewer in a real browser."""
 
+import errno
 import os
 import signal
 import socket
@@ -47,6 +48,21 @@ def test_only_its_own_older_recording_is_replaced(folder, tmp_path, capsys):
     assert "got another file, which it would replace" in capsys.readouterr().err
     target.unlink()
     assert [main(["view", str(folder), "--save", str(target)]) for _ in range(2)] == [0, 0]
+
+
+def test_a_full_disk_says_what_to_do(folder, tmp_path, capsys, monkeypatch):
+    """All that was said was `[Errno 28] No space left on device`."""
+
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("flightdepth.files.os.fsync", full)
+    assert main(["view", str(folder), "--save", str(tmp_path / "flight.rrd")]) == 3
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        f"error: no room left on the disk of {tmp_path / 'flight.rrd'}; nothing of it was written."
+        " Free some room and give the same command again"
+    )
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_damaged_flight_ends_it(tmp_path):

@@ -126,6 +126,16 @@ def test_the_record_says_what_was_run_and_dropped(tmp_path):
     assert record.notes == ("taken not to turn (1 frame)",)
 
 
+def test_a_doubt_of_the_log_is_a_warning(tmp_path):
+    """It stood among the notes, as if it were an assumption."""
+    doubted = [replace(known(RAMP), doubt=f"denied: it is {off} degrees off") for off in (88, 90)]
+    done = write(tmp_path / "out", [known(RAMP), *doubted])
+    record = FlightFolder(tmp_path / "out").record
+    told = ("denied: it is 88 to 90 degrees off (2 frames)",)
+    assert record.source.warnings == done.summary.warnings == told
+    assert record.notes == done.summary.notes == ("taken not to turn (3 frames)",)
+
+
 def test_the_preview_has_every_frame(tmp_path):
     write(tmp_path / "out", [known(RAMP)] * 12)
     with av.open(str(tmp_path / "out/preview.mp4")) as container:

@@ -9,6 +9,7 @@ from torch import nn
 from training_runs import BATCH, small_recipe
 
 from flightdepth.errors import BadInput
+from flightdepth.evaluation.table import PAIRS_A_SIZE
 from flightdepth.runtimes.network import networks
 from flightdepth.training import Recipe, load_recipe, recipe_names
 from flightdepth.training.export import weights_of
@@ -225,7 +226,7 @@ def test_each_size_of_the_table_has_as_many_pairs(name):
     for stage in load_recipe(name).stages:
         if "-more" not in stage.name:
             pairs[stage.full_width] += stage.samples
-    assert set(pairs.values()) == {240_000}
+    assert set(pairs.values()) == {PAIRS_A_SIZE}
 
 
 @pytest.mark.parametrize("name", TABLE)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.full_disk import NOT_WRITTEN, room_on_the_disk
 from flightdepth.commands.terminal import progress_bar, say, warn
 from flightdepth.errors import BadInput
 from flightdepth.files import check_parent, refuse_to_replace
@@ -76,10 +77,12 @@ def convert(
         raise BadInput("options of clouds", expected="none with .mcap", got=", ".join(given))
     flight = opened(folder)
     if kind == RECORDING:
-        write_recording(flight, file)
+        with room_on_the_disk(file, left=NOT_WRITTEN):
+            write_recording(flight, file)
         say(f"{file}: {len(flight.rows):,} frames of {folder}")
     else:
-        points, frame = write_cloud(flight, file, settings)
+        with room_on_the_disk(file, left=NOT_WRITTEN):
+            points, frame = write_cloud(flight, file, settings)
         say(f"{file}: {points:,} points from {folder}, {frame}")
         if left_out := frames_left_out(flight):
             warn(f"{left_out:,} frames with depth are not in it: {NO_PLACE}")

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from flightdepth.errors import FlightDepthError
 
+NOT_WRITTEN = "nothing of it was written"  # of a file that appears when all of it stands
+
 
 @contextmanager
 def room_on_the_disk(

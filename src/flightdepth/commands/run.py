@@ -24,6 +24,7 @@ from flightdepth.commands.single_flight import run_one
 from flightdepth.errors import BadInput, FlightDepthError
 
 SEVERAL = "Several flights"  # a panel of --help
+BESIDE = "A log beside each video, with its name (DJI_0001.SRT), is found without --telemetry."
 
 
 def run(
@@ -164,8 +165,11 @@ def run(
     check_engine("flightdepth run", engine, address)
     several = len(flights) > 1
     if several and telemetry is not None:
-        mend = "A log beside each video, with its name (DJI_0001.SRT), is found without --telemetry."
-        raise BadInput("--telemetry", expected="one flight with it", got=f"{len(flights)} flights", mend=mend)
+        raise BadInput(
+            "--telemetry", expected="one flight with it", got=f"{len(flights)} flights", mend=BESIDE
+        )
+    if several:
+        refuse_logs(flights)
     check_ranges(ranges)
     settings = RunSettings(
         telemetry=telemetry,
@@ -195,3 +199,12 @@ def run(
                 raise typer.Exit(worst)
         elif run_one(flights[0], out, settings) is Outcome.EMPTY:
             raise typer.Exit(FlightDepthError.exit_code)
+
+
+def refuse_logs(flights: list[Path]) -> None:
+    """Refuse a log among several flights, before the first of them is flown."""
+    from flightdepth.flight.telemetry import is_log
+
+    for path in filter(is_log, flights):
+        mend = f"Give it as --telemetry {path}." if len(flights) == 2 else BESIDE
+        raise BadInput(f"flight {path}", expected="a video", got="a log", mend=mend)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from functools import partial
 from pathlib import Path
@@ -173,6 +174,11 @@ def conclude(summary: Summary, elapsed_s: float, target: Path) -> None:
             f"median frame: depth at {summary.valid_fraction_median:.0%} of the pixels;"
             f" latency {summary.latency_median_ms:.1f} ms median, {summary.latency_p95_ms:.1f} ms p95"
         )
+        if math.isfinite(summary.sigma_share_median):
+            say(
+                f"error bar: {summary.sigma_share_median:.1%} of the depth in the median, meant to hold two errors"
+                " in three; a wrong speed or lens is not in it"
+            )
     else:
         warn("no frame has depth: the reasons stand above")
     say(f"preview: {target / 'preview.mp4'}")

@@ -40,7 +40,7 @@ def paper_table(
     ] = False,
     samples: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="With --train: pairs of each stage, instead of the recipes'."),
+        typer.Option(metavar="N", min=1, help="With --train: pairs of each size, instead of the recipes'."),
     ] = None,
     scenes: Annotated[int, typer.Option(metavar="N", min=1, help="Scenes of each test set.")] = 300,
     textures: Annotated[
@@ -100,10 +100,10 @@ def train_all(runs: Path, textures: Textures, samples: int | None) -> None:
 
 
 def scaled(recipe: Recipe, samples: int | None) -> Recipe:
-    """The recipe with that many pairs in its first stage, the others in proportion."""
-    if samples is None:
-        return recipe
-    return recipe.scaled_to(round(recipe.samples * samples / recipe.stages[0].samples))
+    """The recipe with that many pairs of each size, what comes after in proportion."""
+    from flightdepth.evaluation.table import PAIRS_A_SIZE
+
+    return recipe if samples is None else recipe.scaled_to(round(recipe.samples * samples / PAIRS_A_SIZE))
 
 
 def of_run(row: Row, runs: Path, textures: Textures, scenes: int) -> Found | None:

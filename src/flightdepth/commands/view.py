@@ -12,6 +12,7 @@ import typer
 
 from flightdepth.commands.convert import check_outside, opened
 from flightdepth.commands.extras import extra_packages
+from flightdepth.commands.full_disk import NOT_WRITTEN, room_on_the_disk
 from flightdepth.commands.terminal import progress_bar, say
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.files import check_parent, refuse_to_replace, write_atomic
@@ -93,7 +94,8 @@ def write(recording: RecordingStream, flight: FlightFolder, file: Path, pictures
     refuse_to_replace("--save", file)
     stream = rerun.binary_stream(recording)
     send(recording, flight, pictures)
-    write_atomic(file, stream.read(flush=True) or b"")
+    with room_on_the_disk(file, left=NOT_WRITTEN):
+        write_atomic(file, stream.read(flush=True) or b"")
     say(f"{file}: open it with `rerun {file}`")
 
 

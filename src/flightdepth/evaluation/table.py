@@ -27,6 +27,7 @@ from flightdepth.weights.card import NetworkCard
 
 UNTRAINED = "untrained"
 NAME_WIDTH = 24  # of "DepthNet 64-128-256-512"
+PAIRS_A_SIZE = 240_000  # of each size of the recipes, but for what 512 px go on with alone
 RECIPES = ("table-depthnet", "table-depthnet-64-512", "table-depthnet-512", "table-flownets")
 # Depth percentiles of five scenes of the original at 256 px: a set outside their span is nearer or farther.
 ORIGINAL_SPAN_M = {"5": (2.7, 5.5), "25": (4.3, 9.4), "50": (9.4, 47), "75": (20, 65), "95": (41, 81)}

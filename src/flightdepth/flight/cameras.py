@@ -28,7 +28,10 @@ from flightdepth.flight.turn_verdict import described_turns
 from flightdepth.flight.video import Video
 
 WIDEST_IDEAL_DEG = 110.0  # lenses beyond it are fisheyes, nearly always
-NO_CAMERA = "Give --hfov DEGREES (the horizontal field of view) or --camera FILE."
+NO_CAMERA = (
+    "Give --hfov DEGREES (the horizontal field of view), --camera NAME (one that `flightdepth cameras` lists) "
+    "or --camera FILE (a calibration)."
+)
 
 
 def choose_camera(

@@ -58,10 +58,15 @@ def read_dataflash(path: Path) -> Telemetry:
 
 @dataclass
 class Survey:
-    """What a log holds: its types of record, by type of status the core that is primary first, each GPS's fixes."""
+    """What a log holds: its types of record, what the EKF says of itself first, each GPS's fixes.
+
+    primaries  by type of status: the core that is primary first
+    statuses   by type of status: the first of each core
+    """
 
     names: set[str] = field(default_factory=set)
     primaries: dict[str, float] = field(default_factory=dict)
+    statuses: dict[str, dict[float, int]] = field(default_factory=dict)
     fixes: Counter[float] = field(default_factory=Counter)
 
     @classmethod
@@ -75,6 +80,9 @@ class Survey:
                 survey.fixes[fields.get("I", 0)] += fields.get("Status", 0) >= GPS_FIX_3D
             elif "PI" in fields:
                 survey.primaries.setdefault(layout.name, fields["PI"])
+                if math.isfinite(status := fields.get("SS", math.nan)):
+                    first = survey.statuses.setdefault(layout.name, {})
+                    first.setdefault(fields.get("C", 0), int(status))
         return survey
 
 
@@ -97,14 +105,15 @@ class Selection:
 
     @classmethod
     def of(cls, log: Survey, counts: Counter[str]) -> Selection:
-        """For a log: with the core that is primary first, and the first receiver that has a fix mostly."""
+        """For a log: with what the EKF says of itself first, and the first receiver that has a fix mostly."""
         velocity = next((name for name in VELOCITIES if name in log.names), "")
         attitude = next((name for name in ATTITUDES if name in log.names), "")
         fixes = +log.fixes  # of those that have any
         most = max(fixes.values(), default=0)
         receiver = min((number for number, count in fixes.items() if count * 2 >= most), default=None)
         status = EKF_STATUS.get(velocity, "XKF4")
-        return cls(velocity, attitude, status, counts, _core=log.primaries.get(status), _gps=receiver)
+        core, statuses = log.primaries.get(status), log.statuses.get(status, {})
+        return cls(velocity, attitude, status, counts, _core=core, _status=statuses, _gps=receiver)
 
     @property
     def used(self) -> frozenset[str]:

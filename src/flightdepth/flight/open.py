@@ -26,7 +26,7 @@ from flightdepth.flight.flight_log import (
 from flightdepth.flight.offset import ClockOffset
 from flightdepth.flight.own_track import disagreements
 from flightdepth.flight.places import PlaceTrack
-from flightdepth.flight.recordings import doubted_length
+from flightdepth.flight.recordings import SEEK, SOUGHT, doubted_length
 from flightdepth.flight.records import (
     MAX_GAP_S,
     NS_PER_S,
@@ -218,7 +218,7 @@ def open_flight(
         if log is not None and telemetry is not None:
             told += disagreements(log, video)
         if log is not None and (not telemetry_offset_s if clock is None else clock.offset_s is None):
-            told += doubted_length(log, video.duration_ns)
+            told += doubted_length(log, video.duration_ns, mend=SEEK if clock is None else SOUGHT)
         return Flight(video, chosen, log, speed_m_s or 0.0, clock=clock, log_warnings=told)
     except BaseException:
         video.close()

@@ -19,9 +19,8 @@ FIT_NS = 2 * NS_PER_S  # between the length of a recording by the log's flag and
 FLICKER_NS = NS_PER_S  # no camera begins again so soon, and no video is so short
 NEAR_S = 3.0  # of the flag's start: where the pictures are asked about the rest
 LISTED = 9  # recordings that an error names
-SEEK = (
-    "time 0 may be elsewhere: run --telemetry-offset auto looks for it in the pictures, or give the seconds"
-)
+SEEK = "run --telemetry-offset auto looks for it in the pictures, or give the seconds"
+SOUGHT = "give the seconds, as --telemetry-offset S"  # where the pictures did not tell it
 MEND = "Give the offset of the right one, or let run --telemetry-offset auto find it in the pictures."
 
 
@@ -71,33 +70,38 @@ def at_recording(
     return replace(moved, name=name, recordings=(chosen.later_by(-start_ns),))
 
 
-def doubted_length(log: Telemetry, duration_ns: int) -> tuple[str, ...]:
-    """A line where the video is not the whole recording, or longer, so that nobody tells when it began."""
+def doubted_length(log: Telemetry, duration_ns: int, *, mend: str = SEEK) -> tuple[str, ...]:
+    """A line where the video is not the whole recording, or longer, so that nobody tells when it began.
+
+    `mend` says what to do then.
+    """
+    elsewhere = f"time 0 may be elsewhere: {mend}"
     if not log.time_0_told:
-        return _begun_together(log, duration_ns)
+        return _begun_together(log, duration_ns, elsewhere)
     if len(log.recordings) != 1 or not duration_ns:
         return ()
     [chosen] = log.recordings
     if not chosen.start_told and not chosen.end_told:
-        return (f"the camera recorded when the log began, and when it ended: {SEEK}",)
+        return (f"the camera recorded when the log began, and when it ended: {elsewhere}",)
     seen_ns = chosen.end_ns - chosen.start_ns
     apart_ns = duration_ns - seen_ns
     whole = chosen.start_told and chosen.end_told
     # Of a recording of which the log saw the smaller part, chance may have chosen this one.
     if not -FIT_NS <= apart_ns <= (FIT_NS if whole else max(seen_ns, FIT_NS)):
         return (
-            f"the log tells a recording of {_length(chosen)}, the video has {duration_ns / NS_PER_S:.0f} s: {SEEK}",
+            f"the log tells a recording of {_length(chosen)}, the video has {duration_ns / NS_PER_S:.0f} s: "
+            f"{elsewhere}",
         )
     return ()
 
 
-def _begun_together(log: Telemetry, duration_ns: int) -> tuple[str, ...]:
+def _begun_together(log: Telemetry, duration_ns: int, elsewhere: str) -> tuple[str, ...]:
     """A line where a log that knows of no video is of another length, so that they hardly began at once."""
     _, last_ns = log.span_ns
     if not duration_ns or abs(duration_ns - last_ns) <= FIT_NS:
         return ()
     lengths = f"the log lasts {last_ns / NS_PER_S:.0f} s, the video {duration_ns / NS_PER_S:.0f} s"
-    return (f"{lengths}, and both are taken to begin together; {SEEK}",)
+    return (f"{lengths}, and both are taken to begin together; {elsewhere}",)
 
 
 def searched_s(log: Telemetry, duration_ns: int) -> float | None:

@@ -13,8 +13,9 @@ from flightdepth.ranges.result import RangedDepth
 
 COLUMNS = (
     *("index", "stamp_ns", "shifts", "displacements_m", "centroids_m"),
-    *("valid_fraction", "latency_ms", "reason", "network", "focal_px"),
+    *("valid_fraction", "latency_ms", "reason", "network", "focal_px", "sigma_share"),
 )
+EVERY = 4  # pixels each way are looked at for sigma_share: a network's own are no smaller
 
 
 ONLY_BOUNDS = "no pixel has depth; what is known is farther or nearer than a bound"
@@ -34,6 +35,7 @@ class FrameRow:
     reason           why no pixel has depth; empty where one has
     network          which one gave depth or bounds; empty where none did, and in tables of older versions
     focal_px         horizontal focal length of its picture, where the lens zooms; None where flight.json tells it
+    sigma_share      median of standard deviation over depth, of the pixels with depth; None where none is told
     """
 
     index: int
@@ -46,6 +48,7 @@ class FrameRow:
     reason: str
     network: str = ""
     focal_px: float | None = None
+    sigma_share: float | None = None
 
     @classmethod
     def of(cls, frame: Frame, result: RangedDepth) -> FrameRow:
@@ -62,7 +65,16 @@ class FrameRow:
             reason=result.reason or ("" if known.any() else ONLY_BOUNDS),
             network=result.network,
             focal_px=None if frame.camera is None else frame.camera.fx,
+            sigma_share=_sigma_share(result),
         )
+
+
+def _sigma_share(result: RangedDepth) -> float | None:
+    if result.sigma_m is None:
+        return None
+    depth_m, sigma_m = result.depth_m[::EVERY, ::EVERY], result.sigma_m[::EVERY, ::EVERY]
+    told = np.isfinite(depth_m) & np.isfinite(sigma_m)
+    return float(np.median(sigma_m[told] / depth_m[told])) if told.any() else None
 
 
 def cells_of(row: FrameRow) -> list[object]:
@@ -78,6 +90,7 @@ def cells_of(row: FrameRow) -> list[object]:
         row.reason,
         row.network,
         "" if row.focal_px is None else f"{row.focal_px:.3f}",
+        "" if row.sigma_share is None else f"{row.sigma_share:.4f}",
     ]
 
 
@@ -95,6 +108,7 @@ def rows_from_csv(text: str) -> list[FrameRow]:
             reason=cells["reason"],
             network=cells.get("network") or "",
             focal_px=float(focal_px) if (focal_px := cells.get("focal_px")) else None,
+            sigma_share=float(sigma_share) if (sigma_share := cells.get("sigma_share")) else None,
         )
         for cells in csv.DictReader(io.StringIO(text))
     ]

@@ -153,7 +153,7 @@ class Preview:
         )
         x = write(picture, f"pairs: {flown} frames", x + 24, y, FAINT_RGB)
         known = float(np.isfinite(result.depth_m).mean())
-        write(picture, f"known {known:.0%}   {result.latency_ms:.1f} ms", x + 24, y, FAINT_RGB)
+        write(picture, f"known {known:.0%}   latency {result.latency_ms:.1f} ms", x + 24, y, FAINT_RGB)
 
     def _painted(self, depth_m: Map, *bounds_m: Map) -> Picture:
         return self._palette.fitted((self._layout.width, self._layout.height), depth_m, *bounds_m)

@@ -136,7 +136,8 @@ class FlightRecord(BaseModel):
 
 @dataclass(frozen=True)
 class Summary:
-    """A flight in a few figures, for people; medians are over the frames with depth, NaN without any.
+    """A flight in a few figures, for people; medians are over the frames with depth, NaN without any, and
+    `sigma_share_median` over those whose network tells an error bar.
 
     `warnings` are those that came up in flight.
     """
@@ -145,6 +146,7 @@ class Summary:
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     valid_fraction_median: float
+    sigma_share_median: float
     latency_median_ms: float
     latency_p95_ms: float
 
@@ -160,11 +162,13 @@ class Summary:
         known = [row for row in rows if not row.reason]
         latencies = [row.latency_ms for row in known] or [float("nan")]
         fractions = [row.valid_fraction for row in known] or [float("nan")]
+        shares = [row.sigma_share for row in known if row.sigma_share is not None] or [float("nan")]
         return cls(
             counts=counts,
             notes=notes,
             warnings=warnings,
             valid_fraction_median=float(np.median(fractions)),
+            sigma_share_median=float(np.median(shares)),
             latency_median_ms=float(np.median(latencies)),
             latency_p95_ms=float(np.percentile(latencies, 95)),
         )

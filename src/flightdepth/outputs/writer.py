@@ -79,7 +79,7 @@ class FlightWriter:
         self._once, self._stopped, self._filmed = once, once or stopped, True
         self.kept: Path | None = None
         self.lost, self.loss = 0, ""
-        self._notes = ReasonTally()  # of all frames
+        self._notes, self._doubts = ReasonTally(), ReasonTally()  # of all frames
         self._dropped: dict[str, int] = {}
         self._warnings: list[str] = []  # that came up in flight
         self._saturated_pixels = 0
@@ -149,8 +149,10 @@ class FlightWriter:
         self._rows.add(cells_of(FrameRow.of(frame, result)))
         if pose is not None:
             self._poses.add(pose_cells(pose))
-        for note in result.notes if result.doubt is None else (*result.notes, result.doubt):
+        for note in result.notes:
             self._notes.add(note)
+        if result.doubt is not None:
+            self._doubts.add(result.doubt)
         return True
 
     def _lose(self, frame: Frame, error: Exception) -> None:
@@ -220,6 +222,7 @@ class FlightWriter:
             (self._folder / PREVIEW).unlink(missing_ok=True)
         self._rows.finish()
         self._poses.finish()
+        self._warnings += self._doubts.with_frames()
         rows = rows_from_csv((self._folder / TABLE).read_text(encoding="utf-8"))
         counts = Counts.of(rows, self._dropped, self._saturated_pixels)
         self._summary = Summary.of(rows, counts, self._notes.with_frames(), tuple(self._warnings))

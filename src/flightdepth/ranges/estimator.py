@@ -47,8 +47,8 @@ NOT_RIGID = (
 FALLEN_BACK = "frames without a direction of motion: depth by {}, rough, its confidence is no chance"
 DENIED = (
     "the pictures deny the log's direction of motion, and are followed: it is {:.0f} degrees off;"
-    " are its velocities in the axes that it says, is it of this clock (`--telemetry-offset auto` seeks it), and is the"
-    " camera mounted as it says?"
+    " are its velocities in the axes that it says, is it of this clock (of a log, `run --telemetry-offset auto` seeks"
+    " it), and is the camera mounted as it says?"
 )
 NON_ROTATING = "camera-frame velocity without attitude: the camera is taken not to turn"
 
