@@ -261,6 +261,17 @@ def test_a_card_tells_all_that_a_stage_says():
     ("right", "wrong", "said"),
     [
         ("full_width = 64", "full_width = 32", "stages.0: expected full_width of at least the width, 64"),
+        ("batch = 10", "batch = 10\nfiner = [64, 128]", "stages.0: expected finer no higher than wide"),
+        (
+            "batch = 10",
+            "batch = 10\nfiner = [2048, 64]\nphotometric = true",
+            "stages.0: expected pictures of at most 1024 px",
+        ),
+        (
+            "batch = 10",
+            "batch = 10\nfiner = [128, 64]",
+            "expected reference_focal_px, since a stage has two focal",
+        ),
         (
             "batch = 10",
             "batch = 10\nfov_deg = [120.0, 55.0]",

@@ -170,11 +170,12 @@ def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
     sets = {each.width: each for each in map(open_stored_set, folders)}
     if len(sets) < len(folders):
         raise BadInput("--set", expected="one set of each width", got=", ".join(map(str, folders)))
-    lacking = [stage for stage in recipe.stages if stage.full_width not in sets]
+    wanted = [(picture.full_width, stage.name) for stage in recipe.stages for picture in stage.pictures]
+    lacking = [each for each in wanted if each[0] not in sets]
     if folders and lacking:
         raise BadInput(
             "--set",
-            expected=f"a set of {lacking[0].full_width} px for stage {lacking[0].name}",
+            expected="a set of {} px for stage {}".format(*lacking[0]),
             got=", ".join(f"{each.folder} of {each.width} px" for each in sets.values()),
             mend="Give --set once for each width.",
         )
@@ -194,7 +195,8 @@ def introduce(
     from flightdepth.training.start import start_of
 
     stages = ", ".join(
-        f"{stage.name} ({stage.width}x{stage.height} px, {stage.samples:,})" for stage in recipe.stages
+        f"{stage.name} ({' and '.join(f'{each.width}x{each.height}' for each in stage.pictures)} px, {stage.samples:,})"
+        for stage in recipe.stages
     )
     say(f"{recipe.name}: {recipe.samples:,} pairs in stages {stages}")
     if (processes := this_process().num_processes) > 1:

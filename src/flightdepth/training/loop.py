@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack, nullcontext
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 from torch.utils.tensorboard import SummaryWriter
@@ -22,6 +23,7 @@ from flightdepth.stillbox.stored_pairs import StoredPairs
 from flightdepth.stillbox.stream import CHUNK, POOL_SCENES
 from flightdepth.training.checkpoint import Progress, read_progress
 from flightdepth.training.feed import Feed
+from flightdepth.training.inputs import TensorBatch
 from flightdepth.training.learner import Learner
 from flightdepth.training.processes import without_gpu
 from flightdepth.training.recipe import Recipe, Stage
@@ -94,9 +96,10 @@ def train(
         for number in range(len(recipe.stages))
     ]
     # What a stage can't learn from is told before the stages that come first.
-    for stream in streams[progress.stage :]:
-        with stream(learner.share.mine[0]):
-            pass
+    for stage, stream in zip(recipe.stages[progress.stage :], streams[progress.stage :], strict=True):
+        for turn in range(len(stage.pictures)):
+            with stream(learner.share.mine[0], turn):
+                pass
     keep_sets(folder, sets or {})
     keep_textures(folder, textures)
     write_json(folder / RECIPE, recipe.model_dump(mode="json"))
@@ -125,7 +128,7 @@ class _Run:
 
     learner: Learner
     number: int
-    stream: Callable[[int], PairStream]
+    stream: Callable[[int, int], PairStream]
     workers: int
     board: SummaryWriter | None
     report: Callable[[Report], None]
@@ -156,7 +159,7 @@ class _Run:
         began_at, total = progress.seen, self._total(progress)
         with ExitStack() as stack:
             first = progress.sample // self.stage.batch
-            feeds = [stack.enter_context(self._feed(part).batches(first)) for part in self.learner.share.mine]
+            feeds = [stack.enter_context(self._batches(part, first)) for part in self.learner.share.mine]
             while progress.sample < self.stage.samples and not self.learner.agreed(self.stop()):
                 loss_m = self.learner.step([next(feed) for feed in feeds], self.stage, progress.sample)
                 progress = self._advanced(progress, loss_m)
@@ -168,12 +171,23 @@ class _Run:
                     saved = self.clock()
         return progress
 
-    def _feed(self, part: int) -> Feed:
-        """What one part of each batch is made by."""
+    @contextmanager
+    def _batches(self, part: int, first: int) -> Generator[Iterator[TensorBatch]]:
+        """One part of batches number `first`, `first` + 1 ...: each of the next of the stage's pictures, in turn."""
+        turns = len(self.stage.pictures)
+        with ExitStack() as stack:
+            feeds = [
+                stack.enter_context(self._feed(part, turn).batches((first - turn + turns - 1) // turns))
+                for turn in range(turns)
+            ]
+            yield (next(feeds[number % turns]) for number in count(first))
+
+    def _feed(self, part: int, turn: int) -> Feed:
+        """What one part of each batch that is of picture number `turn` is made by."""
         size, each = self.stage.batch // self.learner.share.parts, max(self.workers, 1)
         return Feed(
             self.recipe,
-            lambda number: self.stream(part * each + number),
+            lambda number: self.stream(part * each + number, turn),
             size,
             self.workers,
             sweep_later=self.learner.on_gpu,
@@ -203,27 +217,30 @@ def stage_stream(
     learner: Learner,
     number: int,
     stream: int,
+    turn: int = 0,
     *,
     textures: Textures,
     sets: Mapping[int, StoredSet],
     threads: int,
     workers: int = 0,
 ) -> PairStream:
-    """Pairs of stage `number` from stream number `stream`, of drawn scenes or of the set of the stage's width.
+    """Pairs of stage `number` from stream number `stream` of its picture number `turn`, of drawn scenes or of the set
+    as wide as the full picture.
 
-    Of several workers each has a thread, and a smaller pool of scenes.
+    Of several workers each has a thread, and of several streams each a smaller pool of scenes.
 
     Raises:
         BadInput: the set is not one that the stage can learn from.
     """
     recipe, stage = learner.recipe, learner.recipe.stages[number]
-    opened = partial(StoredPairs, stored=sets[stage.full_width]) if sets else PairStream
+    picture, each = stage.pictures[turn], max(workers, 1)
+    opened = partial(StoredPairs, stored=sets[picture.full_width]) if sets else PairStream
     return opened(
         config=recipe.scenes.model_copy(update={"open_share": stage.open_share}),
         textures=textures,
-        picture=stage.picture,
+        picture=picture,
         rule=replace(recipe.rule, wide_share=stage.wide_share),
-        seed=stream_seed(recipe, number, stream),
+        seed=stream_seed(recipe, number, turn * learner.share.parts * each + stream),
         photometric_share=stage.photometric_share if stage.photometric else 0.0,
         h264_share=stage.h264_share,
         noise=stage.noise,
@@ -231,7 +248,7 @@ def stage_stream(
         objects_for_lens=stage.objects_for_lens,
         pairs_per_scene=recipe.pairs_per_scene,
         threads=1 if workers else threads,
-        pool_scenes=pool_scenes(workers),
+        pool_scenes=pool_scenes(each * len(stage.pictures)),
     )
 
 
@@ -241,9 +258,9 @@ def usual_workers(learner: Learner, cores: int) -> int:
     return max(1, (cores - 1) // len(learner.share.mine)) if can_be_fed else 0
 
 
-def pool_scenes(workers: int) -> int:
-    """Scenes that a stream draws pairs from: of several workers' each fewer, but enough for a batch of its own."""
-    return max(LEAST_POOL_SCENES, POOL_SCENES // max(workers, 1) // CHUNK * CHUNK)
+def pool_scenes(streams: int) -> int:
+    """Scenes that a stream draws pairs from: of several streams' each fewer, but enough for a batch of its own."""
+    return max(LEAST_POOL_SCENES, POOL_SCENES // max(streams, 1) // CHUNK * CHUNK)
 
 
 def stream_seed(recipe: Recipe, stage: int, stream: int = 0) -> int:

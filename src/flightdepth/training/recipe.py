@@ -27,6 +27,7 @@ def _file_name(name: str) -> str:
 
 
 FileName = Annotated[str, AfterValidator(_file_name)]
+Blocks = Annotated[int, Field(gt=0, multiple_of=STRIDE)]  # pixels
 
 
 class _Strict(BaseModel):
@@ -40,6 +41,9 @@ class Stage(_Strict):
     full_width: int = Field(gt=0)
     width: int = Field(gt=0, multiple_of=STRIDE)
     height: int = Field(gt=0, multiple_of=STRIDE)
+    finer: tuple[Blocks, Blocks] | None = Field(
+        default=None, description="width and height in every second batch, whose full pictures are as wide"
+    )
     samples: int = Field(gt=0, description="pairs")
     batch: int = Field(gt=0)
     learning_rate: float = Field(gt=0, description="peak, after the warm-up")
@@ -66,7 +70,10 @@ class Stage(_Strict):
             raise ValueError(f"full_width of at least the width, {self.width}")
         if self.full_width < self.height:
             raise ValueError(f"full_width of at least the height, {self.height}: full pictures are square")
-        if self.photometric and max(self.width, self.height) > LARGEST_PX:
+        if self.finer is not None and self.finer[0] < self.finer[1]:
+            raise ValueError("finer no higher than wide: full pictures are square")
+        largest_px = max(max(picture.width, picture.height) for picture in self.pictures)
+        if self.photometric and largest_px > LARGEST_PX:
             raise ValueError(f"pictures of at most {LARGEST_PX} px where there are camera effects")
         if self.photometric_share < 1 and not self.photometric:
             raise ValueError("photometric = true, of which photometric_share is a share")
@@ -79,9 +86,10 @@ class Stage(_Strict):
         return self
 
     @property
-    def picture(self) -> Picture:
-        """The stage's crop."""
-        return Picture(self.width, self.height, self.full_width, self.fov_deg)
+    def pictures(self) -> tuple[Picture, ...]:
+        """The stage's crop; with `finer` two, which batches take in turn."""
+        own = Picture(self.width, self.height, self.full_width, self.fov_deg)
+        return (own,) if self.finer is None else (own, Picture(*self.finer, self.finer[0], self.fov_deg))
 
     @property
     def noise(self) -> MotionNoise | None:
@@ -157,6 +165,8 @@ class Recipe(_Strict):
             raise ValueError("reference_focal_px, since a MotionNet is for any lens")
         if self.reference_focal_px is None and any(stage.fov_deg for stage in self.stages):
             raise ValueError("reference_focal_px, since a stage has many lenses (fov_deg)")
+        if self.reference_focal_px is None and any(stage.finer for stage in self.stages):
+            raise ValueError("reference_focal_px, since a stage has two focal lengths (finer)")
         if self.scenes.open_share:
             raise ValueError("open_share in each stage, not in scenes")
         if self.scenes.frames < 2:

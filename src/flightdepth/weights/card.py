@@ -18,6 +18,9 @@ class Stage(BaseModel):
     name: str
     width: int
     height: int
+    finer: tuple[int, int] | None = Field(
+        default=None, description="width and height of every second batch, as fine as they are wider"
+    )
     focal_px: float
     samples: int
     batch: int
