@@ -39,8 +39,8 @@ class Stage(_Strict):
 
     name: FileName
     full_width: int = Field(gt=0)
-    width: int = Field(gt=0, multiple_of=STRIDE)
-    height: int = Field(gt=0, multiple_of=STRIDE)
+    width: Blocks
+    height: Blocks
     finer: tuple[Blocks, Blocks] | None = Field(
         default=None, description="width and height in every second batch, whose full pictures are as wide"
     )
