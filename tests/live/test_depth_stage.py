@@ -7,9 +7,10 @@ from live_peers import sample_pictures
 
 from flightdepth.camera import Camera
 from flightdepth.flight.records import BodyAttitudeSample, VelocitySample
-from flightdepth.live.depth_stage import FROZEN, DepthStage, Lens
+from flightdepth.live.depth_stage import DepthStage, Lens
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.motion import NED_FROM_CAMERA
+from flightdepth.ranges.repeats import FROZEN
 from flightdepth.runtimes.network import load_network
 
 CAMERA = Camera.from_fov(320, 180, 75)

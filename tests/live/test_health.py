@@ -2,7 +2,6 @@
 
 import pytest
 
-from flightdepth.live.depth_stage import FROZEN
 from flightdepth.live.health import (
     LATE,
     LENS,
@@ -17,6 +16,7 @@ from flightdepth.live.health import (
     HealthMonitor,
 )
 from flightdepth.live.status import State
+from flightdepth.ranges.repeats import FROZEN
 
 FRAME_S = 1 / 30
 

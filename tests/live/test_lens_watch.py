@@ -16,11 +16,11 @@ from flightdepth.flight.records import AttitudeSample, BodyAttitudeSample
 from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live import lens_watch
-from flightdepth.live.depth_stage import FROZEN
 from flightdepth.live.health import LENS, HealthMonitor
 from flightdepth.live.lens_watch import APART_NS, LEAST_NEW, MOST_PAIRS, MOST_WAITING, LensWatch
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation
+from flightdepth.ranges.repeats import FROZEN
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 simulated = importlib.import_module("turned_focal")

@@ -19,12 +19,11 @@ from flightdepth.evaluation.ranges_trials import CONSTANT, Trial
 from flightdepth.flight.records import VelocityFrame
 from flightdepth.motion import Vector
 from flightdepth.outputs.encoding import centimetres_from_depth, jpeg, png
-from flightdepth.ranges import DepthNetwork, FrameGrid, MultiRangeEstimator, RangedDepth
+from flightdepth.ranges import DepthNetwork, FrameGrid, MultiRangeEstimator
 from flightdepth.ranges.estimator import MAX_RANGES
-from flightdepth.ranges.fusion import Fused, Fusion
+from flightdepth.ranges.fusion import Fusion
 from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.network import AtSource
-from flightdepth.ranges.pairs import Pair
 from flightdepth.runtimes.arrays import Image, Maps
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
@@ -86,16 +85,8 @@ class ManyRanges(MultiRangeEstimator):
         super().__init__(network, camera, ranges=allowed, fusion=fusion, derotate=derotate)
         self._ranges, self._memory = ranges, MemoryLimit(ranges + 1)
 
-    def _result(
-        self,
-        pairs: tuple[Pair, ...],
-        prediction: Prediction,
-        fused: Fused,
-        at_source: AtSource,
-        **others: Any,
-    ) -> RangedDepth:
-        small = AsTheyAre(fused.depth_m, at_source)
-        return super()._result(pairs, prediction, fused, small, **others)
+    def _at_source(self, depth_m: Maps, image: Image) -> AsTheyAre:
+        return AsTheyAre(depth_m, super()._at_source(depth_m, image))
 
 
 class Tally:

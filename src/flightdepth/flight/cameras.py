@@ -21,7 +21,7 @@ from flightdepth.flight.camera_evidence import (
     same_shape,
 )
 from flightdepth.flight.camera_file import read_camera
-from flightdepth.flight.lenses import CONTRADICTION, find_lens
+from flightdepth.flight.lenses import CONTRADICTION, Lens, find_lens
 from flightdepth.flight.photograph import is_photograph, read_photograph
 from flightdepth.flight.records import Telemetry
 from flightdepth.flight.turn_verdict import described_turns
@@ -46,7 +46,7 @@ def choose_camera(
     evidence = CameraEvidence(video, log)
     told = evidence.told()
     if hfov_deg is not None:
-        chosen = ChosenCamera(fov_camera(video, hfov_deg), f"--hfov {hfov_deg:g}, an ideal lens")
+        chosen = ChosenCamera(fov_camera(video, hfov_deg), by_hfov(hfov_deg))
     elif given is not None:
         chosen = from_user(evidence, given)
     elif (own := told or evidence.told_by_turns()) is not None:
@@ -65,12 +65,27 @@ def from_user(evidence: CameraEvidence, given: Camera | str | Path) -> ChosenCam
     if not path.exists() and path.suffix == "":
         lens = find_lens(path.name)
         camera = evidence.upright(lens.seen(*evidence.landscape))
-        return ChosenCamera(camera, f"{lens.name} in the table of lenses: {lens.camera}, {described(lens)}")
+        return ChosenCamera(camera, by_table(lens))
     if is_photograph(path):
         photograph = read_photograph(path)
         camera = upright_calibration(photograph.camera, evidence, evidence.shown)
         return ChosenCamera(camera, f"{photograph.source}, if the video is not cropped")
-    return ChosenCamera(upright_calibration(read_camera(path), evidence), f"calibration {path.name}")
+    return ChosenCamera(upright_calibration(read_camera(path), evidence), by_calibration(path))
+
+
+def by_hfov(hfov_deg: float) -> str:
+    """Where a camera comes from, for people, as of `by_table` and `by_calibration`."""
+    return f"--hfov {hfov_deg:g}, an ideal lens"
+
+
+def by_table(lens: Lens) -> str:
+    """Of a lens of the table: which, of what camera, how wide and how sure."""
+    return f"{lens.name} in the table of lenses: {lens.camera}, {described(lens)}"
+
+
+def by_calibration(path: Path) -> str:
+    """Of a calibration's file: its name."""
+    return f"calibration {path.name}"
 
 
 def upright_calibration(

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.flight.camera_evidence import described
 from flightdepth.flight.camera_file import read_camera
-from flightdepth.flight.cameras import NO_CAMERA, camera_of_size
+from flightdepth.flight.cameras import NO_CAMERA, by_calibration, by_hfov, by_table, camera_of_size
 from flightdepth.flight.lenses import Lens as KnownLens
 from flightdepth.flight.lenses import find_lens
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, VelocitySample
@@ -31,7 +30,6 @@ Image = NDArray[np.uint8]
 # Attitude and picture belong together to about this; a camera that turns may turn away by MAX_TURN_RAD in it.
 SYNC_S = 0.02
 MAX_TURN_RATE = MAX_TURN_RAD / SYNC_S
-FROZEN = "frozen picture"
 # A repeated picture is left out; so many ns of repeats are a frozen picture, and everybody shall know.
 FROZEN_NS = 3 * NS_PER_S // 10
 BACK_NS = NS_PER_S  # pictures whose times go back by more begin anew: those before had a time from the future
@@ -53,16 +51,15 @@ class Lens:
     @classmethod
     def given(cls, camera: Path | None, hfov_deg: float | None) -> Lens:
         """From the command line: one of the two."""
-        if (camera is None) == (hfov_deg is None):
+        if camera is None and hfov_deg is not None:
+            return cls(hfov_deg=hfov_deg, source=by_hfov(hfov_deg))
+        if camera is None or hfov_deg is not None:
             got = "neither" if camera is None else "both"
             raise BadInput("--camera and --hfov", expected="one of them", got=got, mend=NO_CAMERA)
-        if camera is None:
-            return cls(hfov_deg=hfov_deg, source=f"--hfov {hfov_deg:g}, an ideal lens")
         if not camera.exists() and camera.suffix == "":
             lens = find_lens(camera.name)
-            source = f"{lens.name} in the table of lenses: {lens.camera}, {described(lens)}"
-            return cls(known=lens, source=source)
-        return cls(read_camera(camera), source=f"calibration {camera.name}")
+            return cls(known=lens, source=by_table(lens))
+        return cls(read_camera(camera), source=by_calibration(camera))
 
     def at(self, width: int, height: int) -> Camera:
         """The camera of pictures of this size."""
@@ -161,13 +158,12 @@ class DepthStage:
             self._camera = camera_of_size(self._zoom(stamp_ns), width, height)
             self._estimator.see_through(self._camera)
         self._repeats.add(stamp_ns, image[::LOOKED_AT, ::LOOKED_AT].copy())
-        same_ns = stamp_ns - self._repeats.shown_ns if self._repeats.repeated else 0
-        if 0 < same_ns < FROZEN_NS:
+        repeated = self._repeats.repeated
+        if repeated and stamp_ns - self._repeats.shown_ns < FROZEN_NS:
             self.counts["the same picture again"] += 1
             return None
         self._feed_motion()
-        frozen = f"{FROZEN}: the same for {same_ns / NS_PER_S:.2f} s" if same_ns else None
-        unusable = frozen or self._turning(stamp_ns, image)
+        unusable = self._repeats.told(stamp_ns) if repeated else self._turning(stamp_ns, image)
         depth = self._estimator.add_frame(stamp_ns, image, unusable=unusable)
         return Staged(depth, image, self._camera, compiled)
 

@@ -19,9 +19,9 @@ from flightdepth.flight.steadiness import Grey, follow, small_camera, small_grey
 from flightdepth.flight.turn_comparison import LEAST_RATE_RAD_S
 from flightdepth.flight.turn_verdict import TurnVerdict, judged_by_turns
 from flightdepth.flight.turned_focal import AROUND_S, LONGEST_PAIR_S, TurnPoints
-from flightdepth.live.depth_stage import FROZEN
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.live.status import LiveResult
+from flightdepth.ranges.repeats import FROZEN
 from flightdepth.ranges.timeline import Timeline
 
 STEP_NS = 90_000_000  # between two pictures that are compared, at least

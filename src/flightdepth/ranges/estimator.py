@@ -245,16 +245,19 @@ class MultiRangeEstimator:
             fused = self._held_still(current.stamp_ns, pairs, fused)
         if self._fusion == "saturation":
             fused = within_reach(fused)
-        at_source = self._grid.along_edges(fused.depth_m, current.image)
+        at_source = self._at_source(fused.depth_m, current.image)
         return self._result(pairs, prediction, fused, at_source, seer=seer, started=started)
+
+    def _at_source(self, depth_m: Map, image: Image) -> AtSource:
+        """Depth [h, w] of the network at the source's size, and what brings other maps there."""
+        return self._grid.along_edges(depth_m, image)
 
     def _pairs(self, current: Frame, now_ns: int) -> tuple[tuple[Pair, ...], Seer] | str:
         """Numeric integration and the frame pairs picker, and who sees the pairs; a string says why there is none."""
         self._buffer.expire(current.stamp_ns - self._span_ns)
         self._trajectory.forget(current.stamp_ns - self._span_ns)
         if self._is_frozen(current, now_ns):
-            frozen_s = (now_ns - self._repeats.shown_ns) * 1e-9
-            return f"frozen picture: the same for {frozen_s:.2f} s in flight"
+            return f"{self._repeats.told(now_ns)} in flight"
         lines = baselines(self._trajectory, self._buffer.frames, current.stamp_ns, self._max_turn_rad)
         if lines.reason is not None:
             return lines.reason

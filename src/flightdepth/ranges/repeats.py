@@ -17,6 +17,7 @@ SAME_LEVELS = 0.1
 MENDED_SHARE, MENDED_LEVELS = 0.1, 0.5
 # After so long the same, one other picture is a key frame that shows the old one anew: two in a row are needed.
 HANGS_NS = 300_000_000
+FROZEN = "frozen picture"  # how `Repeats.told` begins
 
 
 class Repeats:
@@ -39,6 +40,10 @@ class Repeats:
         Video of 25 or 30 pictures a second in a file or link of more holds each several times.
         """
         return self.shown_ns if self.repeated and stamp_ns - self.shown_ns < HANGS_NS else stamp_ns
+
+    def told(self, now_ns: int) -> str:
+        """For people: that the picture shown now is frozen, and for how long."""
+        return f"{FROZEN}: the same for {(now_ns - self.shown_ns) * 1e-9:.2f} s"
 
     def add(self, stamp_ns: int, image: Image) -> None:
         """Compare a picture, uint8 [H, W, 3], with the one before."""
