@@ -48,6 +48,15 @@ def until(condition, within_s=PATIENCE_S, what="it"):
     return waited_s
 
 
+def lasts_s(work):
+    """Seconds that `work()` takes, less those in which this process was not given the processor."""
+    thread = threading.Thread(target=work)
+    thread.start()
+    spent_s = until(lambda: not thread.is_alive())
+    thread.join()
+    return spent_s
+
+
 def worst_wait_s(looks=40):
     """The longest that a sleep of 10 ms took: how real this machine's time is."""
     waits = []

@@ -23,7 +23,7 @@ from flightdepth.live.motion_store import MotionStore
 from flightdepth.live.slots import Newest
 from flightdepth.live.status import State
 from flightdepth.live.video_address import VideoAddress
-from flightdepth.live.video_input import VideoInput, VideoListener
+from flightdepth.live.video_input import ENDED, NOT_TAKEN, VideoInput, VideoListener
 from flightdepth.ranges.result import RangedDepth
 from flightdepth.weights.store import find_network, read_card
 
@@ -183,7 +183,7 @@ def test_no_picture_waits_for_the_judgement_of_the_lens():
         for _ in range(50):
             run._work(PICTURE)
         assert run.status().frames.used == 51 and not over.is_set()
-        assert run.status().sinks["lens"].missed == 49
+        assert run.status().sinks["lens watch"].missed == 49
         over.set()
 
 
@@ -353,6 +353,16 @@ def test_of_a_clock_that_nobody_asked_for_nothing_is_said(monkeypatch):
     monkeypatch.setattr(video, "_open", SetClock)
     video._read()
     assert (video.distrusted, said) == (None, [])
+
+
+def test_a_picture_that_waits_when_the_run_ends_is_counted():
+    """The summary said 31 used and 223 dropped of 255."""
+    listener = VideoListener(lambda now_ns: None, print, print)
+    video = VideoInput(VideoAddress("camera", "camera"), listener)
+    for _ in range(2):
+        video.slot.put(PICTURE)
+    video.close()
+    assert video.dropped == {NOT_TAKEN: 1, ENDED: 1}
 
 
 @pytest.mark.parametrize("compiles", [True, False])

@@ -197,6 +197,22 @@ def test_flickering_trouble_does_not_flicker_in_the_state(flight):
     assert set(states) == {State.DEGRADED}
 
 
+def test_ages_that_swing_about_their_limit_do_not_flicker_in_the_reason(flight):
+    """It said `recovering from results are old` after each result that was in time."""
+    told = {health.kind for i in range(60) for health in flight.fly(FRAME_S, age=(260, 240, 230, 251)[i % 4])}
+    assert told == {(State.DEGRADED, OLD)}
+    assert flight.fly(1, age=240)[-1].state is State.OK
+
+
+def test_a_rate_that_swings_about_its_limit_does_not_flicker_in_the_reason(flight):
+    told, flight.monitor.pictures_hz = set(), 30.0
+    for i in range(60):
+        flight.monitor.taken_hz = 7.9 + 0.2 * (i % 2)
+        told.add(flight.fly(FRAME_S)[-1].kind)
+    assert told == {(State.DEGRADED, SLOW)}
+    assert flight.fly(1)[-1].state is State.OK
+
+
 def test_since_holds_while_only_figures_change(flight):
     healths = flight.fly(3, velocity=False)
     late = [health for health in healths if health.reason and health.reason.startswith(LATE)]

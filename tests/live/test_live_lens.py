@@ -1,20 +1,29 @@
 """What --camera and --hfov of `flightdepth live` mean for pictures of each size, and what turns say of them."""
 
 import sys
+import threading
+import time
+from collections import deque
 from dataclasses import replace
+from math import inf
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from live_peers import SAMPLE, skip_where_time_is_not_real, until
-from live_runs import running
+from live_peers import SAMPLE, until
 
 from flightdepth.errors import BadInput
 from flightdepth.flight import BodyAttitudeSample, Telemetry, VelocitySample
 from flightdepth.flight.lenses import find_lens
+from flightdepth.flight.records import NS_PER_S
+from flightdepth.flight.video import Video
 from flightdepth.live import lens_watch
-from flightdepth.live.depth_stage import Lens
-from flightdepth.live.health import LENS
+from flightdepth.live.depth_stage import DepthStage, Lens
+from flightdepth.live.engine import LiveEngine, Parts
+from flightdepth.live.health import LENS, Limits
+from flightdepth.live.lens_watch import LensWatch
+from flightdepth.live.motion_store import MotionStore
 from flightdepth.live.status import State
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation
 from flightdepth.runtimes.network import load_network
@@ -23,6 +32,11 @@ sys.path.append(str(Path(__file__).parents[1] / "flight"))
 from turning_videos import looking, simulated, write_video
 
 NAME = "gopro-hero11-linear"
+HOUR_NS = 3600 * NS_PER_S
+# A clip played at any speed is no trouble: how long each may last is tested in test_health.py.
+ANY_SPEED = Limits(
+    silent_ns=HOUR_NS, stuck_ns=HOUR_NS, late_ns=HOUR_NS, no_depth_ns=HOUR_NS, old_ms=inf, slow_hz=0.0
+)
 
 
 def test_a_name_of_the_table_is_that_lens():
@@ -74,20 +88,94 @@ def turning(tmp_path_factory):
     return path, Telemetry("turns", tuple(samples), body_attitudes=tuple(bodies)), case.camera
 
 
+class InStep:
+    """A clip and its log, for an engine, each picture when every sink has taken the result of the one before.
+
+    In real time a busy machine leaves pictures out, and what the first turns tell depends on which. Stands for the
+    engine's video input, for its slot and for its telemetry.
+    """
+
+    error = instead = distrusted = None
+    received = reconnects = 0
+
+    def __init__(self, clip, log, store):
+        self.slot, self.ended, self.dropped = self, threading.Event(), {}
+        self._store, self._epoch_ns, self._pictures = store, time.monotonic_ns(), self._played(clip)
+        samples = (*log.samples, *log.body_attitudes)
+        self._log = deque(sorted(samples, key=lambda sample: sample.stamp_ns))
+
+    def video(self, listener):
+        self._listener = listener
+        return self
+
+    def motion(self, engine):
+        self._engine = engine
+        return self
+
+    def start(self):
+        pass
+
+    def close(self):
+        pass
+
+    def take(self, timeout_s):
+        until(self._taken)
+        return next(self._pictures, None)
+
+    def _taken(self):
+        status = self._engine.status()
+        return all(sink.taken == status.frames.used for sink in status.sinks.values())
+
+    def _played(self, clip):
+        with Video(clip) as video:
+            for frame in video.frames():
+                self._tell_motion(frame.stamp_ns)
+                self.received += 1
+                self._listener.on_picture(time.monotonic_ns())
+                yield SimpleNamespace(
+                    stamp_ns=self._epoch_ns + frame.stamp_ns,
+                    age_from="reception",
+                    rgb=lambda image=frame.image: image,
+                )
+        self.ended.set()
+
+    def _tell_motion(self, until_ns):
+        while self._log and self._log[0].stamp_ns <= until_ns:
+            sample, now_ns = self._log.popleft(), time.monotonic_ns()
+            self._store.add(replace(sample, stamp_ns=self._epoch_ns + sample.stamp_ns), now_ns)
+            self._engine.on_velocity(now_ns)
+
+
 @pytest.mark.parametrize("factor", [1.0, 1.3])
 def test_live_a_lens_that_its_turns_deny_is_told_while_flying(
     turning, factor, save_difference_network, monkeypatch
 ):
-    skip_where_time_is_not_real()
     for name in ("ENOUGH", "LEAST_NEW"):
         monkeypatch.setattr(lens_watch, name, 25)  # else it would take half a minute
     clip, log, camera = turning
     given = replace(camera, fx=factor * camera.fx, fy=factor * camera.fy)
     network = load_network(save_difference_network(), device="cpu", threads=1)
-    with running(network, str(clip), telemetry=log, camera=given, ranges=1) as run:
-        until(lambda: run.engine.status().lens is not None)
-        verdict = run.engine.status().lens
-        assert verdict.agrees == (factor == 1.0), str(verdict)
-        if factor != 1.0:
-            assert verdict.found.camera.fx * 192 / 160 == pytest.approx(camera.fx, rel=0.05)
-            run.until(State.DEGRADED, LENS)
+    store, told = MotionStore(NED_FROM_CAMERA), []
+    played = InStep(clip, log, store)
+    parts = Parts(
+        stage=DepthStage(network, Lens(given), store, ranges=1, fixed=True),
+        store=store,
+        video=played.video,
+        motion=played.motion,
+        lens=LensWatch(store),
+    )
+    engine, judged = LiveEngine(parts, limits=ANY_SPEED), threading.Event()
+
+    def note(result):
+        told.append(result.status)
+        if result.status.lens is not None:
+            judged.set()
+
+    engine.add_sink("test", note)
+    with engine:
+        engine.run(judged)
+    verdict = told[-1].lens
+    assert verdict.agrees == (factor == 1.0), str(verdict)
+    if factor != 1.0:
+        assert verdict.found.camera.fx * 192 / 160 == pytest.approx(camera.fx, rel=0.05)
+        assert told[-1].health.kind == (State.DEGRADED, LENS)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import socket
 import threading
-import time
 import urllib.error
 import urllib.request
 from contextlib import ExitStack, closing, suppress
@@ -14,6 +13,7 @@ from http.client import HTTPConnection
 import cv2
 import numpy as np
 import pytest
+from live_peers import lasts_s, until
 from page_flights import HEIGHT, WIDTH, Flying, page_of
 
 from flightdepth.errors import BadInput
@@ -145,10 +145,7 @@ def test_browsers_that_never_read_hold_up_nobody(flying):
     with ExitStack() as idle:
         for _ in range(MOST_REQUESTS + 4):
             idle.enter_context(trickling(flying.server))
-        started = time.monotonic()
-        for _ in range(8):
-            flying.fly()
-        assert time.monotonic() - started < 3.0
+        assert lasts_s(lambda: [flying.fly() for _ in range(8)]) < 3.0
         assert [get(flying.server, "state.json")[0] for _ in range(3)] == [200] * 3
 
 
@@ -156,10 +153,7 @@ def test_a_browser_that_trickles_its_request_is_ended(flying, monkeypatch):
     """Each byte gave it another five seconds, so it held a thread and a place for ever."""
     monkeypatch.setattr("flightdepth.live.page.server.SOCKET_TIMEOUT_S", 0.3)
     with trickling(flying.server) as connection, pytest.raises(OSError):
-        started = time.monotonic()
-        while time.monotonic() - started < 3:
-            connection.sendall(b"X")
-            time.sleep(0.05)
+        until(lambda: connection.sendall(b"X"), within_s=3)
 
 
 def test_a_browser_that_never_takes_its_answers_is_ended(flying, monkeypatch):
@@ -168,11 +162,13 @@ def test_a_browser_that_never_takes_its_answers_is_ended(flying, monkeypatch):
     with socket.create_connection(flying.server.server_address[:2], timeout=5) as connection:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         connection.setblocking(False)
+
+        def ask():
+            with suppress(BlockingIOError):
+                connection.send(b"GET /depth.jpg HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" * 100)
+
         with pytest.raises(ConnectionError):
-            started = time.monotonic()
-            while time.monotonic() - started < 3:
-                with suppress(BlockingIOError):
-                    connection.send(b"GET /depth.jpg HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" * 100)
+            until(ask, within_s=3)
 
 
 @pytest.mark.parametrize("path", ["", "depth.jpg", "state.json", "metrics", "nothing"])
@@ -202,10 +198,7 @@ def test_closing_ends_the_thread():
     before = threading.active_count()
     with PageServer(page_of(Flying.still()), "127.0.0.1:0") as server:
         assert get(server, "state.json")[0] == 200
-    deadline = time.monotonic() + 3
-    while threading.active_count() > before and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert threading.active_count() <= before
+    until(lambda: threading.active_count() <= before, within_s=3)
 
 
 @pytest.mark.parametrize("address", ["8080", "localhost", "127.0.0.1:", "127.0.0.1:99999", "a:b:1"])

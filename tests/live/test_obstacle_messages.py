@@ -10,13 +10,15 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from live_peers import until
+from live_peers import PATIENCE_S, until
 from obstacle_worlds import CAMERA, SETTINGS, SIGHT, camera_attitude, looked, nothing, result, wall
 
 from flightdepth.flight.records import NS_PER_S
+from flightdepth.live import obstacle_sender
 from flightdepth.live.motion_store import MotionAt
 from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import (
@@ -214,39 +216,46 @@ def test_a_tlog_comes_back_through_mavutil(tmp_path: Path):
     assert back[-1]._timestamp == pytest.approx(1_700_000_000 + 59 * 0.033, abs=0.1)
 
 
-def test_a_dead_link_stops_nobody():
+@pytest.fixture
+def clock(monkeypatch):
+    """The sender's: no result grows old while a busy machine works out its sectors."""
+    clock = SimpleNamespace(now_ns=1_000 * NS_PER_S)
+    monkeypatch.setattr(obstacle_sender, "time", SimpleNamespace(monotonic_ns=lambda: clock.now_ns))
+    return clock
+
+
+def test_a_dead_link_stops_nobody(clock):
     def broken(message: bytes) -> None:
         raise OSError("no route to host")
 
     live = feed()
     with ObstacleSender(live, broken) as sender:
-        live.take(live_result(time.monotonic_ns(), nothing(90.0)))
-        deadline = time.monotonic() + 3
-        while sender.failed < 2 and time.monotonic() < deadline:
-            time.sleep(0.01)
-    assert sender.failed >= 2 and sender.sent == 0
+        live.take(live_result(clock.now_ns, nothing(90.0)))
+        until(lambda: sender.failed >= 2, within_s=3)
+    assert sender.sent == 0
 
 
-def test_messages_that_cannot_be_made_are_counted_and_stop_nobody():
+def test_messages_that_cannot_be_made_are_counted_and_stop_nobody(clock):
     """Their thread ended without a word: a picture from before the autopilot's power-up has a time below 0."""
     live, sent = feed(), []
     with ObstacleSender(live, sent.append) as sender:
-        now_ns = time.monotonic_ns()
-        live.take(replace(live_result(now_ns, result(wall(camera_attitude(), 10.0))), boot_ns=-5_000_000))
+        early = live_result(clock.now_ns, result(wall(camera_attitude(), 10.0)))
+        live.take(replace(early, boot_ns=-5_000_000))
         until(lambda: sender.failed)
-        live.take(live_result(time.monotonic_ns(), result(wall(camera_attitude(), 10.0))))
+        clock.now_ns += NS_PER_S
+        live.take(live_result(clock.now_ns, result(wall(camera_attitude(), 10.0))))
         until(lambda: DISTANCE in {message.get_type() for message in decoded(list(sent))})
 
 
-def test_udp_to_pymavlink():
+def test_udp_to_pymavlink(clock):
     """The sender's own thread and a real socket, read by another pymavlink."""
     listener = mavutil.mavlink_connection("udpin:127.0.0.1:0", dialect="ardupilotmega")
     port = listener.port.getsockname()[1]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         live = feed()
-        live.take(live_result(time.monotonic_ns(), result(wall(camera_attitude(), 10.0))))
+        live.take(live_result(clock.now_ns, result(wall(camera_attitude(), 10.0))))
         with ObstacleSender(live, lambda message: out.sendto(message, ("127.0.0.1", port))):
-            message = listener.recv_match(type=DISTANCE, blocking=True, timeout=5)
+            message = listener.recv_match(type=DISTANCE, blocking=True, timeout=PATIENCE_S)
     listener.close()
     assert message is not None and message.get_srcComponent() == COMPONENT
     assert 850 < message.distances[0] <= 1000

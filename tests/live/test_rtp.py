@@ -5,7 +5,7 @@ import socket
 import struct
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from contextlib import closing, contextmanager
 from itertools import groupby, islice
 
@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from live_peers import RATE_HZ, encode, free_port, skip_where_time_is_not_real, until
+from live_peers import RATE_HZ, encode, free_port, until
 
 from flightdepth.flight.decoding import BUILT_ON_DAMAGE
 from flightdepth.live import rtp_stream
@@ -453,33 +453,56 @@ def test_ages_count_from_the_senders_clock(clip, monkeypatch):
     assert -10 < np.median(ages) < 30
 
 
+class Playing(Clock):
+    """The time of a sender too: each picture's datagrams go to `port` when it is due, whoever is busy meanwhile."""
+
+    def __init__(self, datagrams, port):
+        super().__init__(wall_ns=0)
+        packets = [RtpPacket.parse(data) for data in datagrams]
+        ticks = [(packet.timestamp - packets[0].timestamp) % 2**32 for packet in packets]
+        self._left = deque(zip((each * 10**9 // 90_000 for each in ticks), datagrams, strict=True))
+        self._sender, self._to = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), ("127.0.0.1", port)
+
+    def close(self):
+        self._sender.close()
+
+    def spend(self, spent_ns):
+        self.now_ns += spent_ns
+        while self._left and self._left[0][0] <= self.now_ns:
+            self._sender.sendto(self._left.popleft()[1], self._to)
+
+    def waits(self, wait):
+        def waited(timeout_s):
+            if not (ready := wait(0)) and self._left:
+                self.spend(max(0, self._left[0][0] - self.now_ns))
+                ready = wait(timeout_s)
+            return ready
+
+        return waited
+
+
 def test_pictures_that_pile_up_in_the_sockets_buffer_are_thrown_away(tmp_path, monkeypatch):
     """After 20 s they were 8 s old, and told to be 2: times are those of reading, which were all as late."""
-    skip_where_time_is_not_real()
-    clip = encode(tmp_path / "flight.mp4", seconds=7)
-    port, sent, counts, decode = free_port(), [], Counter(), SoundDecoder.decode
+    port, counts, ages, first, decode = free_port(), Counter(), [], None, SoundDecoder.decode
+    datagrams, _ = as_sent(encode(tmp_path / "flight.mp4", seconds=7), port)
 
     def slowly(self, packet):
-        time.sleep(1.6 / RATE_HZ)
+        clock.spend(round(1.6e9 / RATE_HZ))
         return decode(self, packet)
 
-    def in_time(i):
-        began = sent[0] if sent else time.monotonic_ns()
-        time.sleep(max(0, (began - time.monotonic_ns()) / 1e9 + i / RATE_HZ))
-        sent.append(time.monotonic_ns())
-
     monkeypatch.setattr(SoundDecoder, "decode", slowly)
-    sender, ages, first = threading.Thread(target=send, args=(clip, port, in_time)), [], None
-    with closing(RtpStream(f"rtp://127.0.0.1:{port}", counts)) as stream:
-        sender.start()
+    with (
+        closing(Playing(datagrams, port)) as clock,
+        closing(RtpStream(f"rtp://127.0.0.1:{port}", counts)) as stream,
+    ):
+        monkeypatch.setattr(rtp_stream, "time", clock)
+        monkeypatch.setattr(stream._selector, "select", clock.waits(stream._selector.select))
         for picture in stream.pictures(PictureClock(0), threading.Event()):
             first = picture.decoded.pts if first is None else first
             number = round((picture.decoded.pts - first) / 90_000 * RATE_HZ)
-            now_ns = time.monotonic_ns()
-            ages.append(((now_ns - sent[number]) / 1e9, (now_ns - picture.stamp_ns) / 1e9))
+            ages.append((clock.now_ns / 1e9 - number / RATE_HZ, (clock.now_ns - picture.stamp_ns) / 1e9))
             if number >= 6 * RATE_HZ:
                 break
-        sender.join()
     assert counts[BEHIND] > 5
     assert max(true for true, _ in ages) < 1.5  # 3.5 s where they queue
     assert max(true - told for true, told in ages) < 0.2

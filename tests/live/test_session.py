@@ -12,11 +12,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from live_peers import free_port, live_command, until
+from live_peers import Autopilot, free_port, live_command, until
 
 from flightdepth.commands import live_session
 from flightdepth.commands.demo import LOG, VIDEO
-from flightdepth.commands.live_session import NOMINAL_SIZE, Session, missing, recorded
+from flightdepth.commands.live_session import NOMINAL_SIZE, Session, missing, recorded, summary
 from flightdepth.commands.live_settings import LiveSettings
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight import Frame, flight_log, open_flight
@@ -25,7 +25,7 @@ from flightdepth.flight.lenses import known_lenses
 from flightdepth.flight.records import ViewTrack
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.live.depth_stage import Lens
-from flightdepth.live.obstacle_messages import ObstaclePacker, in_tlog
+from flightdepth.live.obstacle_messages import COMPONENT, ObstaclePacker, in_tlog
 from flightdepth.live.obstacles import ObstacleSettings
 from flightdepth.live.status import FrameCounts, Health, LiveStatus, SinkCounts, State
 from flightdepth.live.video_address import video_address
@@ -61,6 +61,15 @@ def session(tmp_path, save_difference_network):
     )
 
 
+def test_a_run_begins_with_what_it_takes(session, capsys):
+    """A network that was too slow was nowhere named, nor the lens of a stream."""
+    Session(session.settings)
+    assert capsys.readouterr().out.splitlines() == [
+        f"rtsp://127.0.0.1/main -> difference; {session.settings.mavlink}",
+        "camera: --hfov 80, an ideal lens",
+    ]
+
+
 def test_what_is_recorded_holds_no_password(session, monkeypatch):
     """flight.json held the address as it was given."""
     recorded = []
@@ -89,6 +98,37 @@ def test_obstacle_messages_that_fail_stand_in_the_state(session):
     session.sender = SimpleNamespace(failed=3)
     dropped = session.engine.status().telemetry_dropped
     assert dropped == {"obstacle messages that could not be made or written": 3}
+
+
+def test_no_obstacle_message_goes_before_there_is_anybody_to_send_to(session):
+    """Each run ended with `1 messages not sent`; over UDP others went to nobody, or as another vehicle's."""
+
+    def heard():
+        return {m.get_srcSystem() for m in autopilot.heard if m.get_srcComponent() == COMPONENT}
+
+    port = free_port()
+    silent = ["--video", f"rtp://127.0.0.1:{free_port()}", "--hfov", "80"]  # it runs until it is ended
+    linked = ["--mavlink", f"udpin:127.0.0.1:{port}", "--obstacles"]
+    command = live_command(*silent, *linked, "--network", session.settings.network)
+    with (
+        Autopilot(port) as autopilot,
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,
+    ):
+        try:
+            until(heard, within_s=60)
+        finally:
+            process.terminate()
+        said, _ = process.communicate(timeout=60)
+    assert "0 of 0 pictures used" in said
+    assert "not sent" not in said
+    assert heard() == {7}
+
+
+def test_one_lost_message_is_told_in_words_that_fit_one(session):
+    """It was `1 messages not sent`."""
+    session.link, session.feed = SimpleNamespace(counts={"damaged messages": 1}), SimpleNamespace(counts={})
+    session.link.instead = lambda: None
+    assert "  MAVLink: damaged messages (1)" in summary(session.engine.status()).splitlines()
 
 
 @pytest.mark.parametrize("size", [(320, 240), (1280, 720)])

@@ -61,9 +61,6 @@ class Session:
             self.lens = Lens.given(settings.camera, settings.hfov)
         else:
             self.lens = Lens(chosen.camera, source=chosen.source)
-            say(f"camera: {chosen.source}")
-            for warning in chosen.warnings:
-                warn(warning)
         nominal = self.lens.nominal(*NOMINAL_SIZE)
         self.network: Network = load_network(
             settings.network or nearest_network(nominal),
@@ -71,6 +68,11 @@ class Session:
             aligned=settings.align,
         )
         refuse_idle(settings, self.address, self.network.card)
+        self.telemetry_name = str(settings.mavlink if self.log is None else self.log.name)
+        say(f"{self.address.name} -> {self.network.card.name}; {self.telemetry_name}")
+        say(f"camera: {self.lens.source}")
+        for warning in () if chosen is None else chosen.warnings:
+            warn(warning)
         fixed = settings.mount == "fixed"
         self.store = MotionStore(looking(settings.mount_pitch or 0.0) if fixed else None)
         # Obstacles join two results in a row, so with one range these look near and far in turn.
@@ -116,6 +118,8 @@ class Session:
         with stop_request() as stop, ExitStack() as stack:
             self._add_sinks(stack)
             stack.enter_context(engine)
+            if self.sender is not None:  # within the engine's time: its link is open for as long
+                stack.enter_context(self.sender)
             stack.enter_context(told(engine))
             engine.run(stop, settings.duration)
         status = engine.status()
@@ -151,15 +155,14 @@ class Session:
             self.engine.add_sink("page", page.take)
             say(f"page: {server.address}")
         if settings.out is not None:
-            telemetry = settings.mavlink if self.log is None else self.log.name
             facts = settings.for_record | {"video": self.address.name}
-            recorder = Recorder(settings.out, self.network.card, str(telemetry), facts, self.lens.source)
+            recorder = Recorder(settings.out, self.network.card, self.telemetry_name, facts, self.lens.source)
             for place in keep_interrupted(settings.out):
                 warn(f"an earlier recording was interrupted: what was written of it stands in {place}")
             stack.callback(self._end_recording, recorder)
             self.engine.add_sink("recorder", recorder)
         if obstacles is not None:  # the last: it empties an older log
-            self.sender = stack.enter_context(ObstacleSender(obstacles, self._obstacle_writer(stack)))
+            self.sender = ObstacleSender(obstacles, self._obstacle_writer(stack), heard=self._is_heard)
 
     def _end_recording(self, recorder: Recorder) -> None:
         for warning in recorder.close(missing(self.engine.status())):
@@ -190,6 +193,10 @@ class Session:
     def _vehicle(self) -> int | None:
         """The number of the system whose autopilot was heard."""
         return None if self.feed is None or self.feed.vehicle is None else self.feed.vehicle.system
+
+    def _is_heard(self) -> bool:
+        """Whether it is known as whose messages the obstacles go out."""
+        return self.link is None or self._vehicle() is not None
 
     def _obstacle_writer(self, stack: ExitStack) -> Write:
         """To the autopilot, or with --dry-run to a file and nowhere else."""
@@ -284,7 +291,7 @@ def summary(status: LiveStatus) -> str:
     """What came of it, a line for each thing."""
     lines = [f"{status.frames.used} of {status.frames.received} pictures used in {status.uptime_s:.1f} s"]
     lines += [f"  {count} dropped: {reason}" for reason, count in status.frames.dropped.items()]
-    lines += [f"  MAVLink: {count} {why}" for why, count in status.telemetry_dropped.items()]
+    lines += [f"  MAVLink: {why} ({count})" for why, count in status.telemetry_dropped.items()]
     lines += [f"  lens: {status.lens}"] if status.lens is not None and status.lens.decided else []
     for name, counts in status.sinks.items():
         lines.append(f"  {name}: {counts.taken} results, {counts.missed} missed, {counts.failed} failed")

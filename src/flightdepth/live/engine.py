@@ -90,7 +90,7 @@ class LiveEngine:
 
     def __enter__(self) -> LiveEngine:
         if self._parts.lens is not None:
-            self.add_sink("lens", self._parts.lens.take)
+            self.add_sink("lens watch", self._parts.lens.take)
         self._motion.start()
         self._video.start()
         return self

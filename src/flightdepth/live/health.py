@@ -18,6 +18,7 @@ SLOW = "the machine is too slow"
 OLD = "results are old"
 LENS = "the camera's turns deny its lens"
 RECOVERING = "recovering from "
+MEASURED = SLOW, OLD  # against a limit, about which a figure may swing
 
 
 @dataclass(frozen=True)
@@ -104,14 +105,17 @@ class HealthMonitor:
             self._depth_ns = now_ns
 
     def judge(self, now_ns: int) -> Health:
-        """The state now. Trouble counts at once; it must be over for `recovered_ns` before all is well."""
+        """The state now. Trouble counts at once; it must be over for `recovered_ns` before all is well.
+
+        What is MEASURED is told until then, the others as what it recovers from.
+        """
         state, reason = self._worst(now_ns)
         before = self._health
         if state is not State.OK:
             self._trouble_ns = now_ns
         elif before.reason is not None and now_ns - self._trouble_ns < self._limits.recovered_ns:
             past = before.kind[1].removeprefix(RECOVERING)
-            state, reason = State.DEGRADED, RECOVERING + past
+            state, reason = State.DEGRADED, before.reason if past in MEASURED else RECOVERING + past
         health = Health(state, reason, now_ns)
         self._health = replace(health, since_ns=before.since_ns) if health.kind == before.kind else health
         return self._health

@@ -121,12 +121,13 @@ class ObstacleFeed:
 class ObstacleSender:
     """A thread that gives what is due to `write`, which may block or fail: neither spreads.
 
-    `sent` and `failed` count messages; a failure to make those that are due counts as one.
+    Nothing is due before `heard` says that somebody is there to send to. `sent` and `failed` count messages; a failure
+    to make those that are due counts as one.
     """
 
-    def __init__(self, feed: ObstacleFeed, write: Write) -> None:
+    def __init__(self, feed: ObstacleFeed, write: Write, *, heard: Callable[[], bool] = lambda: True) -> None:
         self.sent, self.failed = 0, 0
-        self._feed, self._write = feed, write
+        self._feed, self._write, self._heard = feed, write, heard
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="obstacles", daemon=True)
 
@@ -142,6 +143,8 @@ class ObstacleSender:
 
     def _run(self) -> None:
         while not self._stop.wait(0.01):
+            if not self._heard():
+                continue
             try:
                 messages = self._feed.due(time.monotonic_ns())
             except Exception:  # a number that no message can hold: the next result's may be sound

@@ -22,6 +22,7 @@ from flightdepth.live.video_stream import READ_S, Picture, StreamEnded, VideoStr
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.25, 4.0
 NOT_TAKEN = "a newer picture came first"
+ENDED = "the run ended first"
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,8 @@ class VideoInput:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(READ_S + 1)
+        if self.slot.take(0) is not None:
+            self._counts[ENDED] += 1
 
     @property
     def dropped(self) -> dict[str, int]:

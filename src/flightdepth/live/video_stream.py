@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from flightdepth.errors import FlightDepthError
 from flightdepth.flight.container import main_stream
 from flightdepth.flight.decoding import GAP, file_packets
+from flightdepth.flight.display_matrix import upright
 from flightdepth.flight.records import NS_PER_S
-from flightdepth.flight.video import upright
 from flightdepth.live.backlog import Backlog
 from flightdepth.live.picture_clock import PictureClock
 from flightdepth.live.sound_decoder import SoundDecoder
