@@ -183,10 +183,14 @@ def _trak(payloads, offset, duration_ms, begins_ms) -> bytes:
     return box("trak", tkhd, *edits, box("mdia", mdhd, hdlr, box("minf", full_box("nmhd"), dinf, stbl)))
 
 
-def turn_video(path: Path) -> Path:
-    """Say in the MP4 that its pictures are to be shown turned by 90 degrees clockwise."""
-    clockwise = (0, 0x10000, 0, 0xFFFF0000, 0, 0, 0, 0, 0x40000000)
+CLOCKWISE = (0, 1, -1, 0)
+
+
+def turn_video(path: Path, shown=CLOCKWISE) -> Path:
+    """Say in the MP4 how its pictures are to be shown: a point (x, y) at (a x + c y, b x + d y), y down."""
+    a, b, c, d = (0x10000 * value for value in shown)
     data = path.read_bytes()
     at = data.index(struct.pack(">9L", *IDENTITY), data.index(b"tkhd"))
-    path.write_bytes(data[:at] + struct.pack(">9L", *clockwise) + data[at + 36 :])
+    matrix = struct.pack(">9l", a, b, 0, c, d, 0, 0, 0, 0x40000000)
+    path.write_bytes(data[:at] + matrix + data[at + 36 :])
     return path

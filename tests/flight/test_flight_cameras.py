@@ -272,6 +272,14 @@ def test_pixels_that_are_not_square(tmp_path):
     assert camera.fy == pytest.approx(96)  # a pixel is 4/3 as wide as high, so more of them lie in the height
 
 
+def test_a_calibration_of_stored_or_of_shown_pixels_fits_pixels_that_are_not_square(tmp_path):
+    """One of the size that players show was refused."""
+    path = anamorphic(tmp_path)
+    shown = Camera(1920, 1080, 1600, 1600, 959.5, 539.5)
+    stored = shown.resized(1440, 1080)
+    assert choose(path, shown).camera == choose(path, stored).camera == shown.resized(144, 108)
+
+
 def test_a_lens_of_the_table_and_a_photograph_have_square_pixels(tmp_path):
     path = anamorphic(tmp_path)
     wide = photograph(tmp_path / "wide.jpg", 26)

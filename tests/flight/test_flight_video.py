@@ -125,6 +125,67 @@ def test_a_sideways_video_is_turned_upright(tmp_path):
     assert image[4, 4].max() < 100
 
 
+@pytest.mark.parametrize(
+    ("shown", "corner"),
+    [
+        ((-1, 0, 0, 1), "top right"),
+        ((1, 0, 0, -1), "bottom left"),
+        ((-1, 0, 0, -1), "bottom right"),
+        ((0, 1, 1, 0), "top left"),
+        ((0, -1, -1, 0), "bottom right"),
+        ((0, -1, 1, 0), "bottom left"),
+    ],
+)
+def test_a_mirrored_video_is_shown_as_players_show_it(tmp_path, shown, corner):
+    """Left and right swapped was taken for 180 degrees, top and bottom swapped was not seen."""
+    path = turn_video(make_video(tmp_path / "v.mp4", [0, 40], colour=lambda _: 60), shown)
+    [image, _] = [frame.image for frame in read(path)]
+    assert image.shape == ((64, 96, 3) if shown[0] else (96, 64, 3))
+    marks = {
+        f"{row} {column}": image[y, x].min() > 200
+        for row, y in (("top", 4), ("bottom", -4))
+        for column, x in (("left", 4), ("right", -4))
+    }
+    assert [name for name, marked in marks.items() if marked] == [corner]
+
+
+def test_a_matrix_of_zeros_turns_nothing(tmp_path):
+    """It lay on its side."""
+    path = turn_video(make_video(tmp_path / "v.mp4", [0, 40]), (0, 0, 0, 0))
+    assert read(path)[0].image.shape == (64, 96, 3)
+
+
+LIMITED, FULL, TEN_BITS = (16, 235, 128), (0, 255, 128), (64, 940, 512)  # black, white, no colour
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "pixels", "levels"),
+    [
+        ("limited.mp4", "libx264", "yuv420p", LIMITED),
+        ("full.mp4", "libx264", "yuvj420p", FULL),
+        ("ten_bits.mp4", "libx265", "yuv420p10le", TEN_BITS),
+        ("prores.mov", "prores_ks", "yuv422p10le", TEN_BITS),
+        ("motion_jpeg.avi", "mjpeg", "yuvj420p", FULL),
+    ],
+)
+def test_a_grey_is_the_same_in_any_coding(tmp_path, name, codec, pixels, levels):
+    path, greys = tmp_path / name, [0.0, 0.25, 0.5, 1.0]
+    black, white, colourless = levels
+    number = np.uint16 if levels is TEN_BITS else np.uint8
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, pixels
+        for grey in greys:
+            picture = av.VideoFrame(96, 64, pixels)
+            luma = round(black + grey * (white - black))
+            for plane, value in zip(picture.planes, (luma, colourless, colourless), strict=True):
+                plane.update(np.full(plane.buffer_size // number().itemsize, value, number))
+            container.mux(stream.encode(picture))
+        container.mux(stream.encode(None))
+    for frame, grey in zip(read(path), greys, strict=True):
+        assert np.abs(frame.image.astype(int) - 255 * grey).max() < 6
+
+
 def pictures_of(path, shown, **part):
     """Time in steps of 40 ms and number of each picture, by its grey value, `shown(number)`."""
     values = np.array([shown(number) for number in range(50)])
@@ -146,6 +207,28 @@ def test_a_losslessly_trimmed_video_has_all_that_its_edit_list_shows(tmp_path, b
         assert dict(video.counts) == {}
     assert pictures_of(part, lambda k: 4 * k) == [(k, 20 + k) for k in range(30)]
     assert pictures_of(part, lambda k: 4 * k, start_s=0.8) == [(k, 20 + k) for k in range(20, 30)]
+
+
+def test_the_files_of_a_recording_can_be_joined_without_encoding(tmp_path):
+    """As docs/telemetry.md says, here by the library behind ffmpeg's command."""
+    for name, first in (("DJI_0001.MP4", 0), ("DJI_0002.MP4", 25)):
+        make_video(
+            tmp_path / name,
+            range(0, 1000, 40),
+            colour=lambda k, first=first: 4 * (first + k),
+            stream_options={"bf": "2"},
+            rate=25,
+        )
+    files, whole = tmp_path / "files.txt", tmp_path / "whole.mp4"
+    files.write_text("file 'DJI_0001.MP4'\nfile 'DJI_0002.MP4'\n")
+    with av.open(str(files), format="concat") as parts, av.open(str(whole), "w") as joined:
+        copied = joined.add_stream_from_template(parts.streams.video[0])
+        for packet in parts.demux(video=0):
+            if packet.size:
+                packet.stream = copied
+                joined.mux(packet)
+    assert pictures_of(whole, lambda k: 4 * k) == [(k, k) for k in range(50)]
+    assert pictures_of(whole, lambda k: 4 * k, start_s=1.2) == [(k, k) for k in range(30, 50)]
 
 
 def test_pictures_of_an_avi_are_at_their_own_place(tmp_path):

@@ -24,7 +24,10 @@ from flightdepth.commands.single_flight import run_one
 from flightdepth.errors import BadInput, FlightDepthError
 
 SEVERAL = "Several flights"  # a panel of --help
-BESIDE = "A log beside each video, with its name (DJI_0001.SRT), is found without --telemetry."
+BESIDE = (
+    "A log beside each video, with its name (DJI_0001.SRT), is found without --telemetry;"
+    " for several files of one recording see docs/telemetry.md."
+)
 
 
 def run(

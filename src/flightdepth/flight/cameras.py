@@ -93,9 +93,11 @@ def upright_calibration(
 ) -> Camera:
     """A calibration at the size of the upright pictures; one of the sensor's pictures is turned as they are.
 
-    `size` is that of the upright pictures in the calibration's pixels; without it these are the video's.
+    `size` is that of the upright pictures in the calibration's pixels; without it these are as the video's are stored,
+    or as they are shown, square.
     """
-    width, height = size or evidence.video.size
+    as_shown = same_shape(camera, *evidence.shown)
+    width, height = size or (evidence.shown if as_shown else evidence.video.size)
     sideways = evidence.video.quarter_turns % 2 and not same_shape(camera, width, height)
     if sideways and same_shape(camera, height, width):
         return evidence.upright(camera.resized(height, width))

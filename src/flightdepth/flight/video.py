@@ -12,14 +12,13 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 import av
-import numpy as np
 from av.error import FFmpegError
-from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.container import open_container, timed_stream
 from flightdepth.flight.decoding import NO_KEY_FRAME_YET, SoundPictures
 from flightdepth.flight.deinterlacing import deinterlaced
+from flightdepth.flight.display_matrix import turn_of, upright
 from flightdepth.flight.records import NS_PER_S, Frame, seconds
 
 LEAST_MISSING_NS = NS_PER_S  # at the end of a file that is read from its middle on
@@ -37,7 +36,7 @@ class Video:
     """One pass over the pictures of a video file. Times are container times, relative to the stream's start.
 
     A picture that is damaged or built on a damaged one, has no time, or is not later than the one before is left
-    out and counted in `counts`. Pictures are turned upright where the file says that the camera was held sideways.
+    out and counted in `counts`. Pictures are turned upright, and mirrored, where the file says so.
     `duration_ns` is what the file claims, 0 where it does not say; `frame_count_hint` is about how many
     pictures will be delivered, for progress bars, None where the file does not say.
     """
@@ -91,7 +90,7 @@ class Video:
     @property
     def quarter_turns(self) -> int:
         """How often the pictures are turned by 90 degrees, anticlockwise, 0..3, to stand upright."""
-        return quarter_turns(self._first.picture)
+        return turn_of(self._first.picture).quarter_turns
 
     @property
     def pixel_aspect(self) -> float:
@@ -256,18 +255,6 @@ class Video:
             got=f"a video of {seconds(self.duration_ns)}" + (" that was cut off before" if cut else ""),
             mend="Change --start or --end.",
         )
-
-
-def upright(picture: Any) -> NDArray[np.uint8]:
-    """RGB [H, W, 3] of a decoded picture, turned by the multiple of 90 degrees that the file asks for."""
-    image: NDArray[np.uint8] = picture.to_ndarray(format="rgb24")
-    turns = quarter_turns(picture)
-    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
-
-
-def quarter_turns(picture: Any) -> int:
-    """How often a picture is to be turned by 90 degrees, anticlockwise, 0..3."""
-    return int(round(picture.rotation / 90) % 4)
 
 
 def _interval(start_s: float | None, end_s: float | None) -> tuple[int, int | None]:
