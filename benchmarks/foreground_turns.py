@@ -32,6 +32,7 @@ from flightdepth.scenes.outdoor import draw_outdoor
 from flightdepth.scenes.outdoor_config import OutdoorConfig
 from flightdepth.scenes.outdoor_textures import VARIANTS, Surface, outdoor_textures
 from flightdepth.scenes.scene import Scene, Shape
+from flightdepth.stillbox.photometric import through_jpeg
 
 CAMERA = Camera.from_fov(320, 180, 80.0)
 CONFIG = OutdoorConfig(frames=2, turn_over_s=0.01, height_m=(6.0, 9.0))
@@ -95,8 +96,7 @@ def pairs(number: int) -> Iterator[tuple[Case, Flow | None]]:
 def filmed(image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
     """A picture with a sensor's noise, through JPEG."""
     noisy = np.clip(image + rng.normal(0, NOISE_LEVELS, image.shape), 0, 255).astype(np.uint8)
-    bytes_ = cv2.imencode(".jpg", noisy, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
-    return np.asarray(cv2.imdecode(bytes_, cv2.IMREAD_COLOR), np.uint8)
+    return through_jpeg(noisy, JPEG_QUALITY)
 
 
 def told(flow: Flow) -> Vector:

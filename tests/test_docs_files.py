@@ -15,7 +15,7 @@ from flightdepth.ranges import RangedDepth
 from flightdepth.weights.card import NetworkCard
 
 TEXT = (Path(__file__).parents[1] / "docs" / "files.md").read_text(encoding="utf-8")
-PNG, NPZ, FOLDER = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+PNG, NPZ, FOLDER, _ = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 CAMERA = Camera.from_fov(64, 48, 90)
 CARD = NetworkCard(

@@ -40,12 +40,21 @@ def write_flown(
     posed: bool = True,
     poses: list[FramePose] | None = None,
     cameras: dict[int, Camera] | None = None,
+    camera: Camera = SOURCE.camera,
+    ranges: int = 0,
     **options: object,
 ) -> FlightFolder:
-    """The wall, right in each frame; the first frame has no depth. `poses` in place of those of one segment."""
+    """The wall, right in each frame; the first frame has no depth. `poses` in place of those of one segment.
+
+    The preview shows so many `ranges`.
+    """
+    settings = SOURCE.settings | {"ranges": ranges, "preview_ranges": ranges > 0}
+    source = SOURCE.model_copy(update={"camera": camera, "settings": settings})
+    to_source = (lambda map_hw: map_hw) if ranges else None
+    preview = Preview(WIDTH, HEIGHT, range_panels=ranges, to_source=to_source)
     if poses is None:
         poses = [pose(i, STEP_M * i) for i in range(frames)]
-    with FlightWriter(target, SOURCE, Preview(WIDTH, HEIGHT), **options) as writer:
+    with FlightWriter(target, source, preview, **options) as writer:
         for i in range(frames):
             result = known(WALL_M - STEP_M * i) if i else unknown("first frame")
             writer.add(picture(i, (cameras or {}).get(i)), result, poses[i] if posed else None)

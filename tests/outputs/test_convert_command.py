@@ -140,6 +140,14 @@ def test_nothing_counts(convert, work):
     assert not (work / "empty.ply").exists()
 
 
+def test_a_flight_of_a_speed_alone_needs_another_log(convert, work):
+    """It was told to take a network that knows directions, which it had."""
+    write_flown(work / "speed", posed=False)
+    outcome = convert("speed.ply", folder="speed")
+    refused(outcome, "a log that tells which way the drone flew")
+    assert "network" not in outcome[2]
+
+
 def test_a_flight_that_hovered_all_the_time(convert, work):
     """It was told to try other options, none of which makes depth."""
     write_flown(work / "hovered", frames=1)

@@ -16,6 +16,7 @@ from flightdepth.flight.ros_frames import ros_frames
 from flightdepth.outputs.mcap_file import (
     CONFIDENCE,
     DEPTH,
+    DEPTH_LENS,
     KINDS,
     LENS,
     PICTURE,
@@ -58,6 +59,14 @@ def test_depth_and_its_lens_are_in_one_frame(recording):
     assert depth.header.frame_id == lens.header.frame_id == "camera_optical"
     assert lens.k.reshape(3, 3) == pytest.approx(SOURCE.camera.matrix)
     assert (lens.width, lens.height, lens.distortion_model, len(lens.d)) == (WIDTH, HEIGHT, "plumb_bob", 5)
+
+
+def test_depth_has_its_lens_where_ros_looks_for_it(recording):
+    """Found in review: RViz's DepthCloud and depth_image_proc look beside the depth, and found none."""
+    assert Path(DEPTH_LENS) == Path(DEPTH).with_name("camera_info")
+    lenses = [str(message) for _, message in messages(recording, LENS)]
+    assert [str(message) for _, message in messages(recording, DEPTH_LENS)] == lenses
+    assert len(lenses) == FRAMES
 
 
 def test_each_picture_has_the_lens_as_it_zoomed(tmp_path):
@@ -123,6 +132,6 @@ def test_lenses_have_ros_names(camera, name, count):
     recording.lens(0, camera)
     recording.finish()
     store = get_typestore(Stores.ROS2_HUMBLE)
-    ((_, _, message),) = mcap_reader.make_reader(io.BytesIO(file.getvalue())).iter_messages()
+    ((_, _, message),) = mcap_reader.make_reader(io.BytesIO(file.getvalue())).iter_messages(topics=[LENS])
     lens = store.deserialize_cdr(message.data, KINDS[LENS])
     assert (lens.distortion_model, len(lens.d), lens.d[0]) == (name, count, pytest.approx(0.1))

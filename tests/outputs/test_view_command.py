@@ -9,10 +9,14 @@ import sys
 import time
 from pathlib import Path
 
+import av
+import cv2
+import numpy as np
 import pytest
-from flown_folder import RED, write_flown
+from flown_folder import FRAMES, RED, STEP_M, WALL_M, write_flown
 
 from flightdepth.cli import main
+from flightdepth.outputs.pictures import layout_of
 from tests_browser import chromium
 
 pytest.importorskip("rerun", reason="needs flightdepth[view]")
@@ -24,21 +28,59 @@ def folder(tmp_path_factory):
     return write_flown(tmp_path_factory.mktemp("view") / "out").folder
 
 
-def test_a_saved_recording_holds_everything(folder, tmp_path):
-    assert main(["view", str(folder), "--save", str(tmp_path / "flight.rrd")]) == 0
+@pytest.fixture(scope="module")
+def saved(folder):
+    recording = folder.with_name("saved.rrd")
+    assert main(["view", str(folder), "--save", str(recording)]) == 0
+    return recording
+
+
+def test_a_saved_recording_holds_everything(saved):
     rerun = [sys.executable, "-m", "rerun", "rrd"]
-    verified = subprocess.run(
-        [*rerun, "verify", tmp_path / "flight.rrd"], capture_output=True, text=True, check=False
-    )
+    verified = subprocess.run([*rerun, "verify", saved], capture_output=True, text=True, check=False)
     assert verified.returncode == 0, verified.stderr
-    printed = subprocess.run(
-        [*rerun, "print", tmp_path / "flight.rrd"], capture_output=True, text=True, check=True
-    )
+    printed = subprocess.run([*rerun, "print", saved], capture_output=True, text=True, check=True)
     for entity in (
         *("world/camera/picture", "world/camera/picture/depth", "world/camera/picture/confidence"),
         *("world/way_flown", "displacement/range_2", "shift/range_1", "known/depth"),
     ):
         assert f"/{entity}" in printed.stdout
+
+
+def images_of(recording: Path, entity: str, decoded: int) -> list[np.ndarray]:
+    """The pictures that a recording holds of an entity, in the order of their times; `decoded` as cv2.imread has it."""
+    from rerun.chunk import RrdReader
+
+    batches = [c.to_record_batch() for c in RrdReader(recording).stream() if c.entity_path == entity]
+    blobs = {
+        time: blob[0]
+        for batch in batches
+        for name in batch.schema.names
+        if name.endswith(":blob")
+        for time, blob in zip(batch["flight"].to_pylist(), batch[name].to_pylist(), strict=True)
+    }
+    packed = [np.frombuffer(bytes(blobs[time]), np.uint8) for time in sorted(blobs)]
+    return [cv2.imdecode(data, decoded) for data in packed]
+
+
+@pytest.mark.parametrize("ranges", [0, 2])
+def test_depth_has_the_colours_of_the_preview(tmp_path, ranges):
+    """Found in review: near was blue here and bright there."""
+    flight = write_flown(tmp_path / "out", frames=3, ranges=ranges)
+    assert main(["view", str(flight.folder), "--save", str(tmp_path / "a.rrd")]) == 0
+    shown = images_of(tmp_path / "a.rrd", "/world/camera/picture/depth/colours", cv2.IMREAD_COLOR_RGB)
+    layout = layout_of(flight)
+    x, y = layout.corner(1)
+    with av.open(str(flight.folder / "preview.mp4")) as film:
+        for ours, frame in zip(shown, film.decode(video=0), strict=True):
+            theirs = frame.to_ndarray(format="rgb24")[y : y + layout.height, x : x + layout.width]
+            assert np.abs(ours.mean(axis=(0, 1)) - theirs.mean(axis=(0, 1))).max() < 6
+
+
+def test_the_cursor_tells_metres(saved):
+    stored = images_of(saved, "/world/camera/picture/depth", cv2.IMREAD_UNCHANGED)
+    told_m = [WALL_M - STEP_M * i for i in range(1, FRAMES)]
+    assert [depth[10, 10] / 100 for depth in stored] == [0, *told_m]
 
 
 def test_only_its_own_older_recording_is_replaced(folder, tmp_path, capsys):
@@ -179,9 +221,6 @@ def test_the_browser_draws_the_flight(address):
 
 def red_until(page, wanted: int, deadline: float) -> int:
     """How many pixels have the colour of the flight's pictures, as soon as there are `wanted`."""
-    import cv2
-    import numpy as np
-
     red = 0
     while red < wanted and time.monotonic() < deadline:
         page.wait_for_timeout(2000)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 WEB_PORT, DATA_PORT = 9090, 9876
 # What the server holds for browsers that come later; beyond it the earliest frames are dropped without a word. By
-# itself it holds 1 GiB, and 500 frames of 4K take half as much again.
+# itself it holds 1 GiB, and 500 frames of 4K take more than half as much again.
 HELD = "75%"  # of the computer's memory
 NO_DISPLAY = "could not open a window ({error}); try `flightdepth view {folder} --web`, or --save FILE.rrd"
 

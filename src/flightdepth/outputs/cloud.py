@@ -102,11 +102,14 @@ def placed(folder: FlightFolder) -> dict[int, FramePose]:
     """Poses with an attitude, of the segment that holds most of them."""
     known = [pose for pose in folder.poses.values() if pose.attitude != "unknown"]
     if not known:
+        mend = "Give `flightdepth run` a log with the camera's attitude, or a network that knows directions."
+        if not folder.poses:  # a speed alone, whatever the network
+            mend = "Give `flightdepth run` a log that tells which way the drone flew."
         raise BadInput(
             f"poses of {folder.folder}",
             expected="places where the camera was",
             got="no frame with known position and attitude",
-            mend="Give `flightdepth run` a log with the camera's attitude, or a network that knows directions.",
+            mend=mend,
         )
     segments = [pose.segment for pose in known]
     longest = max(set(segments), key=segments.count)

@@ -41,7 +41,7 @@ def centimetres_from_depth(depth_m: Map) -> NDArray[np.uint16]:
 
 
 def rounded_centimetres(sigma_m: Map) -> NDArray[np.uint16]:
-    """A standard deviation [H, W] to uint16 centimetres of six binary digits: within 1/64, in a third of the bytes."""
+    """A standard deviation [H, W] to uint16 centimetres of six binary digits: within 1/64, in 3/4 of the bytes."""
     return np.asarray(np.take(_six_digits(), centimetres_from_depth(sigma_m)), np.uint16)
 
 

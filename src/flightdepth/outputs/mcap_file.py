@@ -5,6 +5,7 @@ topic                        type                          content
 /camera/confidence           sensor_msgs/Image             8UC1, 255 = 1, 0 = do not use
 /camera/image_raw/compressed sensor_msgs/CompressedImage   JPEG, from the preview
 /camera/camera_info          sensor_msgs/CameraInfo        the lens of all three; maps lie in the distorted picture
+/camera/depth/camera_info    sensor_msgs/CameraInfo        the same: image_transport looks for it beside the image
 /tf                          tf2_msgs/TFMessage            map (east-north-up) from camera_optical
 
 Stamps count from the video's first picture. A frame whose attitude is unknown has no transform, nor
@@ -34,7 +35,7 @@ from flightdepth.outputs.ros_fields import camera_fields, image_fields
 DEPTH = "/camera/depth/image_raw"
 CONFIDENCE = "/camera/confidence"
 PICTURE = "/camera/image_raw/compressed"
-LENS = "/camera/camera_info"
+LENS, DEPTH_LENS = "/camera/camera_info", "/camera/depth/camera_info"
 TRANSFORM = "/tf"
 MAP, OPTICAL = "map", "camera_optical"
 KINDS = {
@@ -42,6 +43,7 @@ KINDS = {
     CONFIDENCE: "sensor_msgs/msg/Image",
     PICTURE: "sensor_msgs/msg/CompressedImage",
     LENS: "sensor_msgs/msg/CameraInfo",
+    DEPTH_LENS: "sensor_msgs/msg/CameraInfo",
     TRANSFORM: "tf2_msgs/msg/TFMessage",
 }
 JPEG_QUALITY = 85
@@ -97,7 +99,8 @@ class Recording:
         roi = self._message("sensor_msgs/msg/RegionOfInterest")
         whole = roi(x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
         header = self._header(stamp_ns, OPTICAL)
-        self._write(LENS, stamp_ns, header=header, roi=whole, **camera_fields(camera))
+        for topic in (LENS, DEPTH_LENS):
+            self._write(topic, stamp_ns, header=header, roi=whole, **camera_fields(camera))
 
     def transform(self, stamp_ns: int, pose: FramePose) -> None:
         """The camera's place, map from camera."""

@@ -1,4 +1,4 @@
-"""The pictures of a flight, from its folder: the preview's left panel, so that the video need not be at hand."""
+"""The pictures of a flight, from its folder: the preview's panels, so that the video need not be at hand."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from av.error import FFmpegError
 
+from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.outputs.palette import Picture
 from flightdepth.outputs.preview import Layout
@@ -23,20 +24,33 @@ def pictures(folder: FlightFolder, every: int = 1) -> Iterator[tuple[int, Pictur
     They were scaled to the preview's size and packed by its encoder: good for colours, not for measuring. Of an
     interrupted flight its last ones may be missing.
     """
-    camera, layout = folder.record.source.camera, layout_of(folder)
-    x, y = layout.corner(0)
-    panel = np.s_[y : y + layout.height, x : x + layout.width]
+    for index, (image,) in panels(folder, every, 1):
+        yield index, image
+
+
+def panels(folder: FlightFolder, every: int, count: int) -> Iterator[tuple[int, list[Picture]]]:
+    """As `pictures`, of the preview's first `count` panels: the input, then depth in colours."""
+    layout = layout_of(folder)
     for number, (row, frame) in enumerate(zip_longest(folder.rows, _decoded(folder, layout.size))):
         if row is None or frame is None:
             if not folder.record.whole:
                 return
             raise _not_ours(folder, f"{len(folder.rows)} frames, as frames.csv tells", "another number")
         if number % every == 0:
-            image = frame.to_ndarray(format="rgb24")[panel]
-            size = (camera.width, camera.height)
-            shrinks = size[0] < layout.width
-            sized = cv2.resize(image, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
-            yield row.index, np.asarray(sized, np.uint8)
+            image = np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
+            yield row.index, [_cut(image, layout, i, folder.record.source.camera) for i in range(count)]
+
+
+def _cut(image: Picture, layout: Layout, panel: int, camera: Camera) -> Picture:
+    """One panel of the preview's picture, at the camera's size."""
+    x, y = layout.corner(panel)
+    shrinks = camera.width < layout.width
+    sized = cv2.resize(
+        image[y : y + layout.height, x : x + layout.width],
+        (camera.width, camera.height),
+        interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR,
+    )
+    return np.asarray(sized, np.uint8)
 
 
 def layout_of(folder: FlightFolder) -> Layout:

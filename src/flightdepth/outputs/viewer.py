@@ -13,15 +13,16 @@ from flightdepth.motion import ENU_FROM_NED
 from flightdepth.outputs.cloud import CloudSettings, cloud_of
 from flightdepth.outputs.encoding import UNIT_M, bytes_from_confidence, centimetres_from_depth, jpeg, png
 from flightdepth.outputs.frame_table import FrameRow
-from flightdepth.outputs.pictures import pictures
+from flightdepth.outputs.palette import Picture
+from flightdepth.outputs.pictures import panels
 from flightdepth.outputs.poses import FramePose
 from flightdepth.outputs.read import FlightFolder
 
 CAMERA, IMAGE = "world/camera", "world/camera/picture"
 DEPTH, CONFIDENCE = f"{IMAGE}/depth", f"{IMAGE}/confidence"
+COLOURS = f"{DEPTH}/colours"  # the preview's, over the metres that the cursor tells: Rerun has no such scale
 TIME = "flight"
 JPEG_QUALITY = 85
-FAR_M = 100.0  # of the colours; the cursor tells metres up to 655
 POINT_RADIUS_M = 0.12
 
 
@@ -38,9 +39,9 @@ def show(
     _log_graphs(recording, flight.rows)
     _log_places(recording, flight)
     stamps = {row.index: row.stamp_ns for row in flight.rows}
-    for index, image in pictures(flight, every_nth(flight, most_pictures)):
+    for index, (image, colours) in panels(flight, every_nth(flight, most_pictures), 2):
         recording.set_time(TIME, duration=np.timedelta64(stamps[index], "ns"))
-        _log_maps(recording, flight, index, image)
+        _log_maps(recording, flight, index, image, colours)
         on_picture()
     _log_cloud(recording, flight)
 
@@ -54,7 +55,7 @@ def layout() -> rrb.Blueprint:
     """Pictures above, graphs and the cloud below."""
     above = rrb.Horizontal(
         rrb.Spatial2DView(origin=IMAGE, contents="$origin", name="video"),
-        rrb.Spatial2DView(origin=IMAGE, contents="$origin/depth", name="depth, metres"),
+        rrb.Spatial2DView(origin=IMAGE, contents="$origin/depth/**", name="depth, metres"),
         rrb.Spatial2DView(origin=IMAGE, contents="$origin/confidence", name="confidence"),
     )
     graphs = rrb.Vertical(
@@ -63,7 +64,7 @@ def layout() -> rrb.Blueprint:
         rrb.TimeSeriesView(origin="known", name="share of the picture with depth"),
     )
     cloud = rrb.Spatial3DView(
-        origin="world", contents=["$origin/**", f"- /{DEPTH}", f"- /{CONFIDENCE}"], name="cloud"
+        origin="world", contents=["$origin/**", f"- /{DEPTH}/**", f"- /{CONFIDENCE}"], name="cloud"
     )
     below = rrb.Horizontal(graphs, cloud, column_shares=[1, 2])
     return rrb.Blueprint(
@@ -74,7 +75,9 @@ def layout() -> rrb.Blueprint:
     )
 
 
-def _log_maps(recording: rr.RecordingStream, flight: FlightFolder, index: int, image: np.ndarray) -> None:
+def _log_maps(
+    recording: rr.RecordingStream, flight: FlightFolder, index: int, image: Picture, colours: Picture
+) -> None:
     camera = flight.camera(index)
     lens = rr.Pinhole(
         image_from_camera=camera.matrix,
@@ -84,17 +87,12 @@ def _log_maps(recording: rr.RecordingStream, flight: FlightFolder, index: int, i
     )
     recording.log(IMAGE, lens)
     recording.log(IMAGE, rr.EncodedImage(contents=jpeg(image, JPEG_QUALITY), media_type="image/jpeg"))
-    depth = png(centimetres_from_depth(flight.depth_m(index)))
+    metres = png(centimetres_from_depth(flight.depth_m(index)))
     recording.log(
         DEPTH,
-        rr.EncodedDepthImage(
-            depth,
-            media_type="image/png",
-            meter=1 / UNIT_M,
-            colormap="turbo",
-            depth_range=[0, FAR_M / UNIT_M],
-        ),
+        rr.EncodedDepthImage(metres, media_type="image/png", meter=1 / UNIT_M, colormap="grayscale"),
     )
+    recording.log(COLOURS, rr.EncodedImage(contents=jpeg(colours, JPEG_QUALITY), media_type="image/jpeg"))
     confidence = png(bytes_from_confidence(flight.confidence(index)))
     recording.log(CONFIDENCE, rr.EncodedImage(contents=confidence, media_type="image/png"))
 
