@@ -29,9 +29,11 @@ CLAMPED = card(60.0, 0.5, 10.0)
 
 
 def picture(index: int, camera: Camera = CAMERA) -> np.ndarray:
-    """A frame of one colour that spells its index, whatever it is resized to."""
+    """A frame of one colour that spells its index, whatever it is resized to, and is as bright as all others."""
+    red, blue = divmod(index, 100)
+    green = round((100 - 0.299 * red - 0.114 * blue) / 0.587)  # ITU-R BT.601
     image = np.zeros((camera.height, camera.width, 3), dtype=np.uint8)
-    image[:] = (*divmod(index, 256), 0)
+    image[:] = red, green, blue
     return image
 
 
@@ -64,7 +66,7 @@ class Oracle:
 
 
 def _index(image: np.ndarray) -> int:
-    return int(image[0, 0, 0]) * 256 + int(image[0, 0, 1])
+    return int(image[0, 0, 0]) * 100 + int(image[0, 0, 2])
 
 
 def wall(distance_m: float) -> Depth:

@@ -20,6 +20,7 @@ from flightdepth.flight.steadiness import MAX_DEROTATED_RAD, MAX_TURN_RAD
 from flightdepth.ranges.derotation import Derotation
 from flightdepth.ranges.direction import SeenDirections
 from flightdepth.ranges.displacement import Trajectory
+from flightdepth.ranges.exposure import ExposedFrames
 from flightdepth.ranges.fallback import OnGridOf
 from flightdepth.ranges.fusion import Fused, Fusion, fuse, within_reach
 from flightdepth.ranges.log_check import LogCheck
@@ -261,6 +262,7 @@ class MultiRangeEstimator:
         lines = baselines(self._trajectory, self._buffer.frames, current.stamp_ns, self._max_turn_rad)
         if lines.reason is not None:
             return lines.reason
+        lines = replace(lines, frames=ExposedFrames(lines, current.image, self._grid.camera))
         if pairs := self._picked(lines, current, self._first):
             return pairs, self._first
         if self._open_fallback is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -31,6 +32,13 @@ class Frame:
     index: int
     stamp_ns: int
     image: Image
+
+
+class Frames(Protocol):
+    """Frames by their place."""
+
+    def __getitem__(self, k: int, /) -> Frame:
+        """The one at place `k`."""
 
 
 class FrameBuffer:
@@ -78,7 +86,7 @@ class Baselines:
     reason                            why none is usable, None when one is
     """
 
-    frames: Sequence[Frame]
+    frames: Frames
     displacement_m: Vector
     length_m: Vector
     current_from_previous: Vector

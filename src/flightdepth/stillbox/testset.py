@@ -17,6 +17,8 @@ from flightdepth.stillbox.pairs import Depth, Image, PairRule
 from flightdepth.stillbox.sets import ANY_FLIGHT, SceneSet
 from flightdepth.stillbox.stream import Picture
 
+Drawn = tuple[Scene, Textures, Camera, tuple[int, int]]
+
 SCENES = 300
 SEED = 1702_0_2017  # of the test scenes; training seeds are small numbers
 TEXTURE_SEED, TEXTURES = 7, 96
@@ -63,16 +65,19 @@ class TestSet:
 
     def pair(self, number: int) -> TestPair:
         """The pair of scene `number`: frames in the middle of the scene, the nominal shift apart."""
+        return _seen(*self.drawn(number))
+
+    def drawn(self, number: int) -> Drawn:
+        """What the pair of scene `number` is rendered from: scene, textures, camera, numbers of its two frames."""
         textures = test_textures() if self.textures is None else self.textures
         shift = self.rule.nominal_shift
         config = self.config.model_copy(update={"frames": max(self.config.frames, shift + 1)})
         scene = draw_scene(config, len(textures), self.seed, number)
         previous = (config.frames - shift) // 2
-        frames = (previous, previous + shift)
         x = (self.picture.full_width - self.picture.width) // 2
         y = (self.picture.full_width - self.picture.height) // 2
         camera = self.picture.camera(self.config.horizontal_fov_deg, x, y)
-        return _seen(scene, textures, camera, frames)
+        return scene, textures, camera, (previous, previous + shift)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,115 @@
+"""Earlier pictures as the current one's exposure shows them: to a network a point at rest looks the same in both.
+
+A camera that sets its exposure by itself brightens the whole picture as the sky leaves it. Half a stop between the two
+pictures of a pair makes the error of `motion` more than twice as large, a whole one ten times (docs/filming.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from flightdepth.camera import Camera
+from flightdepth.motion import Vector
+from flightdepth.ranges.network import Image
+from flightdepth.ranges.pairs import Baselines, Frame
+from flightdepth.ranges.tracks import in_grey
+from flightdepth.ranges.turning import in_view, is_visible, turned
+from flightdepth.runtimes.arrays import Flags
+
+BLOCK_PX = 8  # exposures are compared in means of such blocks, which hide noise and most of what moved
+DARKEST, BRIGHTEST = 6, 245  # grey levels beyond which a block says nothing
+FEWEST_BLOCKS = 64
+# Of the median of log2(now / before). Without a change of exposure that is 0.013 at most, three times the nominal
+# displacement apart; a change that makes less costs little.
+LEAST_CHANGE = 0.02
+QUANTILES = np.linspace(0.05, 0.95, 37)
+STEPS = 10
+OUTLIER_SIGMAS, LEAST_SIGMA = 3.0, 0.5  # of Tukey's biweight; grey levels
+BLACK_WEIGHT = (
+    0.002  # that black stays black, beside all blocks: a picture of one brightness tells a factor alone
+)
+
+
+class ExposedFrames:
+    """The frames of baselines, each as the current picture's exposure shows it; worked out where it is asked for."""
+
+    def __init__(self, lines: Baselines, current: Image, camera: Camera) -> None:
+        self._lines, self._camera, self._current = lines, camera, current
+        self._found: dict[int, Frame] = {}
+
+    def __getitem__(self, k: int) -> Frame:
+        """Frame `k` of the baselines, the same object each time."""
+        if k not in self._found:
+            frame, turn = self._lines.frames[k], self._lines.current_from_previous[k]
+            image = exposed_as(frame.image, self._current, self._camera, turn, float(self._lines.turn_rad[k]))
+            self._found[k] = frame if image is frame.image else replace(frame, image=image)
+        return self._found[k]
+
+
+def exposed_as(
+    previous: Image,
+    current: Image,
+    camera: Camera,
+    current_from_previous: Vector | None = None,
+    turn_rad: float = 0.0,
+) -> Image:
+    """`previous`, uint8 RGB [H, W, 3] of an ideal pinhole, as bright as `current`; itself where no change is seen.
+
+    `current_from_previous` (3, 3) and its angle tell how the camera turned between the two.
+    """
+    before, now = _blocks(previous), _blocks(current)
+    seen = np.ones(now.shape, dtype=np.bool_)
+    small = camera.resized(now.shape[1], now.shape[0])
+    if current_from_previous is not None and is_visible(turn_rad, small):
+        before, seen = (
+            turned(before, current_from_previous, small),
+            in_view(current_from_previous, small, seen),
+        )
+    line = tone_line(before, now, seen)
+    if line is None:
+        return previous
+    levels = np.rint(np.clip(line[0] * np.arange(256) + line[1], 0, 255)).astype(np.uint8)
+    return np.asarray(cv2.LUT(previous, levels), dtype=np.uint8)
+
+
+def tone_line(before: Image, now: Image, seen: Flags) -> tuple[float, float] | None:
+    """Factor and offset, in grey levels, from one grey picture [h, w] to another of much the same; None: no change.
+
+    sRGB makes a factor of a change of exposure, a logarithmic profile an offset. Of blocks that moved, noise is as
+    large in both pictures, so the line is the reduced major axis, weighted by Tukey's biweight from the line through
+    the quantiles of both on, which do not ask what moved where.
+    """
+    for each in (before, now):
+        seen = seen & (each >= DARKEST) & (each <= BRIGHTEST)
+    x, y = before[seen].astype(np.float64), now[seen].astype(np.float64)
+    if len(x) < FEWEST_BLOCKS or abs(np.median(np.log2(y / x))) < LEAST_CHANGE:
+        return None
+    factor, offset = _major_axis(
+        np.quantile(x, QUANTILES), np.quantile(y, QUANTILES), np.ones(len(QUANTILES))
+    )
+    for _ in range(STEPS):
+        left = y - factor * x - offset
+        sigma = 1.4826 * np.median(np.abs(left)) + LEAST_SIGMA
+        weight = np.clip(1 - (left / (OUTLIER_SIGMAS * sigma)) ** 2, 0, None) ** 2
+        factor, offset = _major_axis(x, y, weight)
+    return factor, offset
+
+
+def _major_axis(x: Vector, y: Vector, weight: Vector) -> tuple[float, float]:
+    """Slope and offset of points [N], and of black that stays black."""
+    weight = weight / weight.sum()
+    mean_x, mean_y = float(weight @ x), float(weight @ y)
+    spread_x = float(weight @ (x - mean_x) ** 2) + BLACK_WEIGHT * mean_x**2
+    spread_y = float(weight @ (y - mean_y) ** 2) + BLACK_WEIGHT * mean_y**2
+    slope = (spread_y / spread_x) ** 0.5
+    return slope, mean_y - slope * mean_x
+
+
+def _blocks(image: Image) -> Image:
+    """Means of blocks of a picture, grey."""
+    height, width = image.shape[:2]
+    size = (max(width // BLOCK_PX, 1), max(height // BLOCK_PX, 1))
+    return np.asarray(cv2.resize(in_grey(image), size, interpolation=cv2.INTER_AREA), dtype=np.uint8)

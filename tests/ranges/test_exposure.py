@@ -1,0 +1,108 @@
+"""Pictures whose exposure changed, through tone curves of their standards; rooms, turns, bare pictures, a flight."""
+
+import cv2
+import numpy as np
+import pytest
+
+from flightdepth.camera import Camera
+from flightdepth.ranges import MultiRangeEstimator
+from flightdepth.ranges.exposure import exposed_as
+from flightdepth.renderers.raycast import render
+from flightdepth.runtimes.network import load_network
+from flightdepth.stillbox import PairRule, Picture, TestSet
+from flightdepth.stillbox.motion_noise import rotated
+
+LEVELS = np.arange(256) / 255
+LINEAR = np.where(LEVELS <= 0.04045, LEVELS / 12.92, ((LEVELS + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
+FRAME_NS = 100_000_000
+
+
+def rooms(shift, *, width=256):
+    return TestSet(Picture(width, width, width), PairRule(shift), scenes=6)
+
+
+def brightened(image, stops):
+    """As sRGB shows so many stops more light."""
+    light = np.minimum(LINEAR * 2.0**stops, 1)
+    encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    return cv2.LUT(image, np.rint(255 * encoded).astype(np.uint8))
+
+
+def raised(image, levels):
+    """As a logarithmic profile shows more light."""
+    return cv2.LUT(image, np.clip(np.arange(256.0) + levels, 0, 255).astype(np.uint8))
+
+
+def camera_of(pair):
+    return Camera.from_fov(*pair.current.shape[1::-1], 90)
+
+
+def levels_off(image, wanted):
+    """On average, of what is not as bright as can be in either."""
+    shown = (wanted < 250) & (image < 250)
+    return np.abs(image[shown].astype(float) - wanted[shown]).mean()
+
+
+@pytest.mark.parametrize("shift", [3, 9])
+def test_without_a_change_pictures_stay_as_they_are(shift):
+    for pair in rooms(shift):
+        assert exposed_as(pair.previous, pair.current, camera_of(pair)) is pair.previous
+
+
+@pytest.mark.parametrize("stops", [-1, -0.5, 0.25, 0.5, 1])
+def test_a_change_of_exposure_is_made_up_for(stops):
+    for pair in rooms(3):
+        found = exposed_as(pair.previous, brightened(pair.current, stops), camera_of(pair))
+        wanted = brightened(pair.previous, stops)
+        assert levels_off(found, wanted) < 1.5
+        assert levels_off(found, wanted) < 0.15 * levels_off(pair.previous, wanted)
+
+
+def test_so_is_one_of_a_logarithmic_profile():
+    for pair in rooms(3):
+        previous, current = (cv2.LUT(image, np.linspace(60, 180, 256).astype(np.uint8)) for image in
+                             (pair.previous, pair.current))  # fmt: skip
+        found = exposed_as(previous, raised(current, 20), camera_of(pair))
+        assert levels_off(found, raised(previous, 20)) < 1.0
+
+
+def test_a_known_turn_is_undone_first():
+    turn = np.radians([0.0, 12.0, 0.0])
+    for pair in rooms(3):
+        camera = camera_of(pair)
+        previous = rotated(pair.previous, camera, turn)
+        current_from_previous = cv2.Rodrigues(turn)[0]
+        found = exposed_as(
+            previous, brightened(pair.current, 0.5), camera, current_from_previous, np.radians(12.0)
+        )
+        assert levels_off(found, brightened(previous, 0.5)) < 2.5
+
+
+def test_a_picture_of_one_brightness_tells_a_factor():
+    grey, brighter = (np.full((128, 192, 3), level, np.uint8) for level in (100, 130))
+    found = exposed_as(grey, brighter, Camera.from_fov(192, 128, 90))
+    assert np.array_equal(found, brighter)
+
+
+@pytest.mark.parametrize("level", [0, 255])
+def test_black_and_white_tell_nothing(level):
+    grey, bare = np.full((128, 192, 3), 100, np.uint8), np.full((128, 192, 3), level, np.uint8)
+    assert exposed_as(grey, bare, Camera.from_fov(192, 128, 90)) is grey
+
+
+def test_a_flight_bears_a_camera_that_sets_its_exposure():
+    """The last picture is a stop brighter; with what is known of its frames' exposure depth is as good as before."""
+    errors = {0: [], 1: []}
+    for number in range(3):
+        scene, textures, camera, _ = rooms(3).drawn(number)
+        frames = range(8)
+        seen = render(scene, textures, camera, frames=frames)
+        for stops, found in errors.items():
+            estimator = MultiRangeEstimator(load_network("motion-tiny", threads=1), camera, ranges=1)
+            for frame in frames:
+                stamp_ns, moved_m = frame * FRAME_NS, scene.displacement(frame, frame + 1)
+                estimator.add_velocity(stamp_ns, moved_m / (FRAME_NS * 1e-9), frame="camera")
+                image = brightened(seen.images[frame], stops * (frame == frames[-1]))
+                result = estimator.add_frame(stamp_ns, image)
+            found.append(np.nanmedian(np.abs(result.depth_m / seen.depth_m[-1] - 1)))
+    assert np.mean(errors[1]) < 1.5 * np.mean(errors[0])
