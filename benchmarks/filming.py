@@ -1,7 +1,8 @@
 """How to film: what a camera's settings and a video's compression cost: `python benchmarks/filming.py [--only NAME]`.
 
 The first rooms of each network's fixed test set, as they were drawn and as a camera would have taken them. All of it is
-done to pictures `--times` as large as the networks see, which are scaled down then, as the pictures of a flight are.
+done to pictures `--times` as large as the networks see, which are scaled down then, as a flight's are. As in flight the
+first is made as bright as the second then, but for `--as-they-come`.
 
     profile      D-Log (DJI's white paper of 2017) and HLG (ITU-R BT.2100), of which networks see the bytes as they are
     exposure     stops too dark or too bright for both pictures, or for the second alone, as where it is automatic
@@ -31,6 +32,7 @@ from flightdepth.commands.terminal import counted
 from flightdepth.evaluation.fixed_set import fixed_set
 from flightdepth.evaluation.network import evaluate_network
 from flightdepth.evaluation.provenance import origin_of
+from flightdepth.ranges.exposure import exposed_as
 from flightdepth.renderers.raycast import render
 from flightdepth.runtimes.network import load_network
 from flightdepth.scenes import Scene, Textures
@@ -207,7 +209,7 @@ def h264(factor: int) -> Way:
 
 WAYS: dict[str, dict[str, Way]] = {
     "profile": {"D-Log": profile(_dlog), "HLG": profile(_hlg)},
-    "exposure": {f"{stops:+d} stops": exposure(stops) for stops in (-4, -2, 1, 2)}
+    "exposure": {f"both pictures {stops:+d} stops": exposure(stops) for stops in (-4, -2, 1, 2)}
     | {f"the second picture {stops:+g} stops": brightened(stops) for stops in (0.25, 0.5, 1)},
     "noise": {f"ISO {iso:,}": noise(iso) for iso in (100, 400, 1600, 6400)},
     "blur": {f"shutter open for {share:.0%} of the time": blur(share) for share in (0.05, 0.15, 0.3, 0.6)},
@@ -226,9 +228,14 @@ def large_rooms(card: NetworkCard, scenes: int, times: int) -> TestSet:
     )
 
 
-def taken(rooms: TestSet, name: str, way: Way, times: int) -> Iterator[TestPair]:
+def taken(rooms: TestSet, name: str, way: Way, options: argparse.Namespace) -> Iterator[TestPair]:
     for number in counted(range(len(rooms)), name, "pairs"):
-        yield way(Shot.of(rooms, number)).shrunk(times)
+        shot = Shot.of(rooms, number)
+        pair = way(shot).shrunk(options.times)
+        if not options.as_they_come:
+            seen_by = shot.camera.resized(*pair.current.shape[1::-1])
+            pair = replace(pair, previous=exposed_as(pair.previous, pair.current, seen_by))
+        yield pair
 
 
 def cells(found: dict[str, Any]) -> Iterator[str]:
@@ -251,6 +258,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=WAYS, default=list(WAYS))
     parser.add_argument("--times", type=int, default=4)
     parser.add_argument("--scenes", type=int, default=40)
+    parser.add_argument("--as-they-come", action="store_true")
     options = parser.parse_args()
     ways: dict[str, Way] = {"as drawn": lambda shot: shot}
     for only in options.only:
@@ -262,7 +270,7 @@ def main() -> None:
         columns = ("L1 m", "relative", "believed", "inside one sigma", "classical peer, L1 m", "relative")
         table = Table("", *columns, title=title, caption=origin_of(network))
         for label, way in ways.items():
-            found = evaluate_network(network, taken(rooms, label, way, options.times), set_name=label)
+            found = evaluate_network(network, taken(rooms, label, way, options), set_name=label)
             table.add_row(label, *cells(found))
         Console().print(table)
 
