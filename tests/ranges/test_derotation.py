@@ -86,6 +86,47 @@ def test_the_covariance_tells_the_error():
     assert (sigmas < 3 * 2.5 * errors.std(axis=0)).all()
 
 
+def over_fields(seed, wrong):
+    """Rays, direction and focal length of a flight sideways over the ground; some tracks jumped aside and backwards."""
+    focal, way, rng = 148.0, np.array([1.0, 0, 0]), np.random.default_rng(seed)
+    points = np.column_stack([rng.uniform(-0.85, 0.85, 100), rng.uniform(-0.05, 0.4, 100), np.ones(100)])
+    points *= (8 / np.maximum(points[:, 1], 0.1) * np.exp(rng.uniform(-0.2, 0.2, 100)))[:, None]
+    moved = points + 0.37 * way
+    now, before = points / points[:, 2:], moved / moved[:, 2:]
+    before[:, :2] += rng.normal(0, 0.07 / focal, (100, 2))
+    aside = rng.choice([-1, 1], wrong) * rng.uniform(1, 2, wrong)
+    jumps = np.column_stack([-rng.uniform(0.5, 1, wrong), aside])
+    before[:wrong, :2] = now[:wrong, :2] + jumps / focal
+    return now, before, way, focal
+
+
+def turned_with_some_wrong(seed, wrong):
+    """The same of a camera that turned; some tracks are off by 2 px any way."""
+    way = np.array([1, 0, 0.3])
+    now, before = rays_of(way, TURN, noise_px=0.1, seed=seed)
+    before[:wrong, :2] += np.random.default_rng(seed).normal(0, 2 / FOCAL, (wrong, 2))
+    return now, before, way, FOCAL
+
+
+def usual_degrees_off(tries, turn):
+    return float(np.sqrt(np.mean([degrees_off(each, turn) ** 2 for each in tries])))
+
+
+def test_three_wrong_tracks_are_no_turn():
+    """Ten deviations off their lines, they were believed that they moved against the parallax: 39 of 40 turned."""
+    found = [remainder(*over_fields(seed, wrong=3)) for seed in range(40)]
+    right = [remainder(*over_fields(seed, wrong=0)) for seed in range(40)]
+    assert not any(each.turns for each in found)
+    assert usual_degrees_off(found, 0) < 1.2 * usual_degrees_off(right, 0)
+
+
+def test_four_wrong_tracks_in_ten_leave_little_more():
+    """They left five times as much rotation as none."""
+    found = [remainder(*turned_with_some_wrong(seed, wrong=60)) for seed in range(40)]
+    right = [remainder(*turned_with_some_wrong(seed, wrong=0)) for seed in range(40)]
+    assert usual_degrees_off(found, TURN) < 2.5 * usual_degrees_off(right, TURN)
+
+
 def test_where_turning_looks_like_flying_the_prior_holds():
     """A narrow view of one depth, flying sideways: a turn right and a shift are nearly the same."""
     narrow, wall = 2000.0, {"near_m": 20.0, "far_m": 20.1}

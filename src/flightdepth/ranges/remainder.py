@@ -3,8 +3,9 @@
 A static point on the rays x1 (now) and x2 (before) obeys d . (x1 x R x2) = 0 with d the displacement and R the
 rotation that no log reported (Hartley and Zisserman, 9.6). For a small one, R x2 = x2 + w x x2, this is linear:
 d . (x1 x x2) + w . (d (x1 . x2) - x1 (d . x2)) = 0. Least squares with Cauchy weights, made linear anew where they
-lead far, give w and two angles of d together. Where the points say little about one of them (flying sideways past
-things of one depth looks like turning), a prior of small errors holds it near zero; turns may be large (Cauchy).
+lead far, give w and two angles of d together; near them Geman and McClure's weights, which leave wrong tracks nothing
+to say but would hold a wrong start. Where the points say little about one of them (flying sideways past things of one
+depth looks like turning), a prior of small errors holds it near zero; turns may be large (Cauchy).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ MOST_STEPS = 15
 STRAIGHT_RAD = np.radians(0.2)  # what is linear at the start stays so that far
 CLOSE, CLOSE_ENOUGH = 1.0, 0.01  # squares of a deviation, and of a tenth of one
 CAUCHY = 2.0  # a point this many deviations off has half the weight
+MCCLURE = 3.0  # near the solution one this many off has a quarter, and a wrong track next to none
 LEAST_NOISE_PX = 0.05
 # Neighbouring tracks err together: measured errors are this many times those of independent points.
 TOGETHER = 2.5
@@ -102,20 +104,22 @@ def remainder(
     # The rotation vector and the direction's two angles: where they were made linear, and the step from there.
     state: Vector = np.zeros(5)
     step: Vector = np.zeros(5)
-    settled = True
+    settled, near = True, False
     for _ in range(MOST_STEPS):
         if settled:
             state, step = state + step, np.zeros(5)
             seen = cv2.Rodrigues(state[:3])[0] @ before.T
             lines_px = focal_px * lines(now.T, seen / seen[2], _tilted(given, around, state[3:]), around)
-        information, pull = _normal_equations(lines_px, step)
+        information, pull = _normal_equations(lines_px, step, near=near)
         prior = _prior(state + step, usual)
         information.flat[::6] += prior
         last, step = step, np.asarray(np.linalg.solve(information, -pull - prior * state), dtype=np.float64)
         change, straight = step - last, np.abs(step).max() < STRAIGHT_RAD
         settled = bool(change @ information @ change < (CLOSE_ENOUGH if straight else CLOSE))
         if settled and straight:
-            break
+            if near:
+                break
+            near = True
     state = state + step
     covariance: Vector = np.linalg.inv(information).astype(np.float64)
     unit = _tilted(given, around, state[3:])
@@ -129,18 +133,25 @@ def off_lines_px(now: Vector, before: Vector, unit: Vector, focal_px: float) -> 
     return float(np.minimum(off_px, MOST_OFF_PX).mean())
 
 
-def _normal_equations(lines_px: Vector, step: Vector) -> tuple[Vector, Vector]:
-    """Matrix (5, 5) and right side (5,) of `lines` in pixels (6, 2 N), with Cauchy weights of what a step leaves.
+def _normal_equations(lines_px: Vector, step: Vector, *, near: bool) -> tuple[Vector, Vector]:
+    """Matrix (5, 5) and right side (5,) of `lines` in pixels (6, 2 N), weighted by what a step leaves.
 
-    A point that moved against the parallax has no depth at all, and counts by how far it did.
+    A point that moved against the parallax has no depth at all, and counts by how far it did. A wrong track goes wrong
+    both ways: one that is far off its line has as little to say of the parallax.
     """
-    left_px, points = lines_px[5] + step @ lines_px[:5], lines_px.shape[1] // 2
-    noise_px = max(1.4826 * quick_median(np.abs(left_px[:points])), LEAST_NOISE_PX)
-    weights = 1 / (noise_px**2 + (left_px / CAUCHY) ** 2)
-    weights[points:] *= left_px[points:] < 0
-    weights /= TOGETHER**2
+    left_px = (lines_px[5] + step @ lines_px[:5]).reshape(2, -1)
+    noise_px = max(1.4826 * quick_median(np.abs(left_px[0])), LEAST_NOISE_PX)
+    against = left_px[1] < 0
+    left_px[1] *= against
+    weights = _weights((left_px**2).sum(axis=0) / noise_px**2, near=near) / (TOGETHER * noise_px) ** 2
+    weights = np.concatenate([weights, weights * against])
     products = (lines_px[:5] * weights) @ lines_px.T
     return np.ascontiguousarray(products[:, :5]), products[:, 5]
+
+
+def _weights(squares: Vector, *, near: bool) -> Vector:
+    """Weights of points by their squared deviations: Cauchy's, near the solution Geman and McClure's."""
+    return np.asarray((1 + squares / MCCLURE**2) ** -2 if near else 1 / (1 + squares / CAUCHY**2))
 
 
 def _prior(state: Vector, usual: Vector) -> Vector:
