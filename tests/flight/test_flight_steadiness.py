@@ -62,6 +62,26 @@ def test_a_pan_is_unusable_and_its_rate_is_told(direction):
     assert "degrees" in last.reason
 
 
+def test_points_of_what_is_masked_are_not_followed():
+    """Burned-in text has the sharpest corners of all, and says of each pan that nothing turns."""
+    text = np.random.default_rng(1).integers(0, 2, (24, 80)).repeat(4, 0).repeat(4, 1).astype(np.uint8) * 255
+    shown = np.ones((192, 320), np.bool_)
+    shown[:96] = False
+
+    def with_text(picture):
+        picture = picture.copy()
+        picture[:96] = text[..., None]
+        return picture
+
+    rates = []
+    for each in (None, shown):
+        steadiness = Steadiness(CAMERA, shown=each)
+        rates += [[steadiness.add(k * STEP_NS, with_text(panned(0.015 * k))) for k in range(6)][-1]]
+    assert rates[0].usable
+    assert not rates[1].usable
+    assert rates[1].rad_s == pytest.approx(0.015 / 0.0333667, rel=0.15)
+
+
 def test_flying_at_a_wall_is_steady():
     assert all(rate.usable for rate in judge([zoomed(1.01**k) for k in range(8)]))
 

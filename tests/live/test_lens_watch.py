@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from flightdepth.flight.mask import PictureMask
 from flightdepth.flight.records import AttitudeSample, BodyAttitudeSample
 from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.flight.turned_focal import TurnedFocal
@@ -57,7 +58,8 @@ class Flight:
 
         monkeypatch.setattr(lens_watch, "judged_by_turns", noted)
 
-    def follow(self, before_s, after_s):
+    def follow(self, before_s, after_s, shown):
+        self.shown = shown
         assert after_s - before_s == pytest.approx(simulated.PAIR_S)
         return *simulated.followed(self.case, self.seen, after_s, self.rng), 60
 
@@ -110,6 +112,15 @@ def test_a_wrong_lens_is_denied_with_both_focal_lengths(monkeypatch, case, facto
     watch, _ = flown(monkeypatch, case, wrong, attitude_hz=attitude_hz)
     assert focals(watch.verdict.doubt) == pytest.approx([wrong.fx, GIVEN.fx], rel=0.05)
     assert "depths flying sideways are" in watch.verdict.doubt and "calibrate" in watch.verdict.doubt
+
+
+def test_points_of_what_is_masked_are_not_followed(monkeypatch):
+    shown = np.ones((72, 128), np.bool_)
+    shown[:, 64:] = False
+    flight, store = Flight(monkeypatch, replace(HOVERING, lasts_s=4.0)), MotionStore(NED_FROM_CAMERA)
+    flight.fly(LensWatch(store, mask=PictureMask(Path("mask.png"), shown)), store)
+    assert flight.shown[:, :80].all()
+    assert not flight.shown[:, 80:].any()
 
 
 def test_attitudes_of_the_drone_alone_tell_nothing(monkeypatch):

@@ -10,6 +10,7 @@ from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from live_peers import Autopilot, free_port, live_command, until
@@ -44,6 +45,7 @@ def session(tmp_path, save_difference_network):
             telemetry_offset=0.0,
             camera=None,
             hfov=80.0,
+            mask=None,
             mount="fixed",
             mount_pitch=-15.0,
             camera_delay_ms=0.0,
@@ -70,6 +72,20 @@ def test_a_run_begins_with_what_it_takes(session, capsys):
     ]
 
 
+def test_a_mask_is_named_and_recorded(session, tmp_path, capsys, monkeypatch):
+    shown = np.full((36, 64), 255, np.uint8)
+    shown[18:, :16] = 0
+    cv2.imwrite(str(tmp_path / "mask.png"), shown)
+    masked = Session(replace(session.settings, mask=tmp_path / "mask.png"))
+    assert f"mask: {tmp_path / 'mask.png'}, black in 12.5% of the picture" in capsys.readouterr().out
+    recorded = []
+    monkeypatch.setattr(masked.engine, "add_sink", lambda name, sink: recorded.append(sink))
+    with ExitStack() as stack:
+        masked._add_sinks(stack)
+    assert recorded[0]._mask_digest == masked.mask.digest
+    assert recorded[0]._settings["mask"] == str(tmp_path / "mask.png")
+
+
 def test_what_is_recorded_holds_no_password(session, monkeypatch):
     """flight.json held the address as it was given."""
     recorded = []
@@ -85,7 +101,7 @@ def test_a_recording_tells_which_log_was_found(session, tmp_path, monkeypatch):
     shutil.copy(LOG, tmp_path / "v.csv")
     played = Session(replace(session.settings, mavlink=None, video=str(tmp_path / "v.mp4")))
     made = []
-    monkeypatch.setattr(live_session, "Recorder", lambda *given: made.append(given) or SimpleNamespace())
+    monkeypatch.setattr(live_session, "Recorder", lambda *given, **_: made.append(given) or SimpleNamespace())
     monkeypatch.setattr(played.engine, "add_sink", lambda name, sink: None)
     played._add_sinks(SimpleNamespace(callback=lambda *end: None))
     assert made[0][2] == played.log.name

@@ -20,6 +20,7 @@ class Recorder:
     """An estimator that writes down what it was given."""
 
     max_turn_rad = MAX_TURN_RAD
+    shown = None
 
     def __init__(self):
         self.calls = []

@@ -27,6 +27,14 @@ HfovOption = Annotated[
     float | None,
     typer.Option(metavar="DEG", help="Horizontal field of view in degrees, instead of --camera."),
 ]
+MaskOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="A picture of the video's shape, black where parts of the drone or burned-in text hide the scene, white "
+        "elsewhere. Nothing is told of what is black.",
+    ),
+]
 StartOption = Annotated[
     float | None, typer.Option(metavar="S", help="Second of the video to start at. Default: its first.")
 ]

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from flightdepth.commands.flight_options import MaskOption
 from flightdepth.commands.live_settings import LiveSettings, Mount
 from flightdepth.commands.network_options import METHOD, AlignOption, PrecisionOption
 
@@ -46,6 +47,7 @@ def live(
     hfov: Annotated[
         float | None, typer.Option(metavar="DEG", help="Horizontal field of view, instead of --camera.")
     ] = None,
+    mask: MaskOption = None,
     mount: Annotated[
         Mount,
         typer.Option(help="gimbal: stabilised, attitude from the gimbal. fixed: screwed to the drone."),
@@ -139,6 +141,7 @@ def live(
             telemetry_offset=telemetry_offset,
             camera=camera,
             hfov=hfov,
+            mask=mask,
             mount=mount,
             mount_pitch=mount_pitch,
             camera_delay_ms=camera_delay_ms,

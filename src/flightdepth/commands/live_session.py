@@ -19,6 +19,7 @@ from flightdepth.flight.camera_evidence import ChosenCamera
 from flightdepth.flight.cameras import choose_camera
 from flightdepth.flight.flight_log import choose_telemetry
 from flightdepth.flight.gimbal import looking
+from flightdepth.flight.mask import PictureMask
 from flightdepth.flight.recordings import doubted_length
 from flightdepth.flight.records import Telemetry
 from flightdepth.flight.untold import untold
@@ -68,9 +69,12 @@ class Session:
             aligned=settings.align,
         )
         refuse_idle(settings, self.address, self.network.card)
+        self.mask = None if settings.mask is None else PictureMask.read(settings.mask)
         self.telemetry_name = str(settings.mavlink if self.log is None else self.log.name)
         say(f"{self.address.name} -> {self.network.card.name}; {self.telemetry_name}")
         say(f"camera: {self.lens.source}")
+        if self.mask is not None:
+            say(f"mask: {self.mask}")
         for warning in () if chosen is None else chosen.warnings:
             warn(warning)
         fixed = settings.mount == "fixed"
@@ -85,6 +89,7 @@ class Session:
             fixed=fixed,
             turns=turns,
             zoom=self._zoomed(chosen) if chosen is not None and chosen.views is not None else None,
+            mask=self.mask,
         )
         if chosen is not None:  # a file must not run on while the network is prepared
             stage.prepare(chosen.camera.width, chosen.camera.height)
@@ -103,7 +108,7 @@ class Session:
                 telemetry_dropped=self._telemetry_dropped,
                 untold=lambda: None if self.link is None else self.link.instead(),
                 lacking=lambda: None if self.obstacles is None else self.obstacles.lacking,
-                lens=LensWatch(self.store) if chosen is None or chosen.turns_tell else None,
+                lens=LensWatch(self.store, mask=self.mask) if chosen is None or chosen.turns_tell else None,
             ),
             say=warn,
         )
@@ -156,7 +161,15 @@ class Session:
             say(f"page: {server.address}")
         if settings.out is not None:
             facts = settings.for_record | {"video": self.address.name}
-            recorder = Recorder(settings.out, self.network.card, self.telemetry_name, facts, self.lens.source)
+            digest = None if self.mask is None else self.mask.digest
+            recorder = Recorder(
+                settings.out,
+                self.network.card,
+                self.telemetry_name,
+                facts,
+                self.lens.source,
+                mask_digest=digest,
+            )
             for place in keep_interrupted(settings.out):
                 warn(f"an earlier recording was interrupted: what was written of it stands in {place}")
             stack.callback(self._end_recording, recorder)

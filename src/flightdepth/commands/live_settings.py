@@ -24,6 +24,7 @@ class LiveSettings:
     telemetry_offset: float
     camera: Path | None
     hfov: float | None
+    mask: Path | None
     mount: Mount
     mount_pitch: float | None
     camera_delay_ms: float

@@ -13,6 +13,7 @@ from flightdepth.commands.flight_options import (
     CameraOption,
     EndOption,
     HfovOption,
+    MaskOption,
     StartOption,
     TelemetryOption,
 )
@@ -43,6 +44,7 @@ def run(
     ] = "0",
     camera: CameraOption = None,
     hfov: HfovOption = None,
+    mask: MaskOption = None,
     mount_pitch: Annotated[
         float | None,
         typer.Option(
@@ -178,6 +180,7 @@ def run(
         telemetry=telemetry,
         camera=camera,
         hfov=hfov,
+        mask=mask,
         network=network,
         ranges=ranges,
         speed=speed,

@@ -17,6 +17,7 @@ class RunSettings:
     telemetry: Path | None = None
     camera: Path | None = None
     hfov: float | None = None
+    mask: Path | None = None
     network: str | None = None
     ranges: int = 2
     speed: float | None = None

@@ -22,6 +22,8 @@ from flightdepth.errors import BadInput
 from flightdepth.flight.records import NS_PER_S, GyroscopeTrack
 from flightdepth.flight.rotation import Flow, likeliest_rotation
 from flightdepth.motion import Vector
+from flightdepth.runtimes.arrays import Flags
+from flightdepth.runtimes.sampling import shown_at
 
 MAX_TURN_RAD = 0.0075
 MAX_DEROTATED_RAD = 0.03
@@ -65,9 +67,13 @@ class Steadiness:
         *,
         max_turn_rad: float = MAX_TURN_RAD,
         on_followed: OnFollowed | None = None,
+        shown: Flags | None = None,
     ) -> None:
+        """`shown` [H, W] is False where points are not to be followed."""
         self._source, self._camera = camera, small_camera(camera)
         self._gyroscope, self._max_turn_rad, self._on_followed = gyroscope, max_turn_rad, on_followed
+        size = (self._camera.width, self._camera.height)
+        self._shown = None if shown is None else shown_at(shown, *size)
         self._kept: deque[tuple[int, Grey]] = deque()
 
     def add(self, stamp_ns: int, image: NDArray[np.uint8]) -> TurnRate:
@@ -94,7 +100,7 @@ class Steadiness:
     def _judge(self, stamp_ns: int, grey: Grey) -> TurnRate:
         before_ns, before = self._kept[0]
         span_s = (stamp_ns - before_ns) / NS_PER_S
-        start, end, found = follow(before, grey)
+        start, end, found = follow(before, grey, self._shown)
         if self._on_followed is not None:
             self._on_followed(start, end, before_ns, stamp_ns)
         if found < MIN_POINTS:
@@ -131,9 +137,13 @@ def small_grey(image: NDArray[np.uint8], small: Camera) -> Grey:
     return np.asarray(cv2.resize(grey, (small.width, small.height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def follow(before: Grey, after: Grey) -> tuple[Vector, Vector, int]:
-    """Pixels [n, 2] of corners in `before`, of the same ones in `after`, and how many were looked for."""
-    corners = cv2.goodFeaturesToTrack(before, MAX_POINTS, 0.01, 6)
+def follow(before: Grey, after: Grey, shown: Flags | None = None) -> tuple[Vector, Vector, int]:
+    """Pixels [n, 2] of corners in `before`, of the same ones in `after`, and how many were looked for.
+
+    No corners are looked for where `shown` [h, w] is False.
+    """
+    mask = None if shown is None else shown.astype(np.uint8)
+    corners = cv2.goodFeaturesToTrack(before, MAX_POINTS, 0.01, 6, mask=mask)
     if corners is None:
         return np.empty((0, 2)), np.empty((0, 2)), 0
     window = {"winSize": (11, 11), "maxLevel": 3}

@@ -17,6 +17,7 @@ from flightdepth.flight.camera_file import read_camera
 from flightdepth.flight.cameras import NO_CAMERA, by_calibration, by_hfov, by_table, camera_of_size
 from flightdepth.flight.lenses import Lens as KnownLens
 from flightdepth.flight.lenses import find_lens
+from flightdepth.flight.mask import PictureMask
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, VelocitySample
 from flightdepth.flight.steadiness import MAX_TURN_RAD, PAIR_NS, Steadiness
 from flightdepth.live.motion_store import MotionStore
@@ -88,7 +89,7 @@ class Staged:
 
 
 class NoCalibration(BadInput):
-    """Pictures of a size that what the user said of the camera does not hold for."""
+    """Pictures of a size that what the user said of the camera, or its mask, does not hold for."""
 
 
 class DepthStage:
@@ -109,12 +110,13 @@ class DepthStage:
         fixed: bool,
         turns: int = 1,
         zoom: Callable[[int], Camera] | None = None,
+        mask: PictureMask | None = None,
     ) -> None:
         check_ranges(ranges)
         self.counts: Counter[str] = Counter()
         self._network, self._lens, self._store, self._fixed = network, lens, store, fixed
         self._ranges = self._most = ranges
-        self._turns, self._zoom = turns, zoom
+        self._turns, self._zoom, self._mask = turns, zoom, mask
         self._camera: Camera | None = None
         self._repeats = Repeats()
         self._newest_ns = 0
@@ -171,12 +173,15 @@ class DepthStage:
         """Make ready for pictures of this size; takes the network's time to compile, seconds on a small machine."""
         try:
             camera = self._lens.at(width, height)
+            shown = None if self._mask is None else self._mask.at(width, height).shown
         except BadInput as error:
             raise NoCalibration(str(error)) from error
         grid = self._network.grid(camera)
         self._network.warm_up(grid.camera, self._most + 1)  # one more for a scout
-        self._estimator = MultiRangeEstimator(self._network, camera, ranges=self._ranges, turns=self._turns)
-        self._steadiness = Steadiness(camera, max_turn_rad=self._estimator.max_turn_rad)
+        self._estimator = MultiRangeEstimator(
+            self._network, camera, ranges=self._ranges, turns=self._turns, mask=shown
+        )
+        self._steadiness = Steadiness(camera, max_turn_rad=self._estimator.max_turn_rad, shown=shown)
         self._camera = camera
 
     def _feed_motion(self) -> None:

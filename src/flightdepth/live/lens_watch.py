@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.flight.mask import PictureMask
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.flight.signals import attitude_rates
 from flightdepth.flight.steadiness import Grey, follow, small_camera, small_grey
@@ -43,10 +44,12 @@ class LensWatch:
     A stream that is cropped otherwise begins anew.
     """
 
-    def __init__(self, store: MotionStore, *, apart_ns: int = APART_NS) -> None:
+    def __init__(
+        self, store: MotionStore, *, apart_ns: int = APART_NS, mask: PictureMask | None = None
+    ) -> None:
         self.verdict: TurnVerdict | None = None
         self.settled = False
-        self._store, self._apart_ns = store, apart_ns
+        self._store, self._apart_ns, self._mask = store, apart_ns, mask
         self._small: Camera | None = None
         self._new = self._next_ns = 0
 
@@ -71,6 +74,7 @@ class LensWatch:
     def _begin(self, small: Camera) -> None:
         """Nothing is known yet of pictures of this camera."""
         self._small, self._points = small, TurnPoints(small, most=MOST_PAIRS)
+        self._shown = None if self._mask is None else self._mask.at(small.width, small.height).shown
         self._waiting: deque[tuple[int, Grey]] = deque(maxlen=MOST_WAITING)
         self._attitudes = Timeline(4, limit=MOST_ATTITUDES)
         self._new = self._next_ns = 0
@@ -86,7 +90,7 @@ class LensWatch:
             before_ns, before = self._waiting.popleft()
             after_ns, after = self._waiting[0]
             if after_ns - before_ns <= LONGEST_PAIR_S * NS_PER_S and self._turned(after_ns):
-                start, end, _ = follow(before, after)
+                start, end, _ = follow(before, after, self._shown)
                 self._new += self._points.add(start, end, before_ns, after_ns)
 
     def _turned(self, stamp_ns: int) -> bool:

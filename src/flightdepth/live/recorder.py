@@ -31,11 +31,15 @@ class Recorder:
         telemetry: str,
         settings: dict[str, bool | int | float | str | None],
         camera_source: str = "",
+        *,
+        mask_digest: str | None = None,
     ) -> None:
-        """Where the velocity and the camera come from, and `settings`, are as they shall stand in flight.json."""
+        """Where the velocity and the camera come from, the mask's digest, and `settings`, are as they shall stand in
+        flight.json.
+        """
         check_target(target)  # now, not after the flight
         self._target, self._network, self._telemetry, self._settings = target, network, telemetry, settings
-        self._camera_source = camera_source
+        self._camera_source, self._mask_digest = camera_source, mask_digest
         self._name = f"recording {target}"  # in what is said of it
         self._stack = ExitStack()
         self._writer: FlightWriter | None = None
@@ -114,6 +118,7 @@ class Recorder:
             telemetry=self._telemetry,
             camera=result.camera,
             camera_source=self._camera_source,
+            mask_digest=self._mask_digest,
             network=self._network,
             settings=self._settings,
         )

@@ -40,6 +40,9 @@ class Source(BaseModel):
     )
     camera: Camera
     camera_source: str = Field(default="", description="where the camera comes from, and how sure it is")
+    mask_digest: str | None = Field(
+        default=None, description="of what no depth is told of: another mask has another"
+    )
     clock: ClockOffset | None = Field(
         default=None, description="offset between video and log, where estimated"
     )

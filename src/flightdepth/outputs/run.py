@@ -48,6 +48,7 @@ def depths(
         flight.gyroscope,
         max_turn_rad=estimator.max_turn_rad,
         on_followed=None if flight.turns is None else flight.turns.add,
+        shown=estimator.shown,
     )
     for event in flight:
         match event:

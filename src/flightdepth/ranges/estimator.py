@@ -35,7 +35,8 @@ from flightdepth.ranges.temporal import TemporalAverage, step_between
 from flightdepth.ranges.timeline import check_stamp
 from flightdepth.ranges.tracks import Tracker
 from flightdepth.ranges.turning import in_view, is_visible, turned
-from flightdepth.runtimes.grid import check_image
+from flightdepth.runtimes.arrays import Flags
+from flightdepth.runtimes.grid import check_image, check_mask
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
@@ -84,6 +85,9 @@ class MultiRangeEstimator:
 
     `fallback` opens a network that needs no direction, for frames whose displacement has a length alone; it is called
     when the first of them comes. All other frames have the same depth as without it.
+
+    `mask`, uint8 or bool [H, W] of the camera's size, is 0 where pictures show no scene but what moves with the camera
+    (parts of the drone, burned-in text): nothing is told of it, and no motion is taken from it.
     """
 
     def __init__(
@@ -97,6 +101,7 @@ class MultiRangeEstimator:
         derotate: bool = True,
         turns: int = 1,
         fallback: Callable[[], DepthNetwork] | None = None,
+        mask: NDArray[np.uint8] | Flags | None = None,
     ) -> None:
         check_ranges(ranges)
         if turns < 1:
@@ -106,6 +111,7 @@ class MultiRangeEstimator:
         if not (np.isfinite(buffer_s) and buffer_s > 0):
             raise BadInput("buffer", expected="more than 0 seconds", got=str(buffer_s))
         self._network, self._fusion, self._derotate = network, fusion, derotate
+        self.shown = None if mask is None else check_mask(mask, camera)  # [H, W], what is not masked
         self._look_through(camera)
         self._trajectory, self._repeats = Trajectory(), Repeats()
         self._ranges, self._memory = ranges, MemoryLimit(MAX_RANGES + 1)  # one for a scout
@@ -189,12 +195,16 @@ class MultiRangeEstimator:
     def _look_through(self, camera: Camera) -> None:
         """All that hangs on the lens; each pair is tracked once for all who ask what its pictures show."""
         self._camera, self._grid = camera, self._network.grid(camera)
+        self._shown: Flags | None = None  # at the output size
+        if self.shown is not None:
+            self._grid = self._grid.masked(self.shown)
+            self._shown = self._grid.valid
         # Beyond a quarter of the view too little of the earlier picture is left.
         self._max_turn_rad = math.radians(camera.horizontal_fov_deg) / 4
         ideal = self._grid.camera
         self._average = TemporalAverage(ideal, self._grid.valid.shape)
         self._averaged_ns: int | None = None  # stamp of the last depth that the average holds
-        tracker = Tracker(ideal)
+        tracker = Tracker(ideal, self._shown)
         self._directions, self._derotation = SeenDirections(ideal, tracker), Derotation(ideal, tracker)
         self._log_check = LogCheck(ideal, tracker)
 
@@ -262,7 +272,8 @@ class MultiRangeEstimator:
         lines = baselines(self._trajectory, self._buffer.frames, current.stamp_ns, self._max_turn_rad)
         if lines.reason is not None:
             return lines.reason
-        lines = replace(lines, frames=ExposedFrames(lines, current.image, self._grid.camera))
+        exposed = ExposedFrames(lines, current.image, self._grid.camera, self._shown)
+        lines = replace(lines, frames=exposed)
         if pairs := self._picked(lines, current, self._first):
             return pairs, self._first
         if self._open_fallback is None:
@@ -307,7 +318,8 @@ class MultiRangeEstimator:
             for pair in pairs
         ]
         displacements_n3 = np.stack([pair.displacement_m for pair in pairs])
-        return widened(network.predict(previous, current.image, displacements_n3, camera), pairs, camera)
+        found = widened(network.predict(previous, current.image, displacements_n3, camera), pairs, camera)
+        return found if self._shown is None else found.where(self._shown)
 
     def _fuse(self, pairs: tuple[Pair, ...], prediction: Prediction, card: NetworkCard) -> Fused:
         camera, seen = self._grid.camera, None

@@ -18,6 +18,7 @@ from flightdepth.ranges.pairs import Baselines, Frame
 from flightdepth.ranges.tracks import in_grey
 from flightdepth.ranges.turning import in_view, is_visible, turned
 from flightdepth.runtimes.arrays import Flags
+from flightdepth.runtimes.sampling import shown_at
 
 BLOCK_PX = 8  # exposures are compared in means of such blocks, which hide noise and most of what moved
 DARKEST, BRIGHTEST = 6, 245  # grey levels beyond which a block says nothing
@@ -29,23 +30,24 @@ LEAST_CHANGE, LEAST_OVER_SPREAD = 0.02, 0.6
 QUANTILES = np.linspace(0.05, 0.95, 37)
 STEPS = 10
 OUTLIER_SIGMAS, LEAST_SIGMA = 3.0, 0.5  # of Tukey's biweight; grey levels
-BLACK_WEIGHT = (
-    0.002  # that black stays black, beside all blocks: a picture of one brightness tells a factor alone
-)
+# That black stays black, beside all blocks: a picture of one brightness tells a factor alone.
+BLACK_WEIGHT = 0.002
 
 
 class ExposedFrames:
     """The frames of baselines, each as the current picture's exposure shows it; worked out where it is asked for."""
 
-    def __init__(self, lines: Baselines, current: Image, camera: Camera) -> None:
-        self._lines, self._camera, self._current = lines, camera, current
+    def __init__(self, lines: Baselines, current: Image, camera: Camera, shown: Flags | None = None) -> None:
+        """`shown` [h, w], a quarter of the size, is False where brightness is not to be compared."""
+        self._lines, self._camera, self._current, self._shown = lines, camera, current, shown
         self._found: dict[int, Frame] = {}
 
     def __getitem__(self, k: int) -> Frame:
         """Frame `k` of the baselines, the same object each time."""
         if k not in self._found:
             frame, turn = self._lines.frames[k], self._lines.current_from_previous[k]
-            image = exposed_as(frame.image, self._current, self._camera, turn, float(self._lines.turn_rad[k]))
+            turn_rad = float(self._lines.turn_rad[k])
+            image = exposed_as(frame.image, self._current, self._camera, turn, turn_rad, shown=self._shown)
             self._found[k] = frame if image is frame.image else replace(frame, image=image)
         return self._found[k]
 
@@ -56,19 +58,21 @@ def exposed_as(
     camera: Camera,
     current_from_previous: Vector | None = None,
     turn_rad: float = 0.0,
+    *,
+    shown: Flags | None = None,
 ) -> Image:
     """`previous`, uint8 RGB [H, W, 3] of an ideal pinhole, as bright as `current`; itself where no change is seen.
 
-    `current_from_previous` (3, 3) and its angle tell how the camera turned between the two.
+    `current_from_previous` (3, 3) and its angle tell how the camera turned between the two; `shown` [h, w] where both
+    show the scene.
     """
     before, now = _blocks(previous), _blocks(current)
-    seen = np.ones(now.shape, dtype=np.bool_)
-    small = camera.resized(now.shape[1], now.shape[0])
+    size = (now.shape[1], now.shape[0])
+    seen = np.ones(now.shape, dtype=np.bool_) if shown is None else shown_at(shown, *size)
+    small = camera.resized(*size)
     if current_from_previous is not None and is_visible(turn_rad, small):
-        before, seen = (
-            turned(before, current_from_previous, small),
-            in_view(current_from_previous, small, seen),
-        )
+        before = turned(before, current_from_previous, small)
+        seen = seen & in_view(current_from_previous, small, seen)
     line = tone_line(before, now, seen)
     if line is None:
         return previous

@@ -40,7 +40,10 @@ class FrameGrid(Protocol):
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """[h, w] at the output size: the pixel shows the scene, not padding."""
+        """[h, w] at the output size: the pixel shows the scene, not padding, not what is masked."""
+
+    def masked(self, shown: NDArray[np.bool_], /) -> FrameGrid:
+        """The same of a source whose pixels show the scene only where `shown` [H, W]; maps are NaN elsewhere."""
 
     def image(self, image: Image, /) -> Image:
         """Source image [H, W, 3] uint8 RGB to the prepared one: undistorted, scaled, padded."""

@@ -12,6 +12,8 @@ from flightdepth.camera import Camera
 from flightdepth.motion import Vector
 from flightdepth.ranges.network import Image
 from flightdepth.ranges.turning import turned
+from flightdepth.runtimes.arrays import Flags
+from flightdepth.runtimes.sampling import shown_at
 from flightdepth.sweep import grey
 
 Rays = tuple[Vector, Vector]  # now and before, [N, 3] each, z = 1
@@ -31,8 +33,9 @@ TURNS_PATCHES_RAD = np.radians(1)
 class Tracker:
     """Tracks of pairs that share their current picture, of an ideal pinhole."""
 
-    def __init__(self, camera: Camera) -> None:
-        self._camera = camera
+    def __init__(self, camera: Camera, shown: Flags | None = None) -> None:
+        """`shown` [h, w], a quarter of the size, is False where no corners are to be tracked."""
+        self._camera, self._shown = camera, shown
         self._current: Image | None = None
         self._corners: Corners | None = None
         self._found: list[tuple[Image, Rays]] = []
@@ -40,7 +43,8 @@ class Tracker:
     def rays(self, previous: Image, current: Image) -> Rays:
         """Rays (x, y, 1) of corners of `current` and of the same points in `previous`; uint8, RGB or grey."""
         if self._corners is None or self._current is not current:
-            self._current, self._corners, self._found = current, Corners(current, self._camera), []
+            corners = Corners(current, self._camera, self._shown)
+            self._current, self._corners, self._found = current, corners, []
         known = next((rays for image, rays in self._found if image is previous), None)
         if known is None:
             known = self._corners.rays(previous)
@@ -59,12 +63,14 @@ class Tracker:
 class Corners:
     """Corners of one picture."""
 
-    def __init__(self, image: Image, camera: Camera) -> None:
+    def __init__(self, image: Image, camera: Camera, shown: Flags | None = None) -> None:
         self._camera = camera
         self._grey = in_grey(image)
         # Corners of half the size are found in a third of the time, and are as good to follow.
         half = cv2.resize(self._grey, (camera.width // 2, camera.height // 2), interpolation=cv2.INTER_AREA)
-        found = cv2.goodFeaturesToTrack(half, MOST_POINTS, QUALITY, max(3, camera.width // 64))
+        size = (half.shape[1], half.shape[0])
+        mask = None if shown is None else shown_at(shown, *size).astype(np.uint8)
+        found = cv2.goodFeaturesToTrack(half, MOST_POINTS, QUALITY, max(3, camera.width // 64), mask=mask)
         self._points = None if found is None else 2 * found + 0.5
 
     def rays(self, previous: Image) -> Rays:

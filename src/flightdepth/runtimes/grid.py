@@ -6,17 +6,19 @@ one, and padded to a multiple of 64 px; maps come back at 1/4 of that size and g
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 from typing import Literal, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.runtimes.arrays import Flags, Image, Maps
 from flightdepth.runtimes.edges import Blocks, EdgeSampling
 from flightdepth.runtimes.lens import LensSampling, padded, view_bounds
-from flightdepth.runtimes.sampling import PinholeSampling, pinhole_axes
+from flightdepth.runtimes.sampling import PinholeSampling, pinhole_axes, shown_at
 
 HAIR_LESS = 1 - 1e-6  # than full, so that rounding asks for no further 64 px
 NARROW_PX = 256  # below it little is left of the picture; said once, by whoever talks to the user
@@ -44,7 +46,7 @@ class NetworkGrid:
     source  the camera that was given
     camera  the pinhole of the network's picture, whose sizes are multiples of 64; its focal length is
             `focal_px` but for rounding to whole pixels, well under 1 % for a picture of some size
-    valid   [h, w] bool at 1/4 of that size: inside the source's view, not padding
+    valid   [h, w] bool at 1/4 of that size: inside the source's view, not padding, not masked
     """
 
     def __init__(self, camera: Camera, focal_px: float | None) -> None:
@@ -55,6 +57,18 @@ class NetworkGrid:
         )
         self.camera = self._sampling.camera
         self.valid = self._sampling.valid
+        self._shown: Flags | None = None
+
+    def masked(self, shown: Flags) -> NetworkGrid:
+        """The same of a source whose pixels show the scene only where `shown` [H, W]; maps are NaN elsewhere."""
+        seen = self._sampling.image(np.where(shown, np.uint8(255), np.uint8(0))) == 255
+        masked = copy(self)
+        masked._shown = shown
+        masked.valid = self.valid & shown_at(seen, self.valid.shape[1], self.valid.shape[0])
+        if not masked.valid.any():
+            raise BadInput("mask", expected="white where the network sees the scene", got="black all over")
+        masked.blocks = Blocks(masked.valid)
+        return masked
 
     def image(self, image: Image) -> Image:
         """The picture uint8 [H, W, 3] of the source on the grid; the same array where nothing changes."""
@@ -65,13 +79,17 @@ class NetworkGrid:
         """A map float32 of the output grid [h, w], or of its picture [4 h, 4 w], at the source's pixels, [H, W].
 
         NaN stays where it is nearest: a NaN neighbour has no part in a bilinear value and does not spread.
-        NaN also where the source sees what the grid does not (beyond 60 degrees off the axis of a wide lens).
+        NaN also where the source sees what the grid does not (beyond 60 degrees off the axis of a wide lens), and where
+        it is masked.
         """
         if map_hw.shape not in (self.valid.shape, (self.camera.height, self.camera.width)):
             raise ValueError(f"expected a map {self.valid.shape}, or four times as large, got {map_hw.shape}")
-        return self._sampling.to_source(
+        at_source = self._sampling.to_source(
             np.asarray(map_hw, dtype=np.float32), nearest=interpolation == "nearest"
         )
+        if self._shown is not None:
+            np.copyto(at_source, np.float32(np.nan), where=~self._shown)
+        return at_source
 
     @cached_property
     def blocks(self) -> Blocks:
@@ -129,3 +147,12 @@ def check_image(what: str, image: Image, camera: Camera) -> None:
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape != expected:
         got = f"{image.dtype} {list(image.shape)}" if isinstance(image, np.ndarray) else type(image).__name__
         raise BadInput(what, expected=f"uint8 RGB {list(expected)}, the camera's size", got=got)
+
+
+def check_mask(mask: NDArray[np.uint8] | Flags, camera: Camera) -> Flags:
+    """Where a mask uint8 or bool [H, W] of the camera's size is not 0: there the source shows the scene."""
+    expected = (camera.height, camera.width)
+    if not isinstance(mask, np.ndarray) or mask.dtype not in (np.uint8, np.bool_) or mask.shape != expected:
+        got = f"{mask.dtype} {list(mask.shape)}" if isinstance(mask, np.ndarray) else type(mask).__name__
+        raise BadInput("mask", expected=f"uint8 or bool {list(expected)}, the camera's size", got=got)
+    return np.asarray(mask != 0)

@@ -15,11 +15,12 @@ import numpy as np
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.runtimes.arrays import Image, Maps
+from flightdepth.runtimes.arrays import Flags, Image, Maps
 from flightdepth.runtimes.contract import OUTPUT_STRIDE, STRIDE
 
 # A source of 64 px multiples whose focal length is this near passes untouched: so does a grid's own camera.
 NEAR_ENOUGH = 0.01
+WHOLE = 1 - 1e-4  # but for rounding
 MOST_PX = 16384  # of a side of the grid, before it would take all memory
 
 
@@ -136,6 +137,12 @@ def shrink(image: Image, width: int, height: int, halvings: int) -> Image:
     shrinks = image.shape[1] > width or image.shape[0] > height
     how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(image, (width, height), interpolation=how), dtype=np.uint8)
+
+
+def shown_at(shown: Flags, width: int, height: int) -> Flags:
+    """Which pixels of a resized picture show the scene, of `shown` [H, W]: those that all of what they hold does."""
+    share = cv2.resize(shown.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(share > WHOLE)
 
 
 def halved(image: Image, times: int) -> Image:

@@ -1,0 +1,127 @@
+"""What stands still in every picture, with a mask and without: the sample flight with a leg or with text drawn into it.
+
+    python benchmarks/still_parts.py
+
+Prints how much of the leg or text is given a depth, and how much is told to be "farther than"; then the mean relative
+error and the share with depth of what is no sky: within 20 px of it, and elsewhere. Four seconds that fly ahead.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from flightdepth.commands.demo import CALIBRATION, LOG, TRUTH, TRUTH_OFFSET_PX, TRUTH_STEP_PX, VIDEO
+from flightdepth.flight import Flight, Frame, open_flight
+from flightdepth.outputs import read_depth
+from flightdepth.outputs.run import depths
+from flightdepth.ranges import MultiRangeEstimator
+from flightdepth.runtimes.network import load_network
+
+START_S, END_S, FRAMES_S = 1.0, 5.1, 30
+FARTHEST_M = 100.0  # of the truth that counts
+BESIDE_PX = 20
+WIDTH, HEIGHT = 640, 360
+LINES = {
+    "BAT 15.2V 1842mAh": (12, 25),
+    "LQ 98": (281, 25),
+    "GPS 14  ALT 23m": (396, 25),
+    "HOME 182m  SPD 5.4": (12, 342),
+    "REC 00:12": (460, 342),
+}
+AT_TRUTH = np.s_[TRUTH_OFFSET_PX::TRUTH_STEP_PX, TRUTH_OFFSET_PX::TRUTH_STEP_PX]
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """A thing that stands still: its colours [H, W, 3], and where it is [H, W]."""
+
+    image: NDArray[np.uint8]
+    where: Flags
+
+
+def leg() -> Still:
+    """A textured bar from the lower left corner."""
+    where = np.zeros((HEIGHT, WIDTH), np.uint8)
+    cv2.line(where, (-13, 367), (166, 223), 255, 54)
+    grain = np.random.default_rng(1).integers(20, 130, (60, 107, 3), np.uint8)
+    return Still(cv2.resize(grain, (WIDTH, HEIGHT)), where > 0)
+
+
+def text() -> Still:
+    """White letters with black outlines."""
+    image, where = np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8)
+    for line, place in LINES.items():
+        cv2.putText(where, line, place, cv2.FONT_HERSHEY_SIMPLEX, 0.7, 255, 5)
+        cv2.putText(image, line, place, cv2.FONT_HERSHEY_SIMPLEX, 0.7, (255, 255, 255), 1, cv2.LINE_AA)
+    return Still(image, where > 0)
+
+
+class Drawn:
+    """A flight in whose pictures something stands still."""
+
+    def __init__(self, flight: Flight, still: Still) -> None:
+        self._flight, self._still = flight, still
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._flight, name)
+
+    def __iter__(self) -> Iterator[object]:
+        for event in self._flight:
+            if not isinstance(event, Frame):
+                yield event
+                continue
+            image = np.where(self._still.where[..., None], self._still.image, event.image)
+            yield replace(event, image=image)
+
+
+def row(network: str, still: Still, *, drawn: bool, masked: bool) -> str:
+    """The figures of one run."""
+    near = cv2.dilate(still.where.astype(np.uint8), np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8)) > 0
+    parts = {"beside": near & ~still.where, "elsewhere": ~near}
+    told: list[tuple[float, float]] = []
+    errors: dict[str, list[NDArray[np.float64]]] = {name: [] for name in parts}
+    with open_flight(VIDEO, LOG, CALIBRATION, start_s=START_S, end_s=END_S) as flight:
+        mask = ~still.where if masked else None
+        estimator = MultiRangeEstimator(load_network(network), flight.camera, ranges=2, mask=mask)
+        for frame, result in depths(Drawn(flight, still) if drawn else flight, estimator):  # type: ignore[arg-type]
+            truth = TRUTH / f"{round(frame.stamp_ns * 1e-9 * FRAMES_S):06d}.png"
+            if not truth.exists() or result.reason is not None:
+                continue
+            farther = np.isfinite(result.farther_than_m[still.where]).mean()
+            told.append((float(np.isfinite(result.depth_m[still.where]).mean()), float(farther)))
+            truth_m = read_depth(truth)
+            off = np.abs(result.depth_m[AT_TRUTH] - truth_m) / truth_m
+            for name, part in parts.items():
+                errors[name].append(off[part[AT_TRUTH] & (truth_m < FARTHEST_M)])
+    cells = [f"{share:12.0%}" for share in np.mean(told, axis=0)]
+    for found in errors.values():
+        every = np.concatenate(found)
+        cells.append(f"{np.nanmean(every):10.3f} {np.isfinite(every).mean():6.0%}")
+    return " ".join(cells)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--networks", nargs="+", default=["motion", "motion-tiny"])
+    wanted = parser.parse_args().networks
+    print(
+        f"{'':34} {'in it: depth':>12} {'farther than':>12} {'beside':>10} {'known':>6} {'else':>10} {'known':>6}"
+    )
+    for network in wanted:
+        for name, still in {"leg": leg(), "text": text()}.items():
+            for way in ("not there", "no mask", "masked"):
+                figures = row(network, still, drawn=way != "not there", masked=way == "masked")
+                print(f"{network:12} {name} of {still.where.mean():.1%}, {way:9} {figures}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
