@@ -33,9 +33,3 @@ def test_a_command_writes_its_file(work, monkeypatch, command):
 def test_the_others_open_the_viewer():
     """Windows and servers do not end by themselves: tests/outputs/test_view_command.py starts one."""
     assert sorted(set(COMMANDS) - set(WRITING)) == ["view out", "view out --web"]
-
-
-def test_the_page_tells_the_colours_of_depth():
-    """Red is far in the viewer, near in the film, and nothing said so."""
-    viewer = pytest.importorskip("flightdepth.outputs.viewer", reason="needs flightdepth[view]")
-    assert f"red {viewer.FAR_M:g} m or farther" in TEXT

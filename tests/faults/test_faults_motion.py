@@ -62,7 +62,7 @@ def test_fault_8_the_written_depth_is_unknown_too(tmp_path, network):
 
 
 def test_fault_8_no_pair_is_made_with_a_frozen_picture(network):
-    """Each picture tells by its grey level which it is."""
+    """Each picture tells by its red which it is; all are as bright (ITU-R BT.601)."""
     loaded, seen = load_network(network), []
     predict = loaded.predict
     loaded.predict = lambda previous, *rest: seen.append(list(previous)) or predict(previous, *rest)
@@ -70,7 +70,8 @@ def test_fault_8_no_pair_is_made_with_a_frozen_picture(network):
     for index in range(60):
         estimator.add_velocity(index * FRAME_NS, (SPEED_M_S, 0, 0))
         shown = 20 if 20 <= index < 40 else index
-        result = estimator.add_frame(index * FRAME_NS, np.full((128, 128, 3), 2 * shown, np.uint8))
+        colour = (2 * shown, round((100 - 0.299 * 2 * shown) / 0.587), 0)
+        result = estimator.add_frame(index * FRAME_NS, np.full((128, 128, 3), colour, np.uint8))
         for picture, shift in zip(seen.pop() if result.reason is None else [], result.shifts, strict=True):
             assert picture[0, 0, 0] == 2 * (index - shift)  # it was taken when the pair says
             checked += 1

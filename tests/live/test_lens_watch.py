@@ -204,7 +204,7 @@ def test_what_is_kept_is_bounded(monkeypatch):
     watch = LensWatch(store)
     monkeypatch.setattr(lens_watch, "MOST_ATTITUDES", 500)
     monkeypatch.setattr(lens_watch, "small_grey", lambda image, small: image)
-    monkeypatch.setattr(lens_watch, "follow", lambda before, after: (np.zeros((20, 2)), np.ones((20, 2)), 20))
+    monkeypatch.setattr(lens_watch, "follow", lambda *given: (np.zeros((20, 2)), np.ones((20, 2)), 20))
     monkeypatch.setattr(lens_watch, "judged_by_turns", lambda *given: UNKNOWN)
     monkeypatch.setattr(watch, "_turned", lambda stamp_ns: True)
     depth = SimpleNamespace(reason=None)
