@@ -228,7 +228,7 @@ def large_rooms(card: NetworkCard, scenes: int, times: int) -> TestSet:
     )
 
 
-def taken(rooms: TestSet, name: str, way: Way, options: argparse.Namespace) -> Iterator[TestPair]:
+def filmed(rooms: TestSet, name: str, way: Way, options: argparse.Namespace) -> Iterator[TestPair]:
     for number in counted(range(len(rooms)), name, "pairs"):
         shot = Shot.of(rooms, number)
         pair = way(shot).shrunk(options.times)
@@ -270,7 +270,7 @@ def main() -> None:
         columns = ("L1 m", "relative", "believed", "inside one sigma", "classical peer, L1 m", "relative")
         table = Table("", *columns, title=title, caption=origin_of(network))
         for label, way in ways.items():
-            found = evaluate_network(network, taken(rooms, label, way, options), set_name=label)
+            found = evaluate_network(network, filmed(rooms, label, way, options), set_name=label)
             table.add_row(label, *cells(found))
         Console().print(table)
 

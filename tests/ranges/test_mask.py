@@ -49,6 +49,16 @@ def test_nothing_is_told_of_what_is_masked_and_the_rest_is_as_without(fusion):
     assert np.isfinite(masked.range_depths_m[:, 0]).all()
 
 
+def test_a_burned_in_clock_does_not_hide_that_the_picture_is_frozen():
+    estimator = MultiRangeEstimator(Oracle(two_walls(12, 40), straight(SIDEWAYS)), CAMERA, mask=CORNER)
+    for index in range(60):
+        image = picture(min(index, 40))
+        image[HIDDEN] = index
+        estimator.add_velocity(index * FRAME_NS, SIDEWAYS, frame="camera")
+        result = estimator.add_frame(index * FRAME_NS, image)
+    assert result.reason.startswith("frozen picture")
+
+
 def test_no_bound_is_told_there_either():
     plain, masked = both(two_walls(12, 10**6))
     assert np.isfinite(plain.farther_than_m[:, 70:]).any()

@@ -236,7 +236,7 @@ class MultiRangeEstimator:
         prepared = self._grid.image(image)
         # A picture that fits the grid comes back as it is; the caller may write its next frame into it.
         picture = prepared.copy() if prepared is image else prepared
-        self._repeats.add(stamp_ns, picture)
+        self._repeats.add(stamp_ns, self._scene_of(picture))
         current = Frame(self._frames_given, self._repeats.taken_ns(stamp_ns), picture)
         chosen = self._pairs(current, stamp_ns)
         if not self._repeats.frozen:
@@ -258,6 +258,12 @@ class MultiRangeEstimator:
             fused = within_reach(fused)
         at_source = self._at_source(fused.depth_m, current.image)
         return self._result(pairs, prediction, fused, at_source, seer=seer, started=started)
+
+    def _scene_of(self, picture: Image) -> Image:
+        """A prepared picture, black where it is masked: a clock that is burned in ticks on in a frozen one."""
+        if self._shown is None:
+            return picture
+        return np.where(self._shown.repeat(4, axis=0).repeat(4, axis=1)[..., None], picture, np.uint8(0))
 
     def _at_source(self, depth_m: Map, image: Image) -> AtSource:
         """Depth [h, w] of the network at the source's size, and what brings other maps there."""
