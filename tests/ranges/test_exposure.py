@@ -92,7 +92,7 @@ def test_black_and_white_tell_nothing(level):
 
 
 def test_a_flight_bears_a_camera_that_sets_its_exposure():
-    """The last picture is a stop brighter; with what is known of its frames' exposure depth is as good as before."""
+    """The last picture is a stop brighter; that costs less than half of the error again."""
     errors = {0: [], 1: []}
     for number in range(3):
         scene, textures, camera, _ = rooms(3).drawn(number)
