@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from flightdepth.commands.run_settings import RunSettings
-from flightdepth.commands.single_flight import conclude, introduce, write_depth
+from flightdepth.commands.single_flight import conclude, introduce, source_of, write_depth
 from flightdepth.commands.terminal import counted, say, show_table
 
 if TYPE_CHECKING:
@@ -60,7 +60,8 @@ def demo(
         introduce(VIDEO, flight, loaded)
         witness = Witness()
         started = time.monotonic()
-        summary = write_depth("sample flight", flight, loaded, out, settings, watch=witness.see)
+        source = source_of("sample flight", flight, loaded, settings)
+        summary = write_depth(source, flight, loaded, out, settings, watch=witness.see)
         elapsed_s = time.monotonic() - started
         errors, sky = compare(witness.moments, flight.camera, loaded.card)
     show_table(errors.table())

@@ -64,7 +64,7 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
         if (other := other_flight(target, path.name, flight.video_bytes)) is not None:
             warn(f"{target} holds the result of {other}, which this one replaces when it is done")
         started = time.monotonic()
-        summary = write_depth(path.name, flight, network, target, settings, mask=mask, keeps=not resume)
+        summary = write_depth(source, flight, network, target, settings, mask=mask, keeps=not resume)
         elapsed_s = time.monotonic() - started
     conclude(summary, elapsed_s, target)
     return Outcome.DONE if summary.counts.frames_with_depth else Outcome.EMPTY
@@ -87,7 +87,7 @@ def introduce(path: Path, flight: Flight, network: Network, mask: PictureMask | 
 
 
 def write_depth(
-    name: str,
+    source: Source,
     flight: Flight,
     network: Network,
     target: Path,
@@ -121,7 +121,6 @@ def write_depth(
         range_panels=ranges if settings.preview_ranges else 0,
         to_source=estimator.to_source if settings.preview_ranges else None,
     )
-    source = source_of(name, flight, network, settings, mask)
     network.warm_up(network.grid(camera).camera, ranges)
 
     def progress(frame: Frame, result: RangedDepth) -> None:
@@ -135,7 +134,7 @@ def write_depth(
         with (
             room_on_the_disk(target, left="nothing of this flight was written"),
             writer,
-            progress_bar(name, flight.frame_count_hint, "frames") as bar,
+            progress_bar(source.flight, flight.frame_count_hint, "frames") as bar,
         ):
             run_flight(flight, estimator, writer, progress)
     except KeyboardInterrupt:

@@ -36,6 +36,7 @@ from flightdepth.ranges.timeline import check_stamp
 from flightdepth.ranges.tracks import Tracker
 from flightdepth.ranges.turning import in_view, is_visible, turned
 from flightdepth.runtimes.arrays import Flags
+from flightdepth.runtimes.contract import OUTPUT_STRIDE
 from flightdepth.runtimes.grid import check_image, check_mask
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
@@ -263,7 +264,8 @@ class MultiRangeEstimator:
         """A prepared picture, black where it is masked: a clock that is burned in ticks on in a frozen one."""
         if self._shown is None:
             return picture
-        return np.where(self._shown.repeat(4, axis=0).repeat(4, axis=1)[..., None], picture, np.uint8(0))
+        shown = self._shown.repeat(OUTPUT_STRIDE, axis=0).repeat(OUTPUT_STRIDE, axis=1)
+        return np.where(shown[..., None], picture, np.uint8(0))
 
     def _at_source(self, depth_m: Map, image: Image) -> AtSource:
         """Depth [h, w] of the network at the source's size, and what brings other maps there."""

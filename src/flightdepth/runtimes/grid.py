@@ -145,14 +145,17 @@ def check_image(what: str, image: Image, camera: Camera) -> None:
     """Refuse what is not a uint8 RGB picture of the camera's size."""
     expected = (camera.height, camera.width, 3)
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape != expected:
-        got = f"{image.dtype} {list(image.shape)}" if isinstance(image, np.ndarray) else type(image).__name__
-        raise BadInput(what, expected=f"uint8 RGB {list(expected)}, the camera's size", got=got)
+        raise BadInput(what, expected=f"uint8 RGB {list(expected)}, the camera's size", got=_kind(image))
 
 
 def check_mask(mask: NDArray[np.uint8] | Flags, camera: Camera) -> Flags:
     """Where a mask uint8 or bool [H, W] of the camera's size is not 0: there the source shows the scene."""
     expected = (camera.height, camera.width)
     if not isinstance(mask, np.ndarray) or mask.dtype not in (np.uint8, np.bool_) or mask.shape != expected:
-        got = f"{mask.dtype} {list(mask.shape)}" if isinstance(mask, np.ndarray) else type(mask).__name__
-        raise BadInput("mask", expected=f"uint8 or bool {list(expected)}, the camera's size", got=got)
+        raise BadInput("mask", expected=f"uint8 or bool {list(expected)}, the camera's size", got=_kind(mask))
     return np.asarray(mask != 0)
+
+
+def _kind(given: object) -> str:
+    """For people: type and shape of what should be an array."""
+    return f"{given.dtype} {list(given.shape)}" if isinstance(given, np.ndarray) else type(given).__name__
