@@ -104,3 +104,10 @@ def test_half_of_the_pixels_that_the_error_bar_is_fitted_on_are_of_pictures_as_l
     card = difference_card(architecture="MotionNet", any_lens=True, focal_px=64.0)
     widths = [pair.current.shape[1] for pair in calibration_pairs(card, 8)]
     assert widths == [64] * 8 + [128] * 2
+
+
+def test_the_error_bar_is_fitted_on_rooms_through_several_lenses():
+    """Fitted through 90 degrees alone, `motion` held 61 % of the errors inside one sigma through 60."""
+    card = difference_card(architecture="MotionNet", any_lens=True, focal_px=64.0)
+    rooms = calibration_pairs(card, 8)[0:8:2]
+    assert [round(pair.focal_px, 1) for pair in rooms] == [77.3, 55.4, 32.0, 22.4]

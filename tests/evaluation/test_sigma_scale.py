@@ -11,7 +11,9 @@ from flightdepth.evaluation.sigma_scale import calibration_set, fitted_sigma_sca
 from flightdepth.runtimes.network import Network
 from flightdepth.weights.store import SHIPPED, read_card
 
-CARD = read_card(SHIPPED / "motion.onnx").model_copy(update={"sigma_scale": 1.0, "sigma_growth": 0.0})
+CARD = read_card(SHIPPED / "motion.onnx").model_copy(
+    update={"sigma_scale": 1.0, "sigma_growth": 0.0, "sigma_lens": 0.0}
+)
 CAMERA = Camera.from_fov(128, 128, 90)
 
 
@@ -20,14 +22,16 @@ class Drawn:
 
     description, architecture = "drawn", "MotionNet"
 
-    def __init__(self, told_m: float) -> None:
-        self._told_m, self._rng = told_m, np.random.default_rng(0)
+    def __init__(self, told_m: float, more_through: int = 0) -> None:
+        """Errors are twice as large in pictures `more_through` pixels wide."""
+        self._told_m, self._more_through, self._rng = told_m, more_through, np.random.default_rng(0)
 
     def __call__(self, inputs):
         n, height, width = inputs["current"].shape[:3]
         shape = n, height // 4, width // 4
-        depth_m = self._rng.normal(25, 2, shape).astype(np.float32)
-        depth_m[:, 0] = 99.0  # at the end of the range: not believed, whatever its error
+        spread_m = 4 if width == self._more_through else 2
+        depth_m = self._rng.normal(25, spread_m, shape).astype(np.float32)
+        depth_m[:, : height // 128] = 99.0  # at the end of the range: not believed, whatever its error
         return {"depth_m": depth_m, "sigma_m": np.full(shape, self._told_m, np.float32)}
 
 
@@ -36,13 +40,28 @@ def test_the_scale_makes_the_error_bar_honest(told_m: float, card_scale: float) 
     card = CARD.at_focal(CAMERA.fx).model_copy(update={"sigma_scale": card_scale})
     network = Network(card, Drawn(told_m), aligned=False)
     pairs = [plane_pair(CAMERA, (card.D0_m, 0.0, 0.0), distance_m=25.0, seed=seed) for seed in range(3)]
-    assert fitted_sigma_scale(network, pairs) == (pytest.approx(2 / told_m, rel=0.05), 0.0)
+    assert fitted_sigma_scale(network, pairs) == (pytest.approx(2 / told_m, rel=0.05), 0.0, 0.0)
+
+
+def test_a_scale_that_grows_with_the_focal_length_is_found() -> None:
+    """Twice the error at four times the focal length, half a power: 2 m at 64 px is 4 m at 256, the usual one."""
+    pairs = [
+        plane_pair(camera, (CARD.at_focal(camera.fx).D0_m, 0.0, 0.0), distance_m=25.0, seed=seed)
+        for seed in range(2)
+        for camera in (CAMERA, Camera.from_fov(512, 512, 90))
+    ]
+    network = Network(CARD, Drawn(1.0, more_through=512), aligned=False)
+    assert fitted_sigma_scale(network, pairs) == (
+        pytest.approx(4, rel=0.05),
+        0.0,
+        pytest.approx(0.5, abs=0.051),
+    )
 
 
 def test_the_card_s_growth_is_no_part_of_what_is_fitted() -> None:
     card = CARD.at_focal(CAMERA.fx)
     pairs = [plane_pair(CAMERA, (card.D0_m, 0.0, 0.0), distance_m=25.0)]
-    with_growth = card.model_copy(update={"sigma_growth": 0.8})
+    with_growth = card.model_copy(update={"sigma_growth": 0.8, "sigma_lens": 0.3})
     told = [
         fitted_sigma_scale(Network(each, Drawn(1.0), aligned=False), pairs) for each in (card, with_growth)
     ]

@@ -4,6 +4,7 @@ import errno
 import sys
 
 import laspy
+import octomap
 import pytest
 from flown_folder import FRAMES, STEP_M, pose, write_flown
 from rosbags.highlevel import AnyReader
@@ -35,7 +36,7 @@ def test_a_cloud_as_ply(convert, work):
     assert f"{count:,} points" in stdout
 
 
-@pytest.mark.parametrize("kind", ["ply", "las", "mcap"])
+@pytest.mark.parametrize("kind", ["ply", "las", "bt", "mcap"])
 def test_only_its_own_older_result_is_replaced(convert, work, kind):
     """Found in review: any file was, a flight's own recording too."""
     target = work / f"again.{kind}"
@@ -65,6 +66,20 @@ def test_frames_without_a_place_are_counted(convert, work):
     assert code == 0
     assert "4 frames with depth are not in it" in stderr
     assert "not in it" not in convert("whole.ply", "--every", "1")[2]
+
+
+def test_an_occupancy_map(convert, work):
+    code, stdout, _ = convert("flight.bt", "--every", "1")
+    assert (code, "m3 free from" in stdout, "metres east, north, up" in stdout) == (0, True, True)
+    tree = octomap.OcTree(1.0)
+    assert tree.readBinary((work / "flight.bt").read_bytes())
+    assert tree.getResolution() == 0.5
+
+
+def test_a_map_of_space_that_nothing_tells_of(convert, work):
+    code, _, stderr = convert("flight-none.bt", "--every", "1", "--min-confidence", "1")
+    assert (code, (work / "flight-none.bt").exists()) == (2, False)
+    assert "expected space that is known, got none" in " ".join(stderr.split())
 
 
 def test_larger_voxels_make_fewer_points(convert, work):
@@ -106,7 +121,7 @@ def refused(outcome, *words):
 
 
 def test_an_unknown_kind(convert):
-    refused(convert("flight.obj"), ".ply, .las, .laz, .mcap", "got .obj")
+    refused(convert("flight.obj"), ".ply, .las, .laz, .bt, .mcap", "got .obj")
 
 
 def test_options_of_clouds_beside_a_recording(convert):

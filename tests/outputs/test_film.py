@@ -23,6 +23,17 @@ def test_pictures_keep_their_times(tmp_path):
     assert times == pytest.approx([ns * 1e-9 for ns in stamps_ns], abs=1 / 90_000)
 
 
+@pytest.mark.parametrize("first_s", [5, 36_000])
+def test_a_film_of_a_part_begins_with_its_first_picture(tmp_path, first_s):
+    """Of `--start 5`: a film whose first picture came at 5 s would show nothing until then."""
+    stamps_ns = [first_s * 10**9 + ns for ns in (0, 33_366_667, 500_000_000)]
+    path = tmp_path / "film.mp4"
+    assert [time for time, _ in write(path, stamps_ns)] == pytest.approx([0, 0.0333667, 0.5], abs=2 / 90_000)
+    with av.open(str(path)) as container:
+        assert container.start_time == 0
+        assert container.duration < 1e6
+
+
 @pytest.mark.parametrize("count", [1, 11, 12, 61])
 def test_every_picture_is_there_and_in_time_wherever_a_piece_of_a_second_ends(tmp_path, count):
     times = [time for time, _ in write(tmp_path / "film.mp4", [100_000_000 * i for i in range(count)])]

@@ -1,13 +1,15 @@
-"""What the error bar is multiplied by: the card's scale, and more where more of the picture is sky."""
+"""What the error bar is multiplied by: the card's scale, and more the more of the picture is sky, and the finer."""
 
 import numpy as np
 import pytest
 
 from flightdepth.ranges.fusion import ends
-from flightdepth.runtimes.error_bar import SKY_BETA, error_bar_scale, sky_share
+from flightdepth.runtimes.error_bar import SKY_BETA, USUAL_FOCAL_PX, error_bar_scale, sky_share
 from flightdepth.weights.store import SHIPPED, read_card
 
-CARD = read_card(SHIPPED / "motion.onnx").model_copy(update={"sigma_scale": 0.8, "sigma_growth": 0.5})
+CARD = read_card(SHIPPED / "motion.onnx").model_copy(
+    update={"sigma_scale": 0.8, "sigma_growth": 0.5, "sigma_lens": 0.2}
+)
 VALID = np.array([[True, True, True, True, False]])
 
 
@@ -21,7 +23,7 @@ def test_each_pair_has_the_share_of_its_own_pixels():
 
 
 def test_the_scale_grows_with_that_share():
-    found = error_bar_scale(CARD, pictures(0, 1, 4), VALID)
+    found = error_bar_scale(CARD, pictures(0, 1, 4), VALID, USUAL_FOCAL_PX)
     assert found.shape == (3, 1, 1)
     assert found.ravel() == pytest.approx([0.8, 0.8 * np.exp(0.125), 0.8 * np.exp(0.5)], rel=1e-6)
 
@@ -29,8 +31,8 @@ def test_the_scale_grows_with_that_share():
 @pytest.mark.parametrize("wall", [ends(CARD)[1], 0.75, SKY_BETA - 1e-3])
 def test_far_walls_of_a_room_are_no_sky(wall):
     """Through 110 degrees an eighth of a room is as far as that, and bars were 5 % too wide there."""
-    assert error_bar_scale(CARD, pictures(0, 1, rest=wall), VALID) == pytest.approx(
-        error_bar_scale(CARD, pictures(0, 1), VALID)
+    assert error_bar_scale(CARD, pictures(0, 1, rest=wall), VALID, 90.0) == pytest.approx(
+        error_bar_scale(CARD, pictures(0, 1), VALID, 90.0)
     )
 
 
@@ -38,8 +40,15 @@ def test_sky_is_beyond_what_fusion_takes_for_a_bound():
     assert ends(CARD)[1] < SKY_BETA
 
 
+def test_the_scale_grows_with_the_focal_length():
+    """Through 60 degrees, as flights are seen, 61 % of the errors had been inside one sigma, through 110 73."""
+    at = [error_bar_scale(CARD, pictures(1), VALID, focal_px).item() for focal_px in (128.0, 256.0, 512.0)]
+    assert at == pytest.approx(np.array([2**-0.2, 1, 2**0.2]) * 0.8 * np.exp(0.125), rel=1e-6)
+
+
 @pytest.mark.parametrize("name", ["motion", "motion-tiny"])
 def test_a_shipped_network_s_bar_is_larger_in_the_open(name):
     card = read_card(SHIPPED / f"{name}.onnx")
     assert 0.2 < card.sigma_growth < 1.2
     assert 0.7 < card.sigma_scale < 1
+    assert 0 < card.sigma_lens < 0.4

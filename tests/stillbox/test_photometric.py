@@ -10,7 +10,13 @@ EFFECTS = Photometric()
 
 def pair_of(previous, current, fov_deg=90) -> Pair:
     target_m = np.ones(current.shape[:2], np.float32)
-    return Pair(previous, current, target_m, np.array([0.1, 0.2, 0.3]), Camera.from_fov(*current.shape[1::-1], fov_deg))
+    return Pair(
+        previous,
+        current,
+        target_m,
+        np.array([0.1, 0.2, 0.3]),
+        Camera.from_fov(*current.shape[1::-1], fov_deg),
+    )
 
 
 @pytest.fixture(scope="module")

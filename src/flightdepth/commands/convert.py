@@ -1,4 +1,4 @@
-"""`flightdepth convert`: depth of a flight as a point cloud, or as a ROS recording."""
+"""`flightdepth convert`: depth of a flight as a point cloud, an occupancy map or a ROS recording."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.full_disk import NOT_WRITTEN, room_on_the_disk
 from flightdepth.commands.terminal import progress_bar, say, warn
 from flightdepth.errors import BadInput
-from flightdepth.files import check_parent, refuse_to_replace
+from flightdepth.files import check_parent, refuse_to_replace, write_atomic
 
 if TYPE_CHECKING:
     from flightdepth.outputs import FlightFolder
@@ -19,34 +19,41 @@ if TYPE_CHECKING:
     from flightdepth.outputs.voxels import Cloud
 
 RECORDING = ".mcap"
-KINDS = (".ply", ".las", ".laz", RECORDING)
+OCCUPANCY = ".bt"
+KINDS = (".ply", ".las", ".laz", OCCUPANCY, RECORDING)
+OF_A_MAP = {"voxel_m": 0.5, "max_range_m": 30.0}  # where nothing is said; a cloud's would take minutes
 LOCAL = "metres east, north, up"
 STRAYS = (
     "the log's positions go another way than its velocities: is one of another flight, are latitude and longitude "
     "swapped, or is its north off?"
 )
+WIDER = "Try a lower --min-confidence, a larger --max-range or a smaller --every."
 NO_PLACE = "attitude unknown, or not of the longest segment (poses.csv)"
 
 
 def convert(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="What `flightdepth run` wrote.")],
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A name that ends in .ply, .las, .laz or .mcap.")
+        Path, typer.Argument(metavar="FILE", help="A name that ends in .ply, .las, .laz, .bt or .mcap.")
     ],
     *,
     min_confidence: Annotated[
-        float | None, typer.Option(metavar="0..1", help="Clouds: leave out what is less sure. Default: 0.6.")
+        float | None,
+        typer.Option(metavar="0..1", help="Clouds and maps: leave out what is less sure. Default: 0.6."),
     ] = None,
     max_range: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Clouds: leave out what is farther, in metres. Default: 60."),
+        typer.Option(metavar="M", help="Leave out what is farther, in metres. Default: 60, of maps 30."),
     ] = None,
     voxel: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Clouds: one point a cube of this edge, in metres. Default: 0.25."),
+        typer.Option(
+            metavar="M",
+            help="Edge of a cube that has one point, or of a cell. Default: 0.25, of maps 0.5.",
+        ),
     ] = None,
     every: Annotated[
-        int | None, typer.Option(metavar="N", help="Clouds: use every N-th frame. Default: 10.")
+        int | None, typer.Option(metavar="N", help="Clouds and maps: use every N-th frame. Default: 10.")
     ] = None,
 ) -> None:
     """Turn a flight's depth into one file that other programs read. The name's end says which.
@@ -59,22 +66,27 @@ def convert(
 
       flightdepth convert out flight.laz --voxel 0.5 --max-range 40
 
+    A map of what is occupied, free or unknown, for planners: an OctoMap, local as
+    a .ply is:
+
+      flightdepth convert out flight.bt
+
     A ROS 2 recording: depth as 32FC1, confidence, pictures, camera info and
     transforms:
 
       flightdepth convert out flight.mcap
 
-    .las and .laz need the extra `clouds`, .mcap the extra `ros`.
+    .las, .laz and .bt need the extra `clouds`, .mcap the extra `ros`.
     """
     from flightdepth.outputs.cloud import CloudSettings, frames_left_out
 
     options = {"min_confidence": min_confidence, "max_range_m": max_range, "voxel_m": voxel, "every": every}
     given = {name: value for name, value in options.items() if value is not None}
-    settings = CloudSettings(**given)  # type: ignore[arg-type]
     kind = checked_kind(file)
+    settings = CloudSettings(**((OF_A_MAP if kind == OCCUPANCY else {}) | given))  # type: ignore[arg-type]
     check_outside(folder, file)
     if kind == RECORDING and given:
-        raise BadInput("options of clouds", expected="none with .mcap", got=", ".join(given))
+        raise BadInput("options of clouds and maps", expected="none with .mcap", got=", ".join(given))
     flight = opened(folder)
     if kind == RECORDING:
         with room_on_the_disk(file, left=NOT_WRITTEN):
@@ -82,8 +94,10 @@ def convert(
         say(f"{file}: {len(flight.rows):,} frames of {folder}")
     else:
         with room_on_the_disk(file, left=NOT_WRITTEN):
-            points, frame = write_cloud(flight, file, settings)
-        say(f"{file}: {points:,} points from {folder}, {frame}")
+            check_depth(flight)
+            write = write_map if kind == OCCUPANCY else write_cloud
+            what, frame = write(flight, file, settings)
+        say(f"{file}: {what} from {folder}, {frame}")
         if left_out := frames_left_out(flight):
             warn(f"{left_out:,} frames with depth are not in it: {NO_PLACE}")
 
@@ -124,11 +138,8 @@ def check_outside(folder: Path, file: Path) -> None:
         )
 
 
-def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> tuple[int, str]:
-    """The cloud of a flight into `file`; how many points it has, and in which frame."""
-    from flightdepth.outputs.cloud import cloud_of
-    from flightdepth.outputs.cloud_files import write_ply
-
+def check_depth(flight: FlightFolder) -> None:
+    """Refuse a flight no frame of which has depth."""
     if all(row.reason for row in flight.rows):
         raise BadInput(
             f"depth in {flight.folder}",
@@ -136,6 +147,27 @@ def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> tu
             got="none",
             mend="frames.csv says why.",
         )
+
+
+def write_map(flight: FlightFolder, file: Path, settings: CloudSettings) -> tuple[str, str]:
+    """The occupancy map of a flight into `file`; how large what it tells is, and in which frame."""
+    with extra_packages("Writing OctoMaps", "clouds"):
+        from flightdepth.outputs.occupancy import bt_bytes, occupancy_of, volumes_m3
+
+        with progress_bar("map", -(-len(flight.rows) // settings.every), "frames") as bar:
+            tree = occupancy_of(flight, settings, bar.step)
+    occupied_m3, free_m3 = volumes_m3(tree)
+    if not occupied_m3 + free_m3:
+        raise BadInput(f"depth in {flight.folder}", expected="space that is known", got="none", mend=WIDER)
+    write_atomic(file, bt_bytes(tree))
+    return f"{occupied_m3:,.0f} m3 occupied and {free_m3:,.0f} m3 free", LOCAL
+
+
+def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> tuple[str, str]:
+    """The cloud of a flight into `file`; how many points it has, and in which frame."""
+    from flightdepth.outputs.cloud import cloud_of
+    from flightdepth.outputs.cloud_files import write_ply
+
     as_ply = file.suffix.lower() == ".ply"
     if not as_ply:
         with extra_packages("Writing LAS", "clouds"):
@@ -148,12 +180,13 @@ def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> tu
             f"depth in {flight.folder}",
             expected="points that count",
             got="none",
-            mend="Try a lower --min-confidence, a larger --max-range or a smaller --every.",
+            mend=WIDER,
         )
+    points = f"{len(cloud):,} points"
     if as_ply:
         write_ply(file, cloud)
-        return len(cloud), LOCAL
-    return len(cloud), write_on_earth(flight, file, cloud)
+        return points, LOCAL
+    return points, write_on_earth(flight, file, cloud)
 
 
 def write_on_earth(flight: FlightFolder, file: Path, cloud: Cloud) -> str:

@@ -61,7 +61,8 @@ def told_of(network: Network, pair: Pair) -> Told:
     if sigma_m is None:
         raise ValueError(f"expected a network that tells sigma_m, got {network.card.name}")
     previous, current = map(grey, pictures)
-    sigma = sigma_m[0] / depth_m / error_bar_scale(network.card, found.beta, found.valid)[0]
+    scale = error_bar_scale(network.card, found.beta, found.valid, grid.camera.fx)
+    sigma = sigma_m[0] / depth_m / scale[0]
     direction = unit_direction(pair.displacement)
     clues, depth = clues_of(previous, current, depth_m / length_m, sigma, direction, camera=grid.camera)
     range_m = network.card.at_focal(grid.camera.fx).alpha * length_m

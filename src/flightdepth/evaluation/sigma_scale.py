@@ -12,7 +12,7 @@ from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.evaluation.spread import growing_scale
 from flightdepth.ranges.fusion import WORST_SIGMA, ends
-from flightdepth.runtimes.error_bar import error_bar_scale, sky_share
+from flightdepth.runtimes.error_bar import USUAL_FOCAL_PX, error_bar_scale, sky_share
 from flightdepth.runtimes.network import Network
 from flightdepth.stillbox.testset import OutdoorTestSet, TestSet, test_textures
 from flightdepth.weights.card import NetworkCard
@@ -23,10 +23,18 @@ SEED, TEXTURE_SEED = 1702_2018, 8  # neither training's nor those of the fixed t
 FITS = 4  # which pixels count depends on the scale a little
 
 
-def calibration_set(card: NetworkCard, *, scenes: int, flight_size: bool = False) -> TestSet:
+def calibration_set(
+    card: NetworkCard, *, scenes: int, horizontal_fov_deg: float = 90.0, flight_size: bool = False
+) -> TestSet:
     """Pairs like those of the fixed test set, of other rooms with other textures."""
-    textures = test_textures(TEXTURE_SEED)
-    return replace(fixed_set(card, scenes=scenes, textures=textures, flight_size=flight_size), seed=SEED)
+    ours = fixed_set(
+        card,
+        scenes=scenes,
+        textures=test_textures(TEXTURE_SEED),
+        horizontal_fov_deg=horizontal_fov_deg,
+        flight_size=flight_size,
+    )
+    return replace(ours, seed=SEED)
 
 
 def outdoor_calibration_set(card: NetworkCard, *, scenes: int, flight_size: bool = False) -> OutdoorTestSet:
@@ -34,18 +42,20 @@ def outdoor_calibration_set(card: NetworkCard, *, scenes: int, flight_size: bool
     return replace(outdoor_set(card, scenes=scenes, flight_size=flight_size), seed=SEED)
 
 
-def fitted_sigma_scale(network: Network, pairs: Iterable[TruePair]) -> tuple[float, float]:
-    """The card's `sigma_scale` and `sigma_growth` with which 68 % of the errors are inside sigma.
+def fitted_sigma_scale(network: Network, pairs: Iterable[TruePair]) -> tuple[float, float, float]:
+    """The card's `sigma_scale`, `sigma_growth` and `sigma_lens` with which 68 % of the errors are inside sigma.
 
     That is where the motion is known; what an uncertain one adds comes on top (`ranges.motion_error`). Those pixels
     count that fusion would believe.
     """
-    error_m, sigma_m, depth_m, sky = _answers(network, pairs)
-    scale, growth = 1.0, 0.0
+    error_m, sigma_m, depth_m, sky, lens = _answers(network, pairs)
+    scale, growth, power = 1.0, 0.0, 0.0
     for _ in range(FITS):
-        counted = believed(network.card, depth_m, scale * np.exp(growth * sky) * sigma_m)
-        scale, growth = growing_scale(error_m[counted], sigma_m[counted], sky[counted])
-    return scale, growth
+        counted = believed(network.card, depth_m, scale * np.exp(growth * sky + power * lens) * sigma_m)
+        error, sigma = error_m[counted], sigma_m[counted]
+        _, growth = growing_scale(error, sigma * np.exp(power * lens[counted]), sky[counted])
+        scale, power = growing_scale(error, sigma * np.exp(growth * sky[counted]), lens[counted])
+    return scale, growth, power
 
 
 def believed(card: NetworkCard, depth_m: Values, sigma_m: Values) -> NDArray[np.bool_]:
@@ -54,8 +64,11 @@ def believed(card: NetworkCard, depth_m: Values, sigma_m: Values) -> NDArray[np.
     return (lower < depth_m) & (depth_m < upper) & (sigma_m < WORST_SIGMA * depth_m)
 
 
-def _answers(network: Network, pairs: Iterable[TruePair]) -> tuple[Values, Values, Values, Values]:
-    """Error, sigma without the card's scale and depth of every pixel, metres at D0, and its picture's share of sky."""
+def _answers(network: Network, pairs: Iterable[TruePair]) -> tuple[Values, Values, Values, Values, Values]:
+    """Error, sigma without the card's scale and depth of every pixel, metres at D0; of its picture the sky and lens.
+
+    These are the share that is sky, and the logarithm of the focal length over `USUAL_FOCAL_PX`.
+    """
     rows = []
     for pair in pairs:
         task = Task.of(pair, network.card)
@@ -63,8 +76,10 @@ def _answers(network: Network, pairs: Iterable[TruePair]) -> tuple[Values, Value
         if found.sigma_m is None:
             raise ValueError(f"expected a network that tells sigma_m, got {network.card.name}")
         depth_m = found.depth_m[0]
-        sigma_m = found.sigma_m[0] / error_bar_scale(network.card, found.beta, found.valid)[0]
+        focal_px = task.card.focal_px
+        sigma_m = found.sigma_m[0] / error_bar_scale(network.card, found.beta, found.valid, focal_px)[0]
         sky = np.full(depth_m.shape, sky_share(found.beta, found.valid)[0])
-        rows.append(np.stack([np.abs(depth_m - task.truth_m), sigma_m, depth_m, sky]).reshape(4, -1))
-    error_m, sigma_m, depth_m, sky = np.concatenate(rows, axis=1).astype(np.float64)
-    return error_m, sigma_m, depth_m, sky
+        lens = np.full(depth_m.shape, np.log(focal_px / USUAL_FOCAL_PX))
+        rows.append(np.stack([np.abs(depth_m - task.truth_m), sigma_m, depth_m, sky, lens]).reshape(5, -1))
+    error_m, sigma_m, depth_m, sky, lens = np.concatenate(rows, axis=1).astype(np.float64)
+    return error_m, sigma_m, depth_m, sky, lens

@@ -53,17 +53,17 @@ def sigma_scale(error_m: Values, sigma_m: Values) -> float:
     return ratio if ratio > 0 else 1.0
 
 
-def growing_scale(error_m: Values, sigma_m: Values, sky: Values) -> tuple[float, float]:
-    """The same, scale * exp(growth * sky) for pixels [N] of pictures of which the share `sky` [N] is sky.
+def growing_scale(error_m: Values, sigma_m: Values, by: Values) -> tuple[float, float]:
+    """The same, scale * exp(growth * by), for pixels [N] of pictures of which something, `by` [N], is known.
 
-    Linear quantile regression (Koenker and Bassett 1978) of log(error / sigma) on `sky`, its slope one of GROWTHS.
+    Linear quantile regression (Koenker and Bassett 1978) of log(error / sigma) on `by`, its slope one of GROWTHS.
     """
 
     def scale(growth: float) -> float:
-        return sigma_scale(error_m, sigma_m * np.exp(growth * sky))
+        return sigma_scale(error_m, sigma_m * np.exp(growth * by))
 
     def loss(growth: float) -> float:
-        foretold = scale(growth) * np.exp(growth * sky) * sigma_m
+        foretold = scale(growth) * np.exp(growth * by) * sigma_m
         above = np.log(np.maximum(error_m, LEAST) / np.maximum(foretold, LEAST))
         return round(float(np.nanmean(np.maximum(INSIDE_ONE * above, (INSIDE_ONE - 1) * above))), 9)
 

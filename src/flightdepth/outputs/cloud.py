@@ -71,21 +71,38 @@ class View:
     camera: Camera
 
 
+@dataclass(frozen=True, eq=False)
+class AgreedView:
+    """A frame, its points that count [N, 3], east-north-up, their rows and columns in its picture, and its `step`."""
+
+    view: View
+    points_enu: Vector
+    pixels: tuple[NDArray[np.intp], NDArray[np.intp]]
+    step: int
+
+
 def cloud_of(
     folder: FlightFolder, settings: CloudSettings, on_view: Callable[[], None] = lambda: None
 ) -> Cloud:
     """The cloud of a whole flight, east-north-up, origin at the first camera of its longest segment."""
-    grid, step = VoxelGrid(settings.voxel_m), max(1, folder.record.source.camera.width // COLUMNS)
+    grid = VoxelGrid(settings.voxel_m)
+    for seen in agreed_views(folder, settings, on_view):
+        grid.add(seen.points_enu, seen.view.image[seen.pixels], seen.view.confidence[seen.pixels])
+    return grid.cloud()
+
+
+def agreed_views(
+    folder: FlightFolder, settings: CloudSettings, on_view: Callable[[], None]
+) -> Iterator[AgreedView]:
+    """Each frame that is used, with its points that those before and after it agree on."""
+    step = max(1, folder.record.source.camera.width // COLUMNS)
     for view, others in with_neighbours(views(folder, settings.every, step), NEIGHBOURS):
         points_ned, rows, columns = seen_points(view, step, settings)
-        on_view()
-        if not len(points_ned):
-            continue
-        kept, farther = agreed(points_ned, others)
-        here_ned, rows, columns = view.pose.position_ned, rows[kept], columns[kept]
+        kept, farther = agreed(points_ned, others if len(points_ned) else [])
+        here_ned = view.pose.position_ned
         points_ned = here_ned + (points_ned[kept] - here_ned) * farther[kept, None]
-        grid.add(points_ned @ ENU_FROM_NED.T, view.image[rows, columns], view.confidence[rows, columns])
-    return grid.cloud()
+        yield AgreedView(view, points_ned @ ENU_FROM_NED.T, (rows[kept], columns[kept]), step)
+        on_view()
 
 
 def views(folder: FlightFolder, every: int, step: int) -> Iterator[View]:

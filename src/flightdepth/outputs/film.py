@@ -1,4 +1,4 @@
-"""H.264 in an MP4, with the true times of its pictures."""
+"""H.264 in an MP4 that begins with its first picture, and keeps the true times between them."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ class Film:
         self._stream.codec_context.color_range = ColorRange.MPEG
 
     def add(self, stamp_ns: int, picture: NDArray[np.uint8]) -> None:
-        """Append one picture, shown from `stamp_ns` on; stamps must rise."""
+        """Append one picture, shown so long after the first one as `stamp_ns` says; stamps must rise."""
         if picture.shape != self._size:
             raise BadInput("film picture", expected=str(self._size), got=str(picture.shape))
         planes = np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2YUV_I420), np.uint8)
         frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
         frame.time_base = Fraction(1, TICKS_PER_S)
-        # Two pictures within one tick would be refused by the container.
+        # The container counts from the first picture on. Two within one tick would be refused by it.
         frame.pts = self._last_tick = max(stamp_ns * TICKS_PER_S // NS_PER_S, self._last_tick + 1)
         self._container.mux(self._stream.encode(frame))
 

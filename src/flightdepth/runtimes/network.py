@@ -138,8 +138,8 @@ class Network:
         metres = np.where(lengths_m > 0, alpha * lengths_m, np.nan).astype(np.float32)[:, None, None]
         sigma_m = None
         if SIGMA in output:
-            scale = error_bar_scale(self.card, beta, grid.valid) / np.float32(self.card.depth_max_m)
-            sigma_m = output[SIGMA] * scale * metres
+            scale = error_bar_scale(self.card, beta, grid.valid, grid.camera.fx)
+            sigma_m = output[SIGMA] / np.float32(self.card.depth_max_m) * scale * metres
         return Prediction(beta, beta * metres, sigma_m, grid.valid), seen
 
     def at_focal(self, focal_px: float) -> Network:

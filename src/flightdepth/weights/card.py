@@ -85,6 +85,10 @@ class NetworkCard(BaseModel):
         default=0.0,
         description="logarithm by which that is larger in a picture that is all sky",
     )
+    sigma_lens: float = Field(
+        default=0.0,
+        description="power of the focal length, over `error_bar.USUAL_FOCAL_PX`, that it is larger by",
+    )
     int8_ranges: dict[str, tuple[float, float]] = Field(
         default_factory=dict,
         description="of what enters a convolution, by the name of its weights in the ONNX file",
