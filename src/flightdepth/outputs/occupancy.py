@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.motion import ENU_FROM_NED, NED_FROM_ENU, Vector
-from flightdepth.outputs.cloud import AgreedView, CloudSettings, agreed_views, looked_up, pixel_rays
+from flightdepth.outputs.cloud import WIDEST, AgreedView, CloudSettings, agreed_views, looked_up, pixel_rays
 from flightdepth.outputs.cloud_files import FRAME
 from flightdepth.outputs.encoding import Map
 from flightdepth.outputs.read import FlightFolder
@@ -72,16 +72,17 @@ def free_to(folder: FlightFolder, index: int, settings: CloudSettings) -> Map:
 def free_cells(seen: AgreedView, reach_m: Map, settings: CloudSettings) -> Iterator[Vector]:
     """Middles [N, 3] of the cells that a frame looks past, `reach_m` [H, W] far, a level after the other."""
     view, here_enu = replace(seen.view, depth_m=reach_m), seen.view.pose.position_ned @ ENU_FROM_NED.T
-    rays = pixel_rays(view.camera, seen.step).reshape(-1, 3) @ (ENU_FROM_NED @ view.pose.ned_from_camera).T
-    ends = rays * min(float(reach_m.max()), settings.max_range_m)
+    rays = pixel_rays(view.camera, seen.step).reshape(-1, 3).clip(-WIDEST, WIDEST)  # none is looked up beyond
+    ends = (
+        rays @ (ENU_FROM_NED @ view.pose.ned_from_camera).T * min(float(reach_m.max()), settings.max_range_m)
+    )
     low, high = (
         _cells(here_enu + far, settings.voxel_m) for far in (ends.min(0).clip(max=0), ends.max(0).clip(min=0))
     )
     east, north = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
     for up in range(low[2], high[2] + 1):
-        level = _middles(np.stack([east, north, np.full_like(east, up)], axis=-1), settings.voxel_m).reshape(
-            -1, 3
-        )
+        cells = np.stack([east, north, np.full_like(east, up)], axis=-1).reshape(-1, 3)
+        level = _middles(cells, settings.voxel_m)
         there_m, past_m = looked_up(level @ NED_FROM_ENU.T, view)
         yield level[(there_m < past_m) & (there_m <= settings.max_range_m)]
 
