@@ -1,4 +1,4 @@
-"""Faults 1 to 4 of logs, for DJI subtitles and flight records, Parrot metadata and ROS recordings: a file that is
+"""Faults 1 to 4 of logs, for DJI subtitles and flight records, GPX, Parrot metadata and ROS recordings: a file that is
 nothing of the kind, cut off anywhere, damaged anywhere, or that declares lengths it does not hold."""
 
 import shutil
@@ -18,6 +18,7 @@ from flightdepth.flight.ros_frames import ros_frames
 from flightdepth.flight.ros_records import DamagedError, decompressed
 from flightdepth.flight.telemetry import read_telemetry
 from tests_dji_records import airdata, flight_reader, record, steady, txt_log
+from tests_gpx import gopro2gpx, points
 from tests_recordings import (
     DJI_LAYOUTS,
     Messages,
@@ -76,6 +77,7 @@ FILES = {
     "DJI, AirData": text(airdata(flown())),
     "DJI, Flight Reader": text(flight_reader(flown())),
     "DJI, TXTlogToCSVtool": text(txt_log(flown())),
+    "GPX": text(gopro2gpx(points(VELOCITY))),
     "Parrot CSV": text(parrot_csv(VELOCITY, rows=12)),
     "Parrot JSON": text(parrot_json(VELOCITY, rows=12)),
     "ROS 1": small_ros1,
@@ -144,6 +146,7 @@ LONG_FILES = {
     "DJI, Mavic 3": layout("Mavic 3", seconds=60),
     "DJI, AirData": text(airdata(flown(20))),
     "DJI, Flight Reader": text(flight_reader(flown(20))),
+    "GPX": text(gopro2gpx(points(VELOCITY, seconds=100))),
     "Parrot CSV": text(parrot_csv(VELOCITY, rows=100)),
     "Parrot JSON": text(parrot_json(VELOCITY, rows=100)),
     "ROS 1": lambda path: small_ros1(path, rows=100),

@@ -82,6 +82,19 @@ def test_points_of_what_is_masked_are_not_followed():
     assert rates[1].rad_s == pytest.approx(0.015 / 0.0333667, rel=0.15)
 
 
+def test_corners_beside_what_is_masked_are_not_those_of_its_edge():
+    """Where the mask ended with the letters, nine in ten of the points were beside them, and stood still."""
+    letters = np.zeros((192, 320), np.uint8)
+    for y in range(16, 192, 48):
+        cv2.putText(letters, "BAT 15.2V 1842mAh LQ 98 GPS 14", (4, y), cv2.FONT_HERSHEY_SIMPLEX, 0.7, 255, 2)
+    hidden = letters > 0
+    before, after = (np.where(hidden, 255, panned(yaw_rad)[..., 0]).astype(np.uint8) for yaw_rad in (0, 0.03))
+    start, end, _ = follow(before, after, ~hidden)
+    moved_px = np.linalg.norm(end - start, axis=1)
+    assert len(start) >= 20
+    assert np.mean(moved_px < 1) < 0.1
+
+
 def test_flying_at_a_wall_is_steady():
     assert all(rate.usable for rate in judge([zoomed(1.01**k) for k in range(8)]))
 

@@ -20,7 +20,8 @@ def looking(case, turned, at_s):
     return simulated.attitudes(case, turned, at_s, np.zeros((1, 2)))[0]
 
 
-def write_video(path, camera, looks, rate_hz=15, lasts_s=10):
+def write_video(path, camera, looks, rate_hz=15, lasts_s=10, *, text=()):
+    """`text` [h, W, 3] hides the uppermost rows of each picture."""
     noise = np.random.default_rng(3).uniform(0, 255, (700, 1400, 3)).astype(np.float32)
     smooth = sum(cv2.GaussianBlur(noise, (0, 0), sigma) * sigma for sigma in (2, 5, 12))
     scene = cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
@@ -42,5 +43,6 @@ def write_video(path, camera, looks, rate_hz=15, lasts_s=10):
                 cv2.INTER_LINEAR,
                 borderMode=cv2.BORDER_WRAP,
             )
+            image[: len(text)] = text if len(text) else image[:0]
             container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
         container.mux(stream.encode(None))

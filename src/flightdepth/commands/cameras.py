@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from flightdepth.commands.flight_options import MaskOption
 from flightdepth.commands.terminal import say, warn
 from flightdepth.errors import BadInput
 
@@ -23,6 +24,7 @@ def cameras(
             help="Log that may tell the field of view, or how the camera turned. Without it, the video's own track.",
         ),
     ] = None,
+    mask: MaskOption = None,
 ) -> None:
     """List the lenses that `--camera NAME` knows, or what a video tells of its own.
 
@@ -37,11 +39,12 @@ def cameras(
       flightdepth cameras flight.mp4
     """
     if video is None:
-        if telemetry is not None:
-            raise BadInput("--telemetry", expected="a VIDEO beside it", got="none")
+        for option, file in {"--telemetry": telemetry, "--mask": mask}.items():
+            if file is not None:
+                raise BadInput(option, expected="a VIDEO beside it", got="none")
         list_lenses()
     else:
-        tell(video, telemetry)
+        tell(video, telemetry, mask)
 
 
 def list_lenses() -> None:
@@ -53,16 +56,17 @@ def list_lenses() -> None:
         say(f"{lens.name:<32} {view}  {lens.camera}: {lens.mode}  [{lens.source}]")
 
 
-def tell(path: Path, log: Path | None) -> None:
+def tell(path: Path, log: Path | None, mask: Path | None) -> None:
     """What `run` would take for a video without --camera, or what it would ask for."""
     from flightdepth.flight.cameras import choose_camera
     from flightdepth.flight.gpmf_telemetry import read_gpmf
+    from flightdepth.flight.mask import PictureMask
     from flightdepth.flight.recordings import at_recording
     from flightdepth.flight.telemetry import read_telemetry
     from flightdepth.flight.turn_verdict import described_turns, doubted_by_turns, turns_of
     from flightdepth.flight.video import Video
 
-    with Video(path) as video:
+    with Video(path, mask=None if mask is None else PictureMask.read(mask)) as video:
         try:
             told = (
                 read_gpmf(path)

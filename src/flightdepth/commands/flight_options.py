@@ -11,7 +11,7 @@ TelemetryOption = Annotated[
     Path | None,
     typer.Option(
         metavar="LOG",
-        help="Flight log of PX4, ArduPilot, MAVLink, DJI, Parrot, ROS, or CSV: told by what is in it. Without it, "
+        help="Flight log of PX4, ArduPilot, MAVLink, DJI, Parrot, ROS, GPX, or CSV: told by what is in it. Without it, "
         "the video's own track (GoPro), or a log of its name beside it.",
     ),
 ]

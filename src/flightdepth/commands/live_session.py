@@ -57,7 +57,8 @@ class Session:
     def __init__(self, settings: LiveSettings) -> None:
         self.settings = settings
         self.address = video_address(settings.video)
-        self.log, chosen = recorded(settings, self.address)
+        self.mask = None if settings.mask is None else PictureMask.read(settings.mask)
+        self.log, chosen = recorded(settings, self.address, self.mask)
         if chosen is None:
             self.lens = Lens.given(settings.camera, settings.hfov)
         else:
@@ -69,7 +70,6 @@ class Session:
             aligned=settings.align,
         )
         refuse_idle(settings, self.address, self.network.card)
-        self.mask = None if settings.mask is None else PictureMask.read(settings.mask)
         self.telemetry_name = str(settings.mavlink if self.log is None else self.log.name)
         say(f"{self.address.name} -> {self.network.card.name}; {self.telemetry_name}")
         say(f"camera: {self.lens.source}")
@@ -220,13 +220,15 @@ class Session:
         return self.link.write
 
 
-def recorded(settings: LiveSettings, address: VideoAddress) -> tuple[Telemetry | None, ChosenCamera | None]:
+def recorded(
+    settings: LiveSettings, address: VideoAddress, mask: PictureMask | None = None
+) -> tuple[Telemetry | None, ChosenCamera | None]:
     """The log that is played, and a video file's camera as `flightdepth run` chooses it; a stream tells neither."""
     if not address.paced:
         refuse_log_of_stream(settings, address)
         return None, None
     given, offset_s = settings.telemetry, settings.telemetry_offset
-    with Video(Path(address.target)) as video:
+    with Video(Path(address.target), mask=mask) as video:
         log = None
         if settings.mavlink is None:
             log, _ = choose_telemetry(

@@ -19,7 +19,6 @@ from flightdepth.errors import BadInput
 if TYPE_CHECKING:
     from flightdepth.camera import Camera
     from flightdepth.flight import Flight, Frame
-    from flightdepth.flight.mask import PictureMask
     from flightdepth.outputs import Source, Summary
     from flightdepth.outputs.record import FlightRecord
     from flightdepth.outputs.run import Progress
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
 def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = False) -> Outcome:
     """One flight into `target`; with `resume`, not again where the same result stands."""
     from flightdepth.flight import open_flight
-    from flightdepth.flight.mask import PictureMask
     from flightdepth.outputs.interrupted import keep_interrupted
     from flightdepth.outputs.writer import check_target
     from flightdepth.runtimes.network import load_network, nearest_network
@@ -48,6 +46,7 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
         mount_pitch_deg=settings.mount_pitch,
         start_s=settings.start,
         end_s=settings.end,
+        mask=settings.mask,
     ) as flight:
         network = load_network(
             settings.network or nearest_network(flight.camera),
@@ -55,22 +54,20 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
             aligned=settings.align,
         ).finer(settings.detail)
         check_options(network, settings)
-        size = (flight.camera.width, flight.camera.height)
-        mask = None if settings.mask is None else PictureMask.read(settings.mask).at(*size)
-        source = source_of(path.name, flight, network, settings, mask)
+        source = source_of(path.name, flight, network, settings)
         if resume and (found := standing(target, source)) is not None:
             return Outcome.STOOD if found.counts.frames_with_depth else Outcome.STOOD_EMPTY
-        introduce(path, flight, network, mask)
+        introduce(path, flight, network)
         if (other := other_flight(target, path.name, flight.video_bytes)) is not None:
             warn(f"{target} holds the result of {other}, which this one replaces when it is done")
         started = time.monotonic()
-        summary = write_depth(source, flight, network, target, settings, mask=mask, keeps=not resume)
+        summary = write_depth(source, flight, network, target, settings, keeps=not resume)
         elapsed_s = time.monotonic() - started
     conclude(summary, elapsed_s, target)
     return Outcome.DONE if summary.counts.frames_with_depth else Outcome.EMPTY
 
 
-def introduce(path: Path, flight: Flight, network: Network, mask: PictureMask | None = None) -> None:
+def introduce(path: Path, flight: Flight, network: Network) -> None:
     """Say what is about to run, and where the network sees too little of the picture."""
     camera, grid = flight.camera, network.grid(flight.camera)
     say(
@@ -78,8 +75,8 @@ def introduce(path: Path, flight: Flight, network: Network, mask: PictureMask | 
         f" -> {network.card.name} at {grid.camera.width}x{grid.camera.height}; {flight.telemetry_name}"
     )
     say(f"camera: {flight.camera_source}")
-    if mask is not None:
-        say(f"mask: {mask}")
+    if flight.mask is not None:
+        say(f"mask: {flight.mask}")
     if flight.clock is not None and flight.clock.offset_s is not None:  # else a warning says why
         say(f"offset between video and log: {flight.clock}")
     for line in warnings_of(flight, network):
@@ -93,7 +90,6 @@ def write_depth(
     target: Path,
     settings: RunSettings,
     *,
-    mask: PictureMask | None = None,
     watch: Progress | None = None,
     keeps: bool = False,
 ) -> Summary:
@@ -113,7 +109,7 @@ def write_depth(
         fusion=settings.fusion,
         derotate=settings.derotate,
         fallback=None if settings.fallback is None else partial(load_network, settings.fallback),
-        mask=None if mask is None else mask.shown,
+        mask=None if flight.mask is None else flight.mask.shown,
     )
     preview = Preview(
         camera.width,
@@ -189,9 +185,7 @@ def conclude(summary: Summary, elapsed_s: float, target: Path) -> None:
     say(f"preview: {target / 'preview.mp4'}")
 
 
-def source_of(
-    name: str, flight: Flight, network: Network, settings: RunSettings, mask: PictureMask | None = None
-) -> Source:
+def source_of(name: str, flight: Flight, network: Network, settings: RunSettings) -> Source:
     """What is run, and with what."""
     from flightdepth.outputs import Source
 
@@ -204,7 +198,7 @@ def source_of(
         true_north=flight.true_north,
         camera=flight.camera,
         camera_source=flight.camera_source,
-        mask_digest=None if mask is None else mask.digest,
+        mask_digest=None if flight.mask is None else flight.mask.digest,
         clock=flight.clock,
         network=network.card,
         settings=settings.for_record,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.flight.mask import PictureMask
 from flightdepth.flight.records import NS_PER_S, Frame
 from flightdepth.flight.rotation import Flow, likeliest_motion, rotation_flow
 from flightdepth.flight.steadiness import FEWEST_FOLLOWED, NOISE_PX, Grey, follow, small_camera, small_grey
@@ -47,9 +48,13 @@ class Followed(NamedTuple):
     after_ns: int
 
 
-def followed(frames: Iterable[Frame], camera: Camera) -> Iterator[Followed]:
-    """Points of each picture followed from one a tenth of a second before; about 2 ms a picture beside decoding."""
+def followed(frames: Iterable[Frame], camera: Camera, mask: PictureMask | None = None) -> Iterator[Followed]:
+    """Points of each picture followed from one a tenth of a second before; about 2 ms a picture beside decoding.
+
+    None of what a mask hides.
+    """
     small = small_camera(camera)
+    shown = None if mask is None else mask.at(small.width, small.height).shown
     kept: deque[tuple[int, Grey]] = deque()
     for frame in frames:
         if kept and frame.stamp_ns - kept[-1][0] < LEAST_STEP_NS:
@@ -59,15 +64,17 @@ def followed(frames: Iterable[Frame], camera: Camera) -> Iterator[Followed]:
             kept.popleft()
         (before_ns, before), (after_ns, after) = kept[0], kept[-1]
         if len(kept) > 1:
-            start, end, _ = follow(before, after)
+            start, end, _ = follow(before, after, shown)
             yield Followed(start, end, before_ns, after_ns)
 
 
-def apparent_motion(frames: Iterable[Frame], camera: Camera) -> ApparentMotion:
-    """Of the pictures of a camera; about 5 ms a picture beside decoding."""
+def apparent_motion(
+    frames: Iterable[Frame], camera: Camera, mask: PictureMask | None = None
+) -> ApparentMotion:
+    """Of the pictures of a camera, but for what a mask hides; about 5 ms a picture beside decoding."""
     small = small_camera(camera)
     stamps, rows = [], []
-    for pair in followed(frames, camera):
+    for pair in followed(frames, camera, mask):
         stamps.append((pair.before_ns + pair.after_ns) // 2)
         rows.append(_motion(pair, small))
     table = np.array(rows, dtype=np.float64).reshape(-1, 7)

@@ -31,7 +31,7 @@ SELDOM_NS = 5 * NS_PER_S  # between velocities: what lies in the middle of such 
 NO_TELEMETRY = "Give --telemetry LOG or --speed M_S."
 # What a log's name may end in, where its content is not known; those that are known need no ending.
 LOG_SUFFIXES = frozenset(
-    {".csv", ".txt", ".srt", ".json", ".ulg", ".bin", ".log", ".tlog", ".bag", ".mcap", ".db3"}
+    {".csv", ".txt", ".srt", ".json", ".ulg", ".bin", ".log", ".tlog", ".bag", ".mcap", ".db3", ".gpx"}
 )
 
 
@@ -128,7 +128,8 @@ def synchronised(video: Video, camera: Camera, log: Telemetry) -> tuple[Telemetr
     )
     with Video(video.path, start_s=start_s, end_s=last_s) as watched:
         within_s = searched_s(log, video.duration_ns)
-        clock = estimate_offset(apparent_motion(watched.frames(), camera), log, within_s)
+        motion = apparent_motion(watched.frames(), camera, video.mask)
+        clock = estimate_offset(motion, log, within_s)
     try:
         if clock.offset_s is not None:
             log = log.later_by(round(clock.offset_s * NS_PER_S))

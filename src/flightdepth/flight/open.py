@@ -23,6 +23,7 @@ from flightdepth.flight.flight_log import (
     mounted,
     synchronised,
 )
+from flightdepth.flight.mask import PictureMask
 from flightdepth.flight.offset import ClockOffset
 from flightdepth.flight.own_track import disagreements
 from flightdepth.flight.places import PlaceTrack
@@ -109,6 +110,11 @@ class Flight:
         return self._telemetry is None or self._telemetry.any_direction
 
     @property
+    def mask(self) -> PictureMask | None:
+        """What was given as such, at the size of the pictures."""
+        return self._video.mask
+
+    @property
     def camera_source(self) -> str:
         """A line saying where the camera comes from, and how sure it is."""
         return self._chosen.source
@@ -186,6 +192,7 @@ def open_flight(
     mount_pitch_deg: float | None = None,
     start_s: float | None = None,
     end_s: float | None = None,
+    mask: str | Path | None = None,
 ) -> Flight:
     """Open a video with its telemetry.
 
@@ -198,10 +205,12 @@ def open_flight(
     mount_pitch_deg  the camera is screwed to the drone and looks up by so many degrees, -90 is down
     speed_m_s  constant speed in any direction, for flights without a log
     start_s, end_s  part of the video, seconds since its first picture
+    mask       a picture, black where others show no scene: nothing there tells of the offset, nor of the lens
     """
     if telemetry is not None and speed_m_s is not None:
         raise BadInput("--telemetry and --speed", expected="one of them", got="both")
-    video = Video(Path(path), start_s=start_s, end_s=end_s)
+    hidden = None if mask is None else PictureMask.read(Path(mask))
+    video = Video(Path(path), start_s=start_s, end_s=end_s, mask=hidden)
     try:
         log, inside = choose_telemetry(video, telemetry, speed_m_s, telemetry_offset_s)
         log = mounted(log, mount_pitch_deg)

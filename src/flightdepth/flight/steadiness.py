@@ -34,6 +34,7 @@ MIN_POINTS = 20
 FEWEST_FOLLOWED = MIN_POINTS // 2
 MIN_FOLLOWED = 0.15  # share of the points found again; fewer: blur of a very fast turn, or a cut
 NOISE_PX = 0.15
+CORNER_PX = 5  # a corner is told by a square of so many pixels
 RETURN_PX = 0.5  # a point tracked forth and back comes home within this
 
 Grey = NDArray[np.uint8]
@@ -140,9 +141,10 @@ def small_grey(image: NDArray[np.uint8], small: Camera) -> Grey:
 def follow(before: Grey, after: Grey, shown: Flags | None = None) -> tuple[Vector, Vector, int]:
     """Pixels [n, 2] of corners in `before`, of the same ones in `after`, and how many were looked for.
 
-    No corners are looked for where `shown` [h, w] is False.
+    No corners are looked for where `shown` [h, w] is False, nor so near to it that they may be its edge.
     """
-    mask = None if shown is None else shown.astype(np.uint8)
+    around = np.ones((CORNER_PX, CORNER_PX), np.uint8)
+    mask = None if shown is None else cv2.erode(shown.astype(np.uint8), around)
     corners = cv2.goodFeaturesToTrack(before, MAX_POINTS, 0.01, 6, mask=mask)
     if corners is None:
         return np.empty((0, 2)), np.empty((0, 2)), 0

@@ -12,6 +12,7 @@ from flightdepth.flight.dji_record import looks_like_dji_record, read_dji_record
 from flightdepth.flight.dji_srt import looks_like_dji_srt, read_dji_srt
 from flightdepth.flight.file_bytes import head_of, log_bytes
 from flightdepth.flight.gpmf_telemetry import read_gpmf
+from flightdepth.flight.gpx import looks_like_gpx, read_gpx
 from flightdepth.flight.parrot import looks_like_parrot, read_parrot
 from flightdepth.flight.records import Telemetry
 from flightdepth.flight.ros import looks_like_ros, read_ros
@@ -48,6 +49,7 @@ FORMATS: tuple[Format, ...] = (
     Format("ROS recording", looks_like_ros, read_ros),
     Format("ArduPilot DataFlash", looks_like_dataflash, read_dataflash),
     Format("MAVLink tlog", looks_like_tlog, read_tlog),
+    Format("GPX", looks_like_gpx, read_gpx),
     Format("DJI subtitles", looks_like_dji_srt, read_dji_srt),
     Format("DJI flight record", looks_like_dji_record, read_dji_record),
     Format("Parrot metadata", looks_like_parrot, read_parrot),

@@ -33,7 +33,7 @@ def turns_of(video: Video, log: Telemetry, camera: Camera) -> TurnWatch:
         return watch
     with watched:
         frames = (frame for frame in watched.frames() if watch.wants(frame.stamp_ns))
-        for pair in followed(frames, camera):
+        for pair in followed(frames, camera, video.mask):
             watch.add(*pair)
     return watch
 

@@ -19,7 +19,9 @@ from flightdepth.flight.container import open_container, timed_stream
 from flightdepth.flight.decoding import NO_KEY_FRAME_YET, SoundPictures
 from flightdepth.flight.deinterlacing import deinterlaced
 from flightdepth.flight.display_matrix import turn_of, upright
+from flightdepth.flight.mask import PictureMask
 from flightdepth.flight.records import NS_PER_S, Frame, seconds
+from flightdepth.flight.spherical import refuse_sphere
 
 LEAST_MISSING_NS = NS_PER_S  # at the end of a file that is read from its middle on
 
@@ -38,10 +40,18 @@ class Video:
     A picture that is damaged or built on a damaged one, has no time, or is not later than the one before is left
     out and counted in `counts`. Pictures are turned upright, and mirrored, where the file says so.
     `duration_ns` is what the file claims, 0 where it does not say; `frame_count_hint` is about how many
-    pictures will be delivered, for progress bars, None where the file does not say.
+    pictures will be delivered, for progress bars, None where the file does not say. `mask` tells who looks at the
+    pictures where they show the scene; it has their size.
     """
 
-    def __init__(self, path: Path, *, start_s: float | None = None, end_s: float | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        start_s: float | None = None,
+        end_s: float | None = None,
+        mask: PictureMask | None = None,
+    ) -> None:
         self.path = path
         self.start_ns, self.end_ns = _interval(start_s, end_s)
         self.counts: Counter[str] = Counter()
@@ -50,6 +60,7 @@ class Video:
         try:
             self._stream = timed_stream(path, self._container)
             self._first = self._begin()
+            self.mask = None if mask is None else mask.at(*self.size)
         except BaseException:
             self.close()
             raise
@@ -66,6 +77,7 @@ class Video:
         first = next(self._chosen, None)
         if first is None:
             raise self._no_frame()
+        refuse_sphere(self.path, self._container, first.picture)
         return first
 
     def __enter__(self) -> Video:
