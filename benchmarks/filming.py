@@ -9,7 +9,7 @@ first is made as bright as the second then, but for `--as-they-come`.
     noise        photons and 3 electrons of read noise a pixel, of 6,000 electrons at full scale at ISO 100
     blur         a shutter that is open for a share of the time between the two pictures; depth is that of its middle
     rolling      the last row is read a share of that time after the first; depth is that of each row's own time
-    vignetting   brightness falls with the fourth power of the cosine, as through a simple lens
+    vignetting   brightness falls with the fourth power of the cosine, as through a simple lens, or with a lower one
     jpeg, h264   qualities; constant rate factors of x264, 23 where nobody says, more is worse
 """
 
@@ -33,6 +33,7 @@ from flightdepth.evaluation.fixed_set import fixed_set
 from flightdepth.evaluation.network import evaluate_network
 from flightdepth.evaluation.provenance import origin_of
 from flightdepth.ranges.exposure import exposed_as
+from flightdepth.ranges.vignetting import Vignetting
 from flightdepth.renderers.raycast import render
 from flightdepth.runtimes.network import load_network
 from flightdepth.scenes import Scene, Textures
@@ -189,12 +190,13 @@ def rolling(share: float) -> Way:
     return way
 
 
-def vignetting(shot: Shot) -> Shot:
-    camera = shot.camera
-    x = (np.arange(camera.width) - camera.cx) / camera.fx
-    y = (np.arange(camera.height) - camera.cy) / camera.fy
-    fall = (1 + x**2 + y[:, None] ** 2) ** -2.0
-    return shot.developed(lambda linear: _srgb(linear * fall[..., None].astype(np.float32)))
+def vignetting(share: float) -> Way:
+    def way(shot: Shot) -> Shot:
+        x, y = shot.camera.ray_axes()
+        fall = (1 + x**2 + y**2) ** (-2.0 * share)
+        return shot.developed(lambda linear: _srgb(linear * fall[..., None].astype(np.float32)))
+
+    return way
 
 
 def jpeg(quality: int) -> Way:
@@ -214,7 +216,10 @@ WAYS: dict[str, dict[str, Way]] = {
     "noise": {f"ISO {iso:,}": noise(iso) for iso in (100, 400, 1600, 6400)},
     "blur": {f"shutter open for {share:.0%} of the time": blur(share) for share in (0.05, 0.15, 0.3, 0.6)},
     "rolling": {f"read out in {share:.0%} of the time": rolling(share) for share in (0.1, 0.3)},
-    "vignetting": {"vignetting": vignetting},
+    # A corner of 90 degrees lies 55 off the axis, where the cosine's fourth power is a ninth.
+    "vignetting": {
+        f"corners with {9**-share:.0%} of the light": vignetting(share) for share in (0.1, 0.25, 0.5, 1)
+    },
     "jpeg": {f"JPEG of quality {quality}": jpeg(quality) for quality in (95, 80, 60)},
     "h264": {f"H.264, factor {factor}": h264(factor) for factor in (18, 23, 28)},
 }
@@ -229,13 +234,20 @@ def large_rooms(card: NetworkCard, scenes: int, times: int) -> TestSet:
 
 
 def filmed(rooms: TestSet, name: str, way: Way, options: argparse.Namespace) -> Iterator[TestPair]:
-    for number in counted(range(len(rooms)), name, "pairs"):
-        shot = Shot.of(rooms, number)
-        pair = way(shot).shrunk(options.times)
-        if not options.as_they_come:
-            seen_by = shot.camera.resized(*pair.current.shape[1::-1])
-            pair = replace(pair, previous=exposed_as(pair.previous, pair.current, seen_by))
-        yield pair
+    """Pairs as a network is shown them: evened out by what all of them tell of the lens, and equally bright."""
+    shots = counted(range(len(rooms)), name, "pairs")
+    pairs = [way(Shot.of(rooms, number)).shrunk(options.times) for number in shots]
+    if options.as_they_come:
+        yield from pairs
+        return
+    height, width = pairs[0].current.shape[:2]
+    camera = Shot.of(rooms, 0).camera.resized(width, height)
+    lens = Vignetting(camera)
+    for pair in pairs:
+        lens.learn(pair.previous, pair.current)
+    for pair in pairs:
+        previous, current = lens.evened(pair.previous), lens.evened(pair.current)
+        yield replace(pair, previous=exposed_as(previous, current, camera), current=current)
 
 
 def cells(found: dict[str, Any]) -> Iterator[str]:

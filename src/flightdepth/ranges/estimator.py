@@ -35,6 +35,7 @@ from flightdepth.ranges.temporal import TemporalAverage, step_between
 from flightdepth.ranges.timeline import check_stamp
 from flightdepth.ranges.tracks import Tracker
 from flightdepth.ranges.turning import in_view, is_visible, turned
+from flightdepth.ranges.vignetting import Vignetting
 from flightdepth.runtimes.arrays import Flags
 from flightdepth.runtimes.contract import OUTPUT_STRIDE
 from flightdepth.runtimes.grid import check_image, check_mask
@@ -53,6 +54,7 @@ DENIED = (
     " are its velocities in the axes that it says, is it of this clock (of a log, `run --telemetry-offset auto` seeks"
     " it), and is the camera mounted as it says?"
 )
+VIGNETTING = "pictures are darker towards their corners; depth is of pictures that are evened out"
 NON_ROTATING = "camera-frame velocity without attitude: the camera is taken not to turn"
 
 
@@ -208,6 +210,7 @@ class MultiRangeEstimator:
         tracker = Tracker(ideal, self._shown)
         self._directions, self._derotation = SeenDirections(ideal, tracker), Derotation(ideal, tracker)
         self._log_check = LogCheck(ideal, tracker)
+        self._vignetting = Vignetting(ideal, self._shown)
 
     def forget_frames(self) -> None:
         """Pair what comes with none of the frames so far: some of them may be damaged, or of another flight."""
@@ -238,10 +241,12 @@ class MultiRangeEstimator:
         # A picture that fits the grid comes back as it is; the caller may write its next frame into it.
         picture = prepared.copy() if prepared is image else prepared
         self._repeats.add(stamp_ns, self._scene_of(picture))
-        current = Frame(self._frames_given, self._repeats.taken_ns(stamp_ns), picture)
+        taken = Frame(self._frames_given, self._repeats.taken_ns(stamp_ns), picture)
+        current = replace(taken, image=self._vignetting.evened(picture))
         chosen = self._pairs(current, stamp_ns)
         if not self._repeats.frozen:
-            self._buffer.add(current)
+            self._vignetting.watch(taken, self._buffer.frames)
+            self._buffer.add(taken)
         if isinstance(chosen, str):
             return self._unknown(chosen, started)
         pairs, seer = chosen
@@ -280,7 +285,9 @@ class MultiRangeEstimator:
         lines = baselines(self._trajectory, self._buffer.frames, current.stamp_ns, self._max_turn_rad)
         if lines.reason is not None:
             return lines.reason
-        exposed = ExposedFrames(lines, current.image, self._grid.camera, self._shown)
+        exposed = ExposedFrames(
+            lines, current.image, self._grid.camera, self._shown, evened=self._vignetting.evened
+        )
         lines = replace(lines, frames=exposed)
         if pairs := self._picked(lines, current, self._first):
             return pairs, self._first
@@ -381,7 +388,8 @@ class MultiRangeEstimator:
     def _notes(self, seer: Seer) -> tuple[str, ...]:
         non_rotating = (NON_ROTATING,) if self._trajectory.non_rotating else ()
         told = () if seer is self._first else (FALLEN_BACK.format(seer.card.name),)
-        return non_rotating + self._memory.notes + told
+        darker = (VIGNETTING,) if self._vignetting.strength else ()
+        return non_rotating + self._memory.notes + told + darker
 
     def _moved(self, pairs: tuple[Pair, ...], card: NetworkCard) -> NDArray[np.float64] | None:
         told = card.knows_direction or all(pair.directed for pair in pairs)

@@ -6,6 +6,7 @@ pictures of a pair makes the error of `motion` more than twice as large, a whole
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -37,9 +38,21 @@ BLACK_WEIGHT = 0.002
 class ExposedFrames:
     """The frames of baselines, each as the current picture's exposure shows it; worked out where it is asked for."""
 
-    def __init__(self, lines: Baselines, current: Image, camera: Camera, shown: Flags | None = None) -> None:
-        """`shown` [h, w], a quarter of the size, is False where brightness is not to be compared."""
+    def __init__(
+        self,
+        lines: Baselines,
+        current: Image,
+        camera: Camera,
+        shown: Flags | None = None,
+        *,
+        evened: Callable[[Image], Image],
+    ) -> None:
+        """`shown` [h, w], a quarter of the size, is False where brightness is not to be compared.
+
+        `evened` makes a frame's picture as bright in its corners as in its middle, as `current` is.
+        """
         self._lines, self._camera, self._current, self._shown = lines, camera, current, shown
+        self._evened = evened
         self._found: dict[int, Frame] = {}
 
     def __getitem__(self, k: int) -> Frame:
@@ -47,7 +60,8 @@ class ExposedFrames:
         if k not in self._found:
             frame, turn = self._lines.frames[k], self._lines.current_from_previous[k]
             turn_rad = float(self._lines.turn_rad[k])
-            image = exposed_as(frame.image, self._current, self._camera, turn, turn_rad, shown=self._shown)
+            image = self._evened(frame.image)
+            image = exposed_as(image, self._current, self._camera, turn, turn_rad, shown=self._shown)
             self._found[k] = frame if image is frame.image else replace(frame, image=image)
         return self._found[k]
 
