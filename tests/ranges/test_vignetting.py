@@ -47,9 +47,9 @@ def learnt(strength: float, pairs: int = PAIRS, **changes) -> Vignetting:
 
 
 @pytest.mark.parametrize("strength", [0.1, 0.3, 0.45, 0.9])
-@pytest.mark.parametrize("brighter", [1.0, 1.15])
+@pytest.mark.parametrize("brighter", [1.0, 1.04])
 def test_a_lens_s_strength_is_found(strength, brighter):
-    """Whatever the exposure of the second picture."""
+    """Though the exposure of the second picture is a little another."""
     lens = learnt(strength, brighter=brighter)
     told, sigma = lens.estimate
     assert told == pytest.approx(strength, abs=0.03 + 0.05 * strength)
@@ -62,6 +62,11 @@ def test_through_a_good_lens_pictures_stay_as_they_are_to_the_bit():
     assert abs(lens.estimate[0]) < LEAST_STRENGTH
     picture = filmed(0.0)[0]
     assert lens.evened(picture) is picture
+
+
+def test_pairs_between_which_the_exposure_changed_tell_nothing():
+    lens = learnt(0.45, brighter=1.15)
+    assert lens.estimate == (0.0, np.inf)
 
 
 def test_nothing_is_done_before_it_is_sure():
@@ -88,7 +93,7 @@ def test_what_is_masked_does_not_count():
     lens = Vignetting(CAMERA, shown)
     for seed in range(2 * PAIRS):
         previous, current = filmed(0.45, seed=seed)
-        for picture, drone in zip((previous, current), filmed(0.0, brighter=1.3, seed=99), strict=True):
+        for picture, drone in zip((previous, current), filmed(0.0, brighter=1.03, seed=99), strict=True):
             picture[:, 128:] = drone[:, 128:]
         lens.learn(previous, current)
     assert lens.estimate[0] == pytest.approx(0.45, abs=0.05)
@@ -104,8 +109,8 @@ def test_pictures_without_corners_tell_nothing():
 class Spy:
     """A network that keeps the pictures it is shown."""
 
-    def __init__(self) -> None:
-        self._network, self.shown = load_network("motion-tiny", threads=1), []
+    def __init__(self, name: str = "motion-tiny") -> None:
+        self._network, self.shown = load_network(name, threads=1), []
 
     def __getattr__(self, name):
         return getattr(self._network, name)
@@ -129,18 +134,19 @@ def test_a_network_sees_pictures_evened_out_and_the_result_says_so(monkeypatch, 
         np.testing.assert_array_equal(seen, lens.evened(picture))
 
 
-def test_a_flight_is_learnt_from(monkeypatch):
-    """Its frames as they come, not as they were evened out."""
+@pytest.mark.parametrize(("name", "pairs"), [("motion-tiny", 1), ("tiny-clamped-256", 0)])
+def test_a_flight_is_learnt_from(monkeypatch, name, pairs):
+    """Its frames as they come, not as they were evened out; for a DepthNet, which is no better for it, nothing is."""
     monkeypatch.setattr(Vignetting, "strength", 0.45)
     learnt_from = []
     monkeypatch.setattr(Vignetting, "learn", lambda self, *pair: learnt_from.append(pair))
-    estimator = MultiRangeEstimator(Spy(), CAMERA, ranges=1, derotate=False)
+    estimator = MultiRangeEstimator(Spy(name), CAMERA, ranges=1, derotate=False)
     pictures = [filmed(0.45, seed=seed)[0] for seed in range(BACK + EVERY)]
     for index, picture in enumerate(pictures):
         estimator.add_frame(index * 10**8, picture)
-    (pair,) = learnt_from
-    assert any(np.array_equal(pair[1], picture) for picture in pictures)
-    assert any(np.array_equal(pair[0], picture) for picture in pictures)
+    assert len(learnt_from) == pairs
+    for picture in [picture for pair in learnt_from for picture in pair]:
+        assert any(np.array_equal(picture, each) for each in pictures)
 
 
 def test_every_few_frames_are_looked_at_until_enough_is_known():

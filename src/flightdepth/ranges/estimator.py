@@ -245,7 +245,8 @@ class MultiRangeEstimator:
         current = replace(taken, image=self._vignetting.evened(picture))
         chosen = self._pairs(current, stamp_ns)
         if not self._repeats.frozen:
-            self._vignetting.watch(taken, self._buffer.frames)
+            if self._network.card.knows_direction:  # others err more in pictures that are evened out
+                self._vignetting.watch(taken, self._buffer.frames)
             self._buffer.add(taken)
         if isinstance(chosen, str):
             return self._unknown(chosen, started)
