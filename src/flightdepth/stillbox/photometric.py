@@ -1,4 +1,4 @@
-"""What a real camera does to the pictures of a pair: vignetting, exposure, colour, blur, noise, JPEG."""
+"""What a real camera does to the pictures of a pair: exposure, colour, blur, noise, JPEG."""
 
 from __future__ import annotations
 
@@ -8,19 +8,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.camera import Camera
 from flightdepth.stillbox.pairs import Image, Pair
 
 LARGEST_PX = 1024  # edge of the field that noise is cut from
-DISPLAY_GAMMA = 2.2  # light is about a grey level to that power
 
 
 class Photometric:
     """Random camera effects, the same on both images but for a small change of exposure and fresh noise.
 
     Ranges: exposure x0.6..1.6, gamma 0.75..1.35, each channel +-10 %, contrast with a lifted black up to 12 %,
-    blur up to 1.1 px (a third of the pairs), noise up to 3 % (two thirds), JPEG quality 35..95 (a third), vignetting
-    from none to a simple lens's (a third).
+    blur up to 1.1 px (a third of the pairs), noise up to 3 % (two thirds), JPEG quality 35..95 (a third).
     """
 
     def __init__(self) -> None:
@@ -34,12 +31,10 @@ class Photometric:
         sigma_px = rng.uniform(0.3, 1.1) if rng.random() < 1 / 3 else 0.0
         noise = rng.uniform(0.3, 7.5) if rng.random() < 2 / 3 else 0.0
         quality = int(rng.integers(35, 96)) if rng.random() < 1 / 3 else 0
-        vignette = _vignette(pair.camera, rng.random()) if rng.random() < 1 / 3 else None
         images = []
         for image in (pair.previous, pair.current):
             stops = exposure + rng.uniform(-0.08, 0.08)
-            seen = image if vignette is None else np.rint(image * vignette).astype(np.uint8)
-            seen = np.asarray(cv2.LUT(seen, _tone_curve(tint * 2.0**stops, gamma, lift)), np.uint8)
+            seen = np.asarray(cv2.LUT(image, _tone_curve(tint * 2.0**stops, gamma, lift)), np.uint8)
             seen = np.asarray(cv2.GaussianBlur(seen, (0, 0), sigma_px), np.uint8) if sigma_px else seen
             seen = self._with_noise(rng, seen, noise) if noise else seen
             images.append(through_jpeg(seen, quality) if quality else seen)
@@ -53,14 +48,6 @@ class Photometric:
             y, x = rng.integers(0, LARGEST_PX - np.array([height, width]) + 1)
             out[..., channel] += sigma * self._noise[y : y + height, x : x + width]
         return np.clip(np.rint(out), 0, 255).astype(np.uint8)
-
-
-def _vignette(camera: Camera, share: float) -> NDArray[np.float32]:
-    """What grey levels shrink by, float32 [h, w, 1], 0..1: light by the cosine's fourth power to that share."""
-    x = (np.arange(camera.width) - camera.cx) / camera.fx
-    y = (np.arange(camera.height) - camera.cy) / camera.fy
-    light = (1 + x**2 + y[:, None] ** 2) ** (-2 * share)
-    return (light ** (1 / DISPLAY_GAMMA))[..., None].astype(np.float32)
 
 
 def _tone_curve(gain: NDArray[np.float64], gamma: float, lift: float) -> Image:
