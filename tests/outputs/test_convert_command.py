@@ -173,7 +173,12 @@ def test_a_flight_that_hovered_all_the_time(convert, work):
 
 @pytest.mark.parametrize(
     ("kind", "module", "extra"),
-    [("las", "laspy", "clouds"), ("laz", "pyproj", "clouds"), ("mcap", "mcap.writer", "ros")],
+    [
+        ("las", "laspy", "clouds"),
+        ("laz", "pyproj", "clouds"),
+        ("bt", "octomap", "clouds"),
+        ("mcap", "mcap.writer", "ros"),
+    ],
 )
 def test_without_the_extra_it_says_which(convert, monkeypatch, kind, module, extra):
     monkeypatch.setitem(sys.modules, module, None)  # an import of it fails

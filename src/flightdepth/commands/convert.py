@@ -151,11 +151,12 @@ def check_depth(flight: FlightFolder) -> None:
 
 def write_map(flight: FlightFolder, file: Path, settings: CloudSettings) -> tuple[str, str]:
     """The occupancy map of a flight into `file`; how large what it tells is, and in which frame."""
-    with extra_packages("Writing OctoMaps", "clouds"):
-        from flightdepth.outputs.occupancy import bt_bytes, occupancy_of, volumes_m3
+    from flightdepth.outputs.occupancy import bt_bytes, occupancy_of, volumes_m3
 
-        with progress_bar("map", -(-len(flight.rows) // settings.every), "frames") as bar:
-            tree = occupancy_of(flight, settings, bar.step)
+    with extra_packages("Writing OctoMaps", "clouds"):
+        import octomap  # noqa: F401  before the work, not after it
+    with progress_bar("map", -(-len(flight.rows) // settings.every), "frames") as bar:
+        tree = occupancy_of(flight, settings, bar.step)
     occupied_m3, free_m3 = volumes_m3(tree)
     if not occupied_m3 + free_m3:
         raise BadInput(f"depth in {flight.folder}", expected="space that is known", got="none", mend=WIDER)
