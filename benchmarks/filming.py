@@ -241,7 +241,7 @@ def filmed(rooms: TestSet, name: str, way: Way, options: argparse.Namespace) -> 
         yield from pairs
         return
     height, width = pairs[0].current.shape[:2]
-    camera = Shot.of(rooms, 0).camera.resized(width, height)
+    camera = rooms.drawn(0)[2].resized(width, height)
     lens = Vignetting(camera)
     for pair in pairs if options.evens_out else ():
         lens.learn(pair.previous, pair.current)

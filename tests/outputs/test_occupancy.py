@@ -8,12 +8,13 @@ from output_samples import HEIGHT, WIDTH, known
 
 from flightdepth.outputs import FlightFolder
 from flightdepth.outputs.cloud import CloudSettings
-from flightdepth.outputs.occupancy import RIGHT_WITHIN, bt_bytes, free_to, occupancy_of, volumes_m3
+from flightdepth.outputs.occupancy import bt_bytes, free_to, occupancy_of, volumes_m3
+from flightdepth.ranges.fusion import RIGHT_WITHIN
 
 CELL_M = 0.5
 SETTINGS = CloudSettings(every=1, voxel_m=CELL_M, max_range_m=30)
 UNKNOWN, FREE, OCCUPIED = -1, 0, 1
-NEARER_M = (WALL_M - STEP_M * (FRAMES - 1)) / RIGHT_WITHIN + STEP_M * (
+NEARER_M = (WALL_M - STEP_M * (FRAMES - 1)) / (1 + RIGHT_WITHIN) + STEP_M * (
     FRAMES - 1
 )  # what the last frame sees past
 
@@ -71,7 +72,7 @@ def test_volumes(folder, tree):
     occupied_m3, free_m3 = volumes_m3(tree)
     seen_m = WALL_M - 4 * STEP_M
     assert occupied_m3 == pytest.approx(2 * seen_m * 2 * seen_m * HEIGHT / WIDTH * CELL_M, rel=0.1)
-    far_m = (WALL_M - STEP_M) / RIGHT_WITHIN
+    far_m = (WALL_M - STEP_M) / (1 + RIGHT_WITHIN)
     pyramid_m3 = (2 * far_m) * (2 * far_m * HEIGHT / WIDTH) * far_m / 3
     assert 0.95 * pyramid_m3 < free_m3 < 1.3 * pyramid_m3
 
@@ -98,13 +99,10 @@ class Maps:
 
     def __init__(self, depth_m, sigma_m=None, farther_than_m=None, confidence=0.8) -> None:
         shape = HEIGHT, WIDTH
-        self._depth_m = known(depth_m).depth_m
+        self.depth_m = known(depth_m).depth_m
         self._sigma_m = None if sigma_m is None else np.full(shape, sigma_m, np.float32)
         self._farther_than_m = farther_than_m
-        self._confidence = np.where(np.isfinite(self._depth_m), np.float32(confidence), np.float32(0))
-
-    def depth_m(self, _):
-        return self._depth_m
+        self._confidence = np.where(np.isfinite(self.depth_m), np.float32(confidence), np.float32(0))
 
     def sigma_m(self, _):
         return self._sigma_m
@@ -135,11 +133,12 @@ def half(left, right):
     ],
 )
 def test_how_far_a_pixel_looks_past_nothing(maps, reach_m):
-    assert free_to(maps, 0, SETTINGS) == pytest.approx(np.full((HEIGHT, WIDTH), reach_m))
+    assert free_to(maps, 0, maps.depth_m, SETTINGS) == pytest.approx(np.full((HEIGHT, WIDTH), reach_m))
 
 
 def test_beside_something_near_space_is_free_no_farther(folder):
     """What is thin may have no pixel of its own in a network's map."""
-    reach_m = free_to(Maps(half(5, 20), sigma_m=0.0), 0, SETTINGS)[0]
+    maps = Maps(half(5, 20), sigma_m=0.0)
+    reach_m = free_to(maps, 0, maps.depth_m, SETTINGS)[0]
     assert reach_m[WIDTH // 2] == 5
     assert reach_m[WIDTH // 2 + 2] == 20

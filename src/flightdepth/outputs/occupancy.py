@@ -20,9 +20,9 @@ from flightdepth.outputs.cloud import WIDEST, AgreedView, CloudSettings, agreed_
 from flightdepth.outputs.cloud_files import FRAME
 from flightdepth.outputs.encoding import Map
 from flightdepth.outputs.read import FlightFolder
+from flightdepth.ranges.fusion import RIGHT_WITHIN
 
 DEVIATIONS = 2.0  # that free space ends before what is seen
-RIGHT_WITHIN = 1.25  # what confidence is the chance of: for networks that tell no deviation
 BESIDE = 56  # of a picture's width: free is what is free as far beside it, two pixels of a network's own map
 
 
@@ -34,7 +34,7 @@ def occupancy_of(
 
     tree = OcTree(settings.voxel_m)
     for seen in agreed_views(folder, settings, on_view):
-        reach_m = free_to(folder, seen.view.pose.index, settings)
+        reach_m = free_to(folder, seen.view.pose.index, seen.view.depth_m, settings)
         for layer in free_cells(seen, reach_m, settings):
             tree.updateNodes(layer, False, True)
         hit = np.unique(_cells(seen.points_enu, settings.voxel_m), axis=0)
@@ -56,10 +56,12 @@ def bt_bytes(tree: Any) -> bytes:
     return b"\n".join([first, f"# {FRAME}".encode(), rest])
 
 
-def free_to(folder: FlightFolder, index: int, settings: CloudSettings) -> Map:
+def free_to(folder: FlightFolder, index: int, depth_m: Map, settings: CloudSettings) -> Map:
     """How far each pixel [H, W] of a frame looks past nothing, metres along the axis, 0 where that is not known."""
-    depth_m, sigma_m = folder.depth_m(index), folder.sigma_m(index)
-    nearest_m = depth_m / RIGHT_WITHIN if sigma_m is None else depth_m - DEVIATIONS * sigma_m
+    sigma_m = folder.sigma_m(index)
+    # A network that tells no deviation has a confidence still, the chance that depth is right within so much.
+    least_m = depth_m / np.float32(1 + RIGHT_WITHIN)
+    nearest_m = least_m if sigma_m is None else depth_m - DEVIATIONS * sigma_m
     sure = (nearest_m > 0) & (folder.confidence(index) >= settings.min_confidence)
     bound_m = folder.farther_than_m(index)
     beyond_m = np.zeros_like(depth_m) if bound_m is None else np.nan_to_num(bound_m, nan=0.0)

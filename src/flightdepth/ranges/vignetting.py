@@ -21,6 +21,7 @@ from flightdepth.ranges.network import Image
 from flightdepth.ranges.pairs import Frame
 from flightdepth.ranges.tracks import Corners, in_grey
 from flightdepth.runtimes.arrays import Flags
+from flightdepth.runtimes.lens import distort
 
 # Corners are followed in pictures of even brightness: in pictures as they come they slip to where it is the same, and
 # half of the effect is lost. A window of 33 px loses a tenth of it, one of 17 little; what is less leaves no contrast.
@@ -111,8 +112,7 @@ class Vignetting:
     def _levels(self, image: Image, rays: Vector) -> NDArray[np.float64]:
         """Grey levels [N] where rays [N, 3] meet a picture."""
         grey = cv2.blur(in_grey(image), (LEVEL_PX, LEVEL_PX)).astype(np.float32)
-        camera = self._camera
-        pixels = (rays[:, None, :2] * [camera.fx, camera.fy] + [camera.cx, camera.cy]).astype(np.float32)
+        pixels = distort(rays[:, None, :2], self._camera).astype(np.float32)
         found = cv2.remap(grey, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR)
         return np.asarray(found[:, 0], dtype=np.float64)
 

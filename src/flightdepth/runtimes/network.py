@@ -139,7 +139,7 @@ class Network:
         sigma_m = None
         if SIGMA in output:
             scale = error_bar_scale(self.card, beta, grid.valid, grid.camera.fx)
-            sigma_m = output[SIGMA] / np.float32(self.card.depth_max_m) * scale * metres
+            sigma_m = output[SIGMA] * (scale / np.float32(self.card.depth_max_m)) * metres
         return Prediction(beta, beta * metres, sigma_m, grid.valid), seen
 
     def at_focal(self, focal_px: float) -> Network:
