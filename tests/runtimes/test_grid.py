@@ -208,6 +208,18 @@ def test_where_a_lens_model_folds_back_nothing_is_valid() -> None:
     assert grid.valid[radius < 0.5].all()
 
 
+def test_a_pixel_that_no_ray_of_the_model_falls_on_is_unknown() -> None:
+    """The corners of such a calibration got depth of places up to 54 px away."""
+    # r (1 - 0.5 r^2) is at most 0.544, 217.7 px from the middle; the corners are 282 px from it.
+    camera = Camera(400, 400, 400.0, 400.0, 199.5, 199.5, (-0.5, 0.0, 0.0, 0.0))
+    grid = NetworkGrid(camera, 128)
+    known = np.isfinite(grid.to_source(np.ones(grid.valid.shape, np.float32)))
+    rows, columns = np.indices(known.shape)
+    from_middle = np.hypot(rows - 199.5, columns - 199.5)
+    assert not known[from_middle > 217.7 + lens_tables.ROUND_TRIP_PX].any()
+    assert known[from_middle < 217.7 - lens_tables.ROUND_TRIP_PX].all()
+
+
 @pytest.mark.parametrize("hfov_deg", [1, 2.5, 4, 8, 15])
 def test_a_long_lens_with_distortion_fills_its_grid(hfov_deg: float) -> None:
     """Found in review: under 2.6 degrees its coefficients were said not to be inverted; at 5 a quarter was lost."""

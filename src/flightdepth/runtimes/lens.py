@@ -81,12 +81,15 @@ class LensSampling:
         size, steps = (camera.height, camera.width), (1, OUTPUT_STRIDE)
         tables = {step: (np.empty((*size, 2), np.int16), np.empty(size, np.uint16)) for step in steps}
         unseen = np.empty(size, np.float32)
+        folds = not returns(border(camera), camera).all()
         for top in range(0, camera.height, BAND_ROWS):
             band = slice(top, min(top + BAND_ROWS, camera.height))
             columns, rows = np.meshgrid(np.arange(camera.width), np.arange(band.start, band.stop))
-            rays = undistort(np.stack([columns, rows], axis=-1).astype(np.float64), camera)
-            pixels = rays * self.camera.fx + (self.camera.cx, self.camera.cy)
+            source = np.stack([columns, rows], axis=-1).astype(np.float64)
+            pixels = undistort(source, camera) * self.camera.fx + (self.camera.cx, self.camera.cy)
             seen = inside(pixels, self.camera)
+            if folds:
+                seen &= returns(source, camera)
             unseen[band] = np.where(seen, np.float32(0), np.float32(np.nan))
             for step, (coarse, fine) in tables.items():
                 there = np.where(seen[..., None], (pixels + 0.5) / step - 0.5, 0).astype(np.float32)
@@ -135,6 +138,19 @@ def in_view(rays: Points, camera: Camera) -> Flags:
     # NaN, where undistorting does not converge, compares as false: not in view.
     missed_px = np.linalg.norm(undistort(pixels, camera) - rays, axis=-1) * camera.fx
     return np.asarray(inside(pixels, camera) & (missed_px < ROUND_TRIP_PX), dtype=np.bool_)
+
+
+def returns(pixels: Points, camera: Camera) -> Flags:
+    """Whether each source pixel [..., 2] has a ray that falls on it, rather than lying beyond where the model folds."""
+    missed_px = np.linalg.norm(distort(undistort(pixels, camera), camera) - pixels, axis=-1)
+    return np.asarray(missed_px < ROUND_TRIP_PX, dtype=np.bool_)
+
+
+def border(camera: Camera) -> Points:
+    """A picture's outermost pixels, [N, 2]: if all of them have rays, so has what lies between."""
+    rows, columns = np.indices((camera.height, camera.width), sparse=True)
+    outer = np.isin(rows, (0, camera.height - 1)) | np.isin(columns, (0, camera.width - 1))
+    return np.argwhere(outer)[:, ::-1].astype(np.float64)
 
 
 def inside(pixels: Points, camera: Camera) -> Flags:
