@@ -129,6 +129,22 @@ def test_points_move_to_the_mean_of_what_agrees():
     assert farther == pytest.approx((1 + 4 * 1.05) / 5)
 
 
+@pytest.mark.parametrize(("off_axis_deg", "seen"), [(0, True), (30, True), (50, False), (59, False)])
+def test_what_lies_beside_the_picture_is_not_looked_up(off_axis_deg, seen):
+    """A barrel's polynomial folds back at 49 degrees: points far aside fell into the picture, and had a depth there."""
+    lens = Camera(WIDTH, HEIGHT, 75, 75, 47.5, 31.5, (-0.25, 0, 0, 0))
+    east_m = 10 * np.tan(np.radians(off_axis_deg))
+    _, stored_m = looked_up(np.array([[10.0, east_m, 0.0]]), view(10, camera=lens))
+    assert np.isfinite(stored_m).tolist() == [seen]
+
+
+def test_what_is_as_far_as_files_tell_or_farther_is_no_surface():
+    """Of 655.35 m or farther a sphere of 655.35 m was made, where --max-range allowed it."""
+    far = CloudSettings(max_range_m=1000)
+    for depth_m, points in ((655.34, WIDTH * HEIGHT), (655.35, 0)):
+        assert len(seen_points(view(depth_m), 1, far)[0]) == points
+
+
 def test_a_flight_without_poses_says_so(tmp_path):
     folder = write_flown(tmp_path / "out", posed=False)
     with pytest.raises(BadInput, match="no frame with known position"):

@@ -1,6 +1,7 @@
 """`flightdepth convert` on a folder written by hand."""
 
 import errno
+import shutil
 import sys
 
 import laspy
@@ -57,6 +58,19 @@ def test_a_flight_that_was_interrupted_is_converted_with_a_warning(convert, work
     assert f"part was interrupted: {FRAMES} frames of the flight stand" in " ".join(stderr.split())
 
 
+def test_a_recording_of_an_interrupted_flight_tells_its_own_number_of_frames(convert, work):
+    """It told that of frames.csv, though a film that is cut off ends earlier."""
+    folder = write_flown(work / "cut").folder
+    shutil.copy(write_flown(work / "short", frames=8).folder / "preview.mp4", folder)
+    record = folder / "flight.json"
+    record.write_text(record.read_text().replace('"whole": true', '"whole": false'))
+    code, stdout, stderr = convert("cut.mcap", folder="cut")
+    assert (code, "cut.mcap: 8 frames of" in stdout) == (0, True)
+    assert "4 frames are not in it: the preview of the interrupted flight ends before them" in stderr
+    with AnyReader([work / "cut.mcap"]) as reader:
+        assert {connection.msgcount for connection in reader.connections} == {8}
+
+
 def test_frames_without_a_place_are_counted(convert, work):
     """Found in review: after a gap in the log half of a flight was missing from its cloud, without a word."""
     poses = [pose(i, STEP_M * i, segment=int(i >= FRAMES - 3)) for i in range(FRAMES)]
@@ -80,6 +94,25 @@ def test_a_map_of_space_that_nothing_tells_of(convert, work):
     code, _, stderr = convert("flight-none.bt", "--every", "1", "--min-confidence", "1")
     assert (code, (work / "flight-none.bt").exists()) == (2, False)
     assert "expected space that is known, got none" in " ".join(stderr.split())
+
+
+@pytest.mark.parametrize("kind", ["ply", "bt"])
+@pytest.mark.parametrize(
+    ("attitude", "true_north", "told"),
+    [
+        ("assumed", True, "; north and up are only assumed, since the log tells no attitude"),
+        ("log", False, "; north may be any direction"),
+        ("log", True, "metres east, north, up"),
+    ],
+)
+def test_axes_that_the_log_does_not_tell(convert, work, *, kind, attitude, true_north, told):
+    """Of a .laz it was said; a .ply was east, north and up whatever the log told."""
+    folder = write_flown(work / "axes", poses=[pose(i, STEP_M * i, attitude=attitude) for i in range(FRAMES)])
+    record = folder.folder / "flight.json"
+    north = '"true_north": {}'
+    record.write_text(record.read_text().replace(north.format("true"), north.format(str(true_north).lower())))
+    code, stdout, _ = convert(f"axes.{kind}", "--every", "1", folder="axes")
+    assert (code, stdout.strip().endswith(told)) == (0, True)
 
 
 def test_larger_voxels_make_fewer_points(convert, work):

@@ -6,6 +6,8 @@ import pytest
 from flown_folder import FRAMES, LOOKING_EAST, STEP_M, WALL_M, pose, write_flown
 from output_samples import HEIGHT, WIDTH, known
 
+from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
 from flightdepth.outputs import FlightFolder
 from flightdepth.outputs.cloud import CloudSettings
 from flightdepth.outputs.occupancy import bt_bytes, free_to, occupancy_of, volumes_m3
@@ -83,6 +85,22 @@ def test_nothing_is_told_farther_than_asked(folder):
     assert label(near, 0.2, north_m + 4.1) == FREE
     assert label(near, 0.2, north_m + 6) == UNKNOWN
     assert volumes_m3(near)[0] == 0
+
+
+def test_what_lies_beside_a_barrels_picture_stays_unknown(tmp_path):
+    """Its polynomial folds back at 49 degrees: cells 59 degrees aside were free, as what lies near the axis is."""
+    barrel = Camera(WIDTH, HEIGHT, 75, 75, 47.5, 31.5, (-0.25, 0, 0, 0))
+    folder = write_flown(tmp_path / "out", camera=barrel, poses=[pose(i, 0.0) for i in range(FRAMES)])
+    tree = occupancy_of(folder, SETTINGS)
+    assert label(tree, 0.2, 6.2, 0.2) == FREE
+    assert label(tree, 6.2 * np.tan(np.radians(59)), 6.2, 0.2) == UNKNOWN
+
+
+def test_a_flight_that_an_octomap_cannot_hold_is_refused(tmp_path):
+    """OctoMap left out what lies farther than 32,768 cells from its origin, without a word."""
+    folder = write_flown(tmp_path / "out", poses=[pose(i, 700.0 * (i > 5)) for i in range(FRAMES)])
+    with pytest.raises(BadInput, match="--voxel: expected larger cells, got a flight that leaves 655 m"):
+        occupancy_of(folder, CloudSettings(every=4, voxel_m=0.02, max_range_m=0.2))
 
 
 def test_a_camera_that_looks_east_frees_the_east(tmp_path):

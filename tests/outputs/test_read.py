@@ -45,6 +45,18 @@ def test_a_colour_confidence_is_refused(tmp_path):
         read_confidence(tmp_path / "confidence.png")
 
 
+@pytest.mark.parametrize("kind", ["depth", "confidence", "sigma", "farther_than"])
+def test_a_map_of_another_size_than_the_pictures_is_refused(folder, kind):
+    """A resized one ended `convert` with an IndexError, or went into a recording beside a camera of another size."""
+    flight = FlightFolder(folder)
+    (folder / kind).mkdir(exist_ok=True)
+    small = np.full((HEIGHT // 2, WIDTH // 2), 200, np.uint8 if kind == "confidence" else np.uint16)
+    cv2.imwrite(str(folder / kind / "000000.png"), small)
+    read = {"depth": flight.depth_m, "confidence": flight.confidence, "sigma": flight.sigma_m}
+    with pytest.raises(BadInput, match=r"000000\.png: expected \[64, 96\], .*, got \[32, 48\]"):
+        read.get(kind, flight.farther_than_m)(0)
+
+
 def test_a_record_with_an_unknown_field_is_refused(folder):
     path = folder / "flight.json"
     path.write_text(path.read_text().replace('"flightdepth"', '"flightdeath"'))
@@ -114,6 +126,14 @@ def test_it_ends_before_a_map_that_did_not_come_to_the_disk(left, name, data):
     file.unlink()
     if data is not None:
         file.write_bytes(data)
+    assert [row.index for row in FlightFolder(left).rows] == list(range(12))
+
+
+@pytest.mark.parametrize("name", ["sigma", "farther_than", "nearer_than"])
+def test_it_ends_before_an_error_bar_or_a_bound_that_did_not_come_to_the_disk(left, name):
+    """Depth stood there, so the frame did; `convert` to .bt then ended with an error at that file."""
+    (left / name).mkdir()
+    (left / name / "000012.png").touch()
     assert [row.index for row in FlightFolder(left).rows] == list(range(12))
 
 

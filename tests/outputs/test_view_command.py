@@ -47,6 +47,14 @@ def test_a_saved_recording_holds_everything(saved):
         assert f"/{entity}" in printed.stdout
 
 
+def test_a_folders_name_may_be_any(tmp_path, capfd):
+    """Rerun warned of names with umlauts or brackets, and showed others."""
+    folder = write_flown(tmp_path / "Flug (über Äcker) 1.5").folder
+    assert main(["view", str(folder), "--save", str(tmp_path / "a.rrd")]) == 0
+    assert "WARN" not in "".join(capfd.readouterr())
+    assert folder.name.encode() in (tmp_path / "a.rrd").read_bytes()
+
+
 def images_of(recording: Path, entity: str, decoded: int) -> list[np.ndarray]:
     """The pictures that a recording holds of an entity, in the order of their times; `decoded` as cv2.imread has it."""
     from rerun.chunk import RrdReader

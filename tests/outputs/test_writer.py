@@ -96,6 +96,14 @@ def test_bounds_come_back_where_there_are_any(tmp_path, depth_format):
     assert not (tmp_path / "out/nearer_than").exists()
 
 
+def test_an_upper_bound_that_the_files_cannot_hold_is_none(tmp_path):
+    """Of "at most 700 m" was made "at most 655.35 m"."""
+    for name, nearer_m, told in (("far", 700, False), ("near", 600, True)):
+        bound_m = np.where(np.isnan(HALF_KNOWN), np.float32(nearer_m), np.float32(np.nan))
+        write(tmp_path / name, [replace(known(HALF_KNOWN), nearer_than_m=bound_m)])
+        assert (FlightFolder(tmp_path / name).nearer_than_m(0) is not None) == told
+
+
 def test_depth_png_is_16_bit_grey(tmp_path):
     write(tmp_path / "out", [known(12.34)])
     stored = cv2.imread(str(tmp_path / "out/depth/000000.png"), cv2.IMREAD_UNCHANGED)

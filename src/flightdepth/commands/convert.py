@@ -28,6 +28,7 @@ STRAYS = (
     "swapped, or is its north off?"
 )
 WIDER = "Try a lower --min-confidence, a larger --max-range or a smaller --every."
+UNFILMED = "the preview of the interrupted flight ends before them"
 NO_PLACE = "attitude unknown, or not of the longest segment (poses.csv)"
 
 
@@ -90,8 +91,10 @@ def convert(
     flight = opened(folder)
     if kind == RECORDING:
         with room_on_the_disk(file, left=NOT_WRITTEN):
-            write_recording(flight, file)
-        say(f"{file}: {len(flight.rows):,} frames of {folder}")
+            frames = write_recording(flight, file)
+        say(f"{file}: {frames:,} frames of {folder}")
+        if frames < len(flight.rows):
+            warn(f"{len(flight.rows) - frames:,} frames are not in it: {UNFILMED}")
     else:
         with room_on_the_disk(file, left=NOT_WRITTEN):
             check_depth(flight)
@@ -161,7 +164,7 @@ def write_map(flight: FlightFolder, file: Path, settings: CloudSettings) -> tupl
     if not occupied_m3 + free_m3:
         raise BadInput(f"depth in {flight.folder}", expected="space that is known", got="none", mend=WIDER)
     write_atomic(file, bt_bytes(tree))
-    return f"{occupied_m3:,.0f} m3 occupied and {free_m3:,.0f} m3 free", LOCAL
+    return f"{occupied_m3:,.0f} m3 occupied and {free_m3:,.0f} m3 free", local_frame(flight)
 
 
 def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> tuple[str, str]:
@@ -186,8 +189,19 @@ def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> tu
     points = f"{len(cloud):,} points"
     if as_ply:
         write_ply(file, cloud)
-        return points, LOCAL
+        return points, local_frame(flight)
     return points, write_on_earth(flight, file, cloud)
+
+
+def local_frame(flight: FlightFolder) -> str:
+    """The axes of what is not on Earth, and which of them the log does not tell."""
+    from flightdepth.outputs.cloud import placed
+
+    if any(pose.attitude == "assumed" for pose in placed(flight).values()):
+        return f"{LOCAL}; north and up are only assumed, since the log tells no attitude"
+    if not flight.record.source.true_north:
+        return f"{LOCAL}; north may be any direction"
+    return LOCAL
 
 
 def write_on_earth(flight: FlightFolder, file: Path, cloud: Cloud) -> str:
@@ -208,12 +222,12 @@ def write_on_earth(flight: FlightFolder, file: Path, cloud: Cloud) -> str:
     return found.described(source.altitude_above)
 
 
-def write_recording(flight: FlightFolder, file: Path) -> None:
-    """The flight as MCAP into `file`."""
+def write_recording(flight: FlightFolder, file: Path) -> int:
+    """The flight as MCAP into `file`; how many frames."""
     from flightdepth.outputs.mcap_file import write_mcap
 
     with (
         extra_packages("Writing ROS recordings", "ros"),
         progress_bar("recording", len(flight.rows), "frames") as bar,
     ):
-        write_mcap(file, flight, bar.step)
+        return write_mcap(file, flight, bar.step)

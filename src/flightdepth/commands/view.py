@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import time
 from pathlib import Path
@@ -73,8 +74,10 @@ def view(
     with extra_packages("flightdepth view", "view"):
         import rerun
     flight = opened(folder)
-    name = folder.absolute().name.replace(".", "-")  # as Rerun does, with a warning
-    recording = rerun.RecordingStream(f"flightdepth {name}")
+    name = folder.absolute().name
+    plain = re.sub(r"[^\w -]", "-", name, flags=re.ASCII)  # as Rerun does, with a warning
+    recording = rerun.RecordingStream(f"flightdepth {plain}")
+    recording.send_recording_name(name)
     if save is not None:
         write(recording, flight, save, pictures)
     elif web:

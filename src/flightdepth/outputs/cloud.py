@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.motion import ENU_FROM_NED, Vector
-from flightdepth.outputs.encoding import Map
+from flightdepth.outputs.encoding import FARTHEST, UNIT_M, Map
 from flightdepth.outputs.palette import Picture
 from flightdepth.outputs.pictures import pictures
 from flightdepth.outputs.poses import FramePose
 from flightdepth.outputs.read import FlightFolder
 from flightdepth.outputs.voxels import Cloud, VoxelGrid
-from flightdepth.runtimes.lens import distort, inside, undistort
+from flightdepth.runtimes.lens import distort, inside, undistort, view_bounds
 
 NEIGHBOURS = 8  # frames on either side whose depth must agree
 AGREE_WITHIN = 0.1  # of the depth
@@ -34,6 +34,7 @@ LEAST_AGREEING = 3
 EDGE_PX, EDGE_RATIO = 5, 1.2  # farthest over nearest within so many pixels: beyond, depth mixes two things
 COLUMNS = 320  # pixels used across a picture; a network's own map has about 80 to 160
 WIDEST = np.tan(np.radians(60))
+FARTHEST_M = (FARTHEST - 1) * UNIT_M  # what is stored as FARTHEST lies anywhere beyond
 
 
 @dataclass(frozen=True)
@@ -153,8 +154,8 @@ def seen_points(
 ) -> tuple[Vector, NDArray[np.intp], NDArray[np.intp]]:
     """Points (NED) [N, 3] of the pixels that count, every `step`-th, and their rows and columns in `view.image` [N]."""
     depth_m, clear = view.depth_m[::step, ::step], off_edges(view.depth_m)[::step, ::step]
-    usable = (view.confidence >= max(settings.min_confidence, 1 / 512)) & (depth_m <= settings.max_range_m)
-    rows, columns = np.nonzero(usable & clear)
+    usable = view.confidence >= max(settings.min_confidence, 1 / 512)
+    rows, columns = np.nonzero(usable & (depth_m <= min(settings.max_range_m, FARTHEST_M)) & clear)
     rays = pixel_rays(view.camera, step)[rows, columns]
     points = rays * depth_m[rows, columns].astype(np.float64)[:, None]
     return points @ view.pose.ned_from_camera.T + view.pose.position_ned, rows, columns
@@ -195,13 +196,27 @@ def agreed(points_ned: Vector, others: list[View]) -> tuple[NDArray[np.bool_], V
     return np.asarray((same >= LEAST_AGREEING) & (2 * same >= seen)), ratios / (1 + same)
 
 
+@lru_cache(maxsize=2 * NEIGHBOURS + 2)  # a lens that zooms is another in each view
+def field_of(camera: Camera) -> tuple[Vector, Vector]:
+    """Least and most x, y at z = 1, (2,) each, of what a camera sees.
+
+    Beyond, the polynomial of its lens may fold back into the picture.
+    """
+    widest = np.full(2, WIDEST)
+    if camera.model == "pinhole" and not any(camera.distortion):
+        return -widest, widest
+    left, right, top, bottom = view_bounds(camera)
+    return np.maximum((left, top), -widest), np.minimum((right, bottom), widest)
+
+
 def looked_up(points_ned: Vector, view: View) -> tuple[Vector, Vector]:
     """Depth [N] at which points lie before a view's camera, and what the view says there; NaN where it says nothing."""
     points = (points_ned - view.pose.position_ned) @ view.pose.ned_from_camera
     depth_m = points[:, 2]
     ahead = depth_m > 0.01
     rays = points[:, :2] / np.where(ahead, depth_m, 1.0)[:, None]
-    ahead &= (np.abs(rays) < WIDEST).all(axis=1)
+    least, most = field_of(view.camera)
+    ahead &= ((least < rays) & (rays < most)).all(axis=1)
     pixels = distort(np.where(ahead[:, None], rays, 0.0), view.camera)
     ahead &= inside(pixels, view.camera)
     columns, rows = np.rint(np.where(ahead[:, None], pixels, 0.0)).astype(int).T

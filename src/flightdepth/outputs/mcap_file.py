@@ -49,10 +49,14 @@ KINDS = {
 JPEG_QUALITY = 85
 
 
-def write_mcap(path: Path, folder: FlightFolder, on_frame: Callable[[], None] = lambda: None) -> None:
-    """Every frame of a flight into `path`, which appears when all of it stands."""
+def write_mcap(path: Path, folder: FlightFolder, on_frame: Callable[[], None] = lambda: None) -> int:
+    """Every frame of a flight into `path`, which appears when all of it stands; how many.
+
+    Of an interrupted flight those that its preview shows.
+    """
     poses = placed(folder) if any(pose.attitude != "unknown" for pose in folder.poses.values()) else {}
     stamps = {row.index: row.stamp_ns for row in folder.rows}
+    frames = 0
     with file_in_progress(path) as file:
         recording = Recording(file)
         for index, image in pictures(folder):
@@ -63,8 +67,10 @@ def write_mcap(path: Path, folder: FlightFolder, on_frame: Callable[[], None] = 
             recording.lens(stamp_ns, folder.camera(index))
             if index in poses:
                 recording.transform(stamp_ns, poses[index])
+            frames += 1
             on_frame()
         recording.finish()
+    return frames
 
 
 class Recording:

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.errors import BadInput
 from flightdepth.motion import ENU_FROM_NED, NED_FROM_ENU, Vector
 from flightdepth.outputs.cloud import WIDEST, AgreedView, CloudSettings, agreed_views, looked_up, pixel_rays
 from flightdepth.outputs.cloud_files import FRAME
@@ -23,6 +24,7 @@ from flightdepth.outputs.read import FlightFolder
 from flightdepth.ranges.fusion import RIGHT_WITHIN
 
 DEVIATIONS = 2.0  # that free space ends before what is seen
+REACH = 32_768  # cells that an OctoMap has either way; what lies beyond it would leave out without a word
 BESIDE = 56  # of a picture's width: free is what is free as far beside it, two pixels of a network's own map
 
 
@@ -94,4 +96,7 @@ def _cells(points_m: Vector, voxel_m: float) -> NDArray[np.int64]:
 
 
 def _middles(cells: NDArray[np.int64], voxel_m: float) -> Vector:
+    if len(cells) and (cells.min() < -REACH or cells.max() >= REACH):
+        got = f"a flight that leaves {REACH * voxel_m:,.0f} m"
+        raise BadInput("--voxel", expected="larger cells", got=got)
     return np.asarray((cells + 0.5) * voxel_m, np.float64)

@@ -19,9 +19,10 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.outputs.encoding import Map, confidence_from_bytes, depth_from_centimetres
 from flightdepth.outputs.frame_table import FrameRow, rows_from_csv
+from flightdepth.outputs.maps import CONFIDENCE, DEPTH, FARTHER, NEARER, SIGMA
 from flightdepth.outputs.poses import FramePose, poses_from_csv
 from flightdepth.outputs.record import Counts, FlightRecord
-from flightdepth.outputs.writer import CONFIDENCE, DEPTH, FARTHER, NEARER, POSES, RECORD, SIGMA, TABLE
+from flightdepth.outputs.writer import POSES, RECORD, TABLE
 
 Table = TypeVar("Table")
 Unsigned = TypeVar("Unsigned", np.uint8, np.uint16)
@@ -69,18 +70,16 @@ class FlightFolder:
 
     def depth_m(self, index: int) -> Map:
         """Depth in metres, float32 [H, W], NaN = unknown, of the frame with this index."""
-        return read_depth(self._file(DEPTH, index, self.record.depth.format))
+        return self._map(self._file(DEPTH, index, self.record.depth.format), read_depth)
 
     def confidence(self, index: int) -> Map:
         """Confidence 0..1, float32 [H, W], of the frame with this index."""
-        return read_confidence(self._file(CONFIDENCE, index))
+        return self._map(self._file(CONFIDENCE, index), read_confidence)
 
     def sigma_m(self, index: int) -> Map | None:
         """Standard deviation in metres, float32 [H, W]; None without depth, or of a network that tells none."""
         path = self._file(SIGMA, index, self.record.depth.format)
-        if not path.exists():
-            return None
-        return _read_npz(path, "sigma_m") if path.suffix == ".npz" else read_depth(path)
+        return self._map(path, _read_sigma) if path.exists() else None
 
     def farther_than_m(self, index: int) -> Map | None:
         """What is at least so far, metres, float32 [H, W], NaN where that is not told; None where it is nowhere."""
@@ -91,13 +90,24 @@ class FlightFolder:
         return self._bound_m(NEARER, index)
 
     def _stands(self, row: FrameRow) -> bool:
-        """Whether its depth came to the disk; a loss of power leaves empty files."""
-        depth = self._file(DEPTH, row.index, self.record.depth.format)
-        return all(f.exists() and f.stat().st_size for f in (depth, self._file(CONFIDENCE, row.index)))
+        """Whether its maps came to the disk; a loss of power leaves empty files."""
+        i, kind = row.index, self.record.depth.format
+        files = [self._file(DEPTH, i, kind), self._file(CONFIDENCE, i)]
+        others = self._file(SIGMA, i, kind), self._file(FARTHER, i), self._file(NEARER, i)
+        files += [file for file in others if file.exists()]  # not each frame has them
+        return all(file.exists() and file.stat().st_size for file in files)
 
     def _bound_m(self, folder: str, index: int) -> Map | None:
         path = self._file(folder, index)
-        return read_depth(path) if path.exists() else None
+        return self._map(path, read_depth) if path.exists() else None
+
+    def _map(self, path: Path, read: Callable[[Path], Map]) -> Map:
+        """What `read` makes of a file, [H, W] as the camera's pictures."""
+        found, camera = read(path), self.record.source.camera
+        if found.shape != (camera.height, camera.width):
+            expected = f"{[camera.height, camera.width]}, as the camera of flight.json"
+            raise BadInput(f"map {path}", expected=expected, got=str(list(found.shape)))
+        return found
 
     def _file(self, folder: str, index: int, ending: str = "png") -> Path:
         return self.folder / folder / f"{index:06d}.{ending}"
@@ -133,6 +143,10 @@ def _read_png(path: Path, kind: type[Unsigned]) -> NDArray[Unsigned]:
         expected = f"a grey {8 * np.dtype(kind).itemsize}-bit PNG"
         raise BadInput(f"map {path}", expected=expected, got=f"{image.dtype} {list(image.shape)}")
     return np.asarray(image, kind)
+
+
+def _read_sigma(path: Path) -> Map:
+    return _read_npz(path, "sigma_m") if path.suffix == ".npz" else read_depth(path)
 
 
 def _read_npz(path: Path, name: str) -> Map:

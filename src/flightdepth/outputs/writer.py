@@ -8,26 +8,16 @@ from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import get_args
-
-import numpy as np
 
 from flightdepth import __version__
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.files import NEW, folder_in_progress, write_atomic
 from flightdepth.flight.records import Frame
 from flightdepth.outputs.background import Background
-from flightdepth.outputs.encoding import (
-    FARTHEST,
-    bytes_from_confidence,
-    centimetres_from_depth,
-    npz,
-    png,
-    rounded_centimetres,
-)
 from flightdepth.outputs.film import Film
 from flightdepth.outputs.frame_table import COLUMNS, FrameRow, cells_of, rows_from_csv
 from flightdepth.outputs.interrupted import RECORDING, interrupted_name
+from flightdepth.outputs.maps import DEPTH, KINDS, MapFiles
 from flightdepth.outputs.poses import COLUMNS as POSE_COLUMNS
 from flightdepth.outputs.poses import FramePose, pose_cells
 from flightdepth.outputs.preview import Preview
@@ -43,11 +33,9 @@ from flightdepth.outputs.record import (
 from flightdepth.outputs.table_file import TableFile
 from flightdepth.ranges.result import RangedDepth
 
-DEPTH, CONFIDENCE, SIGMA = "depth", "confidence", "sigma"
-FARTHER, NEARER = "farther_than", "nearer_than"  # bounds of what has no depth
 TABLE, POSES, RECORD, PREVIEW = "frames.csv", "poses.csv", "flight.json", "preview.mp4"
 LOST = "could not be written"
-OWN_NAMES = frozenset({DEPTH, CONFIDENCE, SIGMA, FARTHER, NEARER, TABLE, POSES, RECORD, PREVIEW})
+OWN_NAMES = frozenset({*KINDS, TABLE, POSES, RECORD, PREVIEW})
 
 
 class FlightWriter:
@@ -82,14 +70,12 @@ class FlightWriter:
         self._notes, self._doubts = ReasonTally(), ReasonTally()  # of all frames
         self._dropped: dict[str, int] = {}
         self._warnings: list[str] = []  # that came up in flight
-        self._saturated_pixels = 0
 
     def __enter__(self) -> FlightWriter:
         kind = RECORDING if self._stopped else NEW
         with ExitStack() as stack:
             self._folder = stack.enter_context(folder_in_progress(self._target, kind=kind))
-            for name in (DEPTH, CONFIDENCE):
-                (self._folder / name).mkdir()
+            self._maps = MapFiles(self._folder, self._format)
             self._film = Film(self._folder / PREVIEW, *self._preview.size)
             self._rows = TableFile(self._folder / TABLE, COLUMNS)
             self._poses = TableFile(self._folder / POSES, POSE_COLUMNS)
@@ -140,7 +126,7 @@ class FlightWriter:
     def _write_frame(self, frame: Frame, result: RangedDepth, pose: FramePose | None) -> bool:
         """Its maps, then its row: what has one is whole. False where it was left out."""
         try:
-            self._write_maps(frame, result)
+            self._maps.add(frame.index, result)
         except Exception as error:
             if not self._once:
                 raise
@@ -159,31 +145,7 @@ class FlightWriter:
         if self.lost == 0:
             self.warn(f"frames that could not be written are left out: {error}")
         self.lost, self.loss = self.lost + 1, str(error)
-        for folder in (DEPTH, CONFIDENCE, SIGMA, FARTHER, NEARER):
-            for ending in get_args(DepthFormat):
-                with suppress(OSError):
-                    (self._folder / folder / f"{frame.index:06d}.{ending}").unlink()
-
-    def _write_maps(self, frame: Frame, result: RangedDepth) -> None:
-        exact = self._format == "npz"
-        self._write(CONFIDENCE, frame, png(bytes_from_confidence(result.confidence)))
-        if (sigma_m := result.sigma_m) is not None:
-            sigma = npz(sigma_m=sigma_m) if exact else png(rounded_centimetres(sigma_m))
-            self._write(SIGMA, frame, sigma, self._format)
-        for folder, bound_m in ((FARTHER, result.farther_than_m), (NEARER, result.nearer_than_m)):
-            # In centimetres whatever the format: a bound is one value over wide areas, and small so.
-            if np.isfinite(bound_m).any():
-                self._write(folder, frame, png(centimetres_from_depth(bound_m)))
-        if exact:
-            self._write(DEPTH, frame, npz(depth_m=result.depth_m), "npz")
-            return
-        centimetres = centimetres_from_depth(result.depth_m)
-        self._write(DEPTH, frame, png(centimetres))
-        self._saturated_pixels += int(np.count_nonzero(centimetres == FARTHEST))
-
-    def _write(self, folder: str, frame: Frame, data: bytes, ending: str = "png") -> None:
-        (self._folder / folder).mkdir(exist_ok=True)
-        (self._folder / folder / f"{frame.index:06d}.{ending}").write_bytes(data)
+        self._maps.remove(frame.index)
 
     def _write_picture(self, frame: Frame, result: RangedDepth, written: Future[bool]) -> None:
         if written.result() and self._filmed:
@@ -224,7 +186,7 @@ class FlightWriter:
         self._poses.finish()
         self._warnings += self._doubts.with_frames()
         rows = rows_from_csv((self._folder / TABLE).read_text(encoding="utf-8"))
-        counts = Counts.of(rows, self._dropped, self._saturated_pixels)
+        counts = Counts.of(rows, self._dropped, self._maps.saturated_pixels)
         self._summary = Summary.of(rows, counts, self._notes.with_frames(), tuple(self._warnings))
         self._write_record(counts, whole=whole)
 
