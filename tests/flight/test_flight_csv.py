@@ -24,10 +24,16 @@ def read(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    "text", [GOOD.replace("\n", "\r\n"), "\ufeff" + GOOD, "\ufeff" + GOOD.replace("\n", "\r\n")]
+    "text",
+    [
+        GOOD.replace("\n", "\r\n"),
+        GOOD.replace("\n", "\r"),
+        "\ufeff" + GOOD,
+        "\ufeff" + GOOD.replace("\n", "\r\n"),
+    ],
 )
 def test_a_log_that_a_spreadsheet_wrote_is_one(tmp_path, text):
-    """Windows line ends and a mark in front made it "something else"."""
+    """Windows line ends, those of Excel's "CSV (Macintosh)" and a mark in front made it "something else"."""
     path = tmp_path / "log.csv"
     path.write_bytes(text.encode())
     assert [sample.velocity.tolist() for sample in read_telemetry(path).samples] == [[1, 2, 3], [4, 5, 6]]
@@ -215,6 +221,7 @@ def test_fewer_than_two_positions_tell_no_velocity(tmp_path, rows):
             WORLD.replace("\n", ",qw,qx,qy,qz\n") + "0,1,2,3,0,-90,0,90\n",
             "line 2.*of length 1, got 0, -90, 0, 90",
         ),
+        ("note," + WORLD + '"two\nlines",0,1,2,3\n,1,x,2,3\n', "line 4.*vn_m_s"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_line(tmp_path, text, said):

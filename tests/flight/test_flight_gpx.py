@@ -152,6 +152,25 @@ def test_a_point_without_a_time_is_left_out(tmp_path):
     assert len(log.velocities) == 12
 
 
+AFTER = '<wpt lat="48" lon="2"><ele>180</ele><time>2026-05-01T09:30:12Z</time></wpt>'
+
+
+@pytest.mark.parametrize("last", ['<trkpt lat="48" lon="2"/>', '<trkpt lat="48" lon="2"></trkpt>'])
+def test_what_stands_after_a_track_is_not_its_last_points(tmp_path, last):
+    """A waypoint's time was taken for that of the point before it."""
+    log = read(tmp_path, flight(marks() + last).replace("</gpx>", f"{AFTER}</gpx>"))
+    np.testing.assert_allclose(velocities(log), [NED_M_S] * 12, atol=0.05)
+    assert log.counts == {"positions without a time": 1}
+
+
+def test_the_height_of_a_waypoint_is_not_that_of_the_track(tmp_path):
+    """A track that stops telling its elevations took that of a waypoint, so that the drone seemed to climb."""
+    silent = marks(times=range(6, 12), inside="<time>{time}</time>")
+    log = read(tmp_path, flight(marks(times=range(6)) + silent).replace("</gpx>", f"{AFTER}</gpx>"))
+    np.testing.assert_allclose(velocities(log)[7:], [[*NED_M_S[:2], 0]] * 5, atol=0.05)
+    assert log.counts == {"positions without an altitude": 6}
+
+
 def test_waypoints_and_routes_are_no_flight(tmp_path):
     inside = marks().replace("trkpt", "rtept")
     with pytest.raises(BadInput, match=r"expected a GPX track .*got none\. A route"):

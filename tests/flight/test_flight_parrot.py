@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.places import SEA_LEVEL
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
 from tests_recordings import parrot_csv, parrot_json
@@ -63,6 +64,18 @@ def test_version_1_gives_velocity_only(tmp_path):
     assert telemetry.samples[0].velocity.tolist() == [1.5, 0, -0.5]
 
 
+def test_the_one_altitude_of_older_libraries_is_above_the_sea(tmp_path):
+    """Before the library told two heights it called the one `altitude`, "ASL": it was not read."""
+    cells = [line.split() for line in parrot_csv(VELOCITY).splitlines()]
+    at = cells[0].index("location_altitude_wgs84ellipsoid")
+    older = [[*row[:at], "location_altitude", *row[at + 4 :]] for row in cells[:1]]
+    older += [[*row[:at], "100.00", *row[at + 4 :]] for row in cells[1:]]
+    telemetry = read(tmp_path, "\n".join(map(" ".join, older)) + "\n")
+    assert telemetry.places.above == SEA_LEVEL
+    assert telemetry.places.places[0].tolist() == [48.7, 2.2, 100]
+    assert telemetry.velocities[0].velocity.tolist() == list(VELOCITY)
+
+
 def test_rows_that_lost_a_cell_are_counted(tmp_path):
     header, first, *others = parrot_csv(VELOCITY).splitlines()
     short = first.replace("25.00 ", "")
@@ -81,3 +94,12 @@ def test_the_name_counts_what_is_used(tmp_path):
 def test_metadata_without_a_speed_is_refused(tmp_path):
     with pytest.raises(BadInput, match="Parrot metadata with a speed"):
         read(tmp_path, '{"session": {}, "frame": [{"time": 0, "metadata": {}}]}')
+
+
+def test_a_frame_nested_too_deep_costs_only_itself(tmp_path):
+    """From Python 3.12 on its JSON is read, however deep, and what joined the names of a frame's parts gave up."""
+    deep = '{"a": ' * 1400 + "1" + "}" * 1400
+    text = parrot_json(VELOCITY).replace('"metadata": {', f'"metadata": {{"deep": {deep}, ', 1)
+    telemetry = read(tmp_path, text)
+    assert len(telemetry.velocities) == 9
+    assert telemetry.counts == {"damaged or cut frames": 1}

@@ -1,15 +1,8 @@
 import numpy as np
 import pytest
 
-from flightdepth.flight.positions import (
-    decimal_step,
-    filled,
-    fixes,
-    line_slopes,
-    local_ned,
-    velocities,
-    without_jumps,
-)
+from flightdepth.flight.local_regression import line_slopes
+from flightdepth.flight.positions import decimal_step, filled, fixes, local_ned, velocities, without_jumps
 from tests_recordings import place
 
 

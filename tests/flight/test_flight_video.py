@@ -56,6 +56,22 @@ def test_a_part_has_the_same_pictures_as_the_whole(tmp_path):
     assert all(np.array_equal(frame.image, whole[frame.stamp_ns]) for frame in part)
 
 
+def test_an_avi_whose_recorder_dropped_pictures_is_whole(tmp_path):
+    """Analogue receivers' recorders leave an empty chunk for each, which the index counts as a frame."""
+    path = tmp_path / "dropped.avi"
+    ticks = [0, 1, 2, 5, 6, 7, 9, 12]
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mjpeg", rate=25, width=64, height=48, pix_fmt="yuvj420p")
+        for tick in ticks:
+            picture = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 10 * tick, np.uint8), format="rgb24")
+            picture.pts = tick
+            container.mux(stream.encode(picture))
+        container.mux(stream.encode())
+    with Video(path) as video:
+        assert [frame.stamp_ns // 40_000_000 for frame in video.frames()] == ticks
+        assert not video.counts
+
+
 INTRA_REFRESH = {"x264-params": "intra-refresh=1:keyint=30:bframes=0:scenecut=0"}
 
 
@@ -400,7 +416,16 @@ def test_a_part_after_the_end_is_refused(uneven):
         Video(uneven, start_s=30)
 
 
-@pytest.mark.parametrize("part", [{"start_s": -1}, {"start_s": float("nan")}, {"start_s": 2, "end_s": 1}])
+@pytest.mark.parametrize(
+    "part",
+    [
+        {"start_s": -1},
+        {"start_s": float("nan")},
+        {"start_s": 2, "end_s": 1},
+        {"start_s": 1.7e18},  # nanoseconds
+        {"end_s": 1e300},
+    ],
+)
 def test_a_part_that_is_none_is_refused(uneven, part):
     with pytest.raises(BadInput):
         Video(uneven, **part)

@@ -33,9 +33,10 @@ MEND = f"The columns are {STAMP} or {TIME}, then {CHOICES}."
 class Columns:
     """Which columns a file has, checked: one of time, one set of velocity or a place, at most one of attitude.
 
-    Cells of `optional` ones may stay empty.
+    `header` is all of them as they stand in the file; cells of `optional` ones may stay empty.
     """
 
+    header: tuple[str, ...]
     time: Literal["stamp_ns", "time_s"]
     frame: VelocityColumns
     attitude: AttitudeColumns | None
@@ -64,7 +65,8 @@ class Columns:
         optional = tuple(name for name in (*([SIGMA] if velocity else []), *place) if name in header)
         known = {times[0], *velocity, *(ATTITUDE[attitude] if attitude else ()), *optional}
         ignored = tuple(name for name in header if name not in known)
-        return cls("stamp_ns" if times[0] == STAMP else "time_s", frames[0], attitude, optional, ignored)
+        time: Literal["stamp_ns", "time_s"] = "stamp_ns" if times[0] == STAMP else "time_s"
+        return cls(tuple(header), time, frames[0], attitude, optional, ignored)
 
 
 def _all_or_none(what: str, header: Sequence[str], names: Sequence[str]) -> bool:

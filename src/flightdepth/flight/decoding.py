@@ -86,6 +86,7 @@ class SoundPictures(Damageable):
         self._held: deque[tuple[Any, bool]] = deque()
         self._begin_by = begin_by  # None once one has begun
         self.read_pts: int | None = None
+        self._read_dts = -1  # of the last packet with a picture
         self._ahead_pts: list[int] = []  # of damaged packets whose pictures are still in the decoder
         self._leaning = False  # whether pictures lean on others: not where each packet is a key frame
         self._hold = REORDERED if decoder is None or decoder.codec.reorder else 0
@@ -119,6 +120,8 @@ class SoundPictures(Damageable):
         self._leaning |= packet.size > 0 and not packet.is_keyframe
         if packet.pts is not None:
             self.read_pts = packet.pts if self.read_pts is None else max(packet.pts, self.read_pts)
+        if packet.dts is not None and packet.size > 0:
+            self._read_dts = packet.dts
         missing = self._misses(packet)
         if (missing or packet.is_corrupt) and packet.pts is not None:
             self._ahead_pts.append(packet.pts)
@@ -163,7 +166,10 @@ class SoundPictures(Damageable):
         # After a seek, packets may rightly give no picture.
         if lost > 0 and (self._whole or kept_back):
             self._counts[kept_back[0] if kept_back else NO_PICTURE] += lost
-        # FFmpeg ends a cut MP4 without a word, but the index at its front tells how much there should be.
+        # FFmpeg ends a cut MP4 without a word, but the index at its front tells how much there should be. An AVI's counts
+        # the empty chunks of pictures that its recorder dropped, and so do its times.
+        if self._container.format.name == "avi":
+            read = max(read, self._read_dts + 1)
         if self._whole and read < self._stream.frames:
             self._counts["frames missing at the end of the file"] = self._stream.frames - read
 

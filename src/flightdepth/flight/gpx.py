@@ -102,8 +102,11 @@ def _begin_ns(segment: list[Point]) -> int:
 
 def _point(prefix: str, body: str) -> Point | str:
     """What stands in a <trkpt>, after its name; or why it cannot be used."""
-    head, _, inside = body.partition(">")
-    if not head.endswith("/") and f"</{prefix}trkpt" not in inside:
+    head, _, rest = body.partition(">")
+    if head.endswith("/"):
+        return UNTIMED
+    inside, end, _ = rest.partition(f"</{prefix}trkpt")  # what follows may be a waypoint with its own time
+    if not end:
         return DAMAGED
     told: dict[str, str] = {}
     for of, name, value in VALUE.findall(inside):

@@ -65,8 +65,12 @@ SPEEDS = [
 BODIES = ["drone_quat", "metadata_drone_quat"]  # the second also from the nested drone.quat of protobuf
 VIEWS = ["frame_quat", "metadata_frame_quat", "metadata_camera_quat"]
 PLACES = ["location", "metadata_location", "metadata_drone_location"]
-# The first that is told.
-ALTITUDES: dict[str, AltitudeAbove] = {"egm96amsl": SEA_LEVEL, "wgs84ellipsoid": ELLIPSOID}
+# The first that is told; the last is the only one of older libraries.
+ALTITUDES: dict[str, AltitudeAbove] = {
+    "altitude_egm96amsl": SEA_LEVEL,
+    "altitude_wgs84ellipsoid": ELLIPSOID,
+    "altitude": SEA_LEVEL,
+}
 FIELDS_OF_VIEW = ("picture_hfov", "metadata_picture_hfov", "metadata_camera_hfov")
 
 
@@ -125,7 +129,7 @@ def _hfov_deg(row: Mapping[str, Any]) -> float:
 def _place(row: Mapping[str, Any]) -> Vector:
     """Latitude, longitude, and the altitudes of ALTITUDES; NaN where they are not told."""
     prefix = next((prefix for prefix in PLACES if f"{prefix}_latitude" in row), PLACES[0])
-    names = ("latitude", "longitude", *(f"altitude_{above}" for above in ALTITUDES))
+    names = ("latitude", "longitude", *ALTITUDES)
     return np.array([_number(row.get(f"{prefix}_{name}")) for name in names])
 
 
@@ -183,10 +187,11 @@ def _json_rows(text: str, counts: Counter[str]) -> Iterator[Mapping[str, Any]]:
     for start, end in pairwise([*starts, len(text)]):
         try:
             frame, length = decoder.raw_decode(text[start:end])
+            row = dict(_folded(frame))
         except (ValueError, RecursionError):
             counts["damaged or cut frames"] += 1
             continue
-        yield dict(_folded(frame))
+        yield row
         if end == len(text) and "]" not in text[start + length :]:
             counts["lists of frames cut off"] += 1
 

@@ -2,7 +2,7 @@
 
 A camera writes a position for each picture or second, but the receiver has a new one only now and then, and
 each is rounded. So the instants at which the value really changed are found first, and the velocity is the
-slope of a straight line fitted to the positions of a short window around each.
+slope of a straight line fitted to the positions of a short window around each (local_regression.py).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.flight.local_regression import line_slopes
 from flightdepth.flight.order import rising
 from flightdepth.flight.places import AltitudeAbove, PlaceTrack
 from flightdepth.flight.records import FASTEST_M_S, NS_PER_S, VelocitySample
@@ -23,16 +24,11 @@ from flightdepth.motion import Vector
 
 EARTH_RADIUS_M = 6378137.0  # WGS 84, equator
 EARTH_ECCENTRICITY_SQUARED = 6.69437999014e-3
-HALF_WINDOW_S = 0.5  # half of the window of a receiver with 6 fixes a second or more
-HALF_WINDOW_PERIODS = 1.5  # slower ones: the fix before, this one, the one after
-HALF_WINDOW_LIMIT_S = 5.0
 APART_S = 1.0  # velocities are told at least so often, where fixes are seldom seen to change
-ROUNDING_TARGET_M_S = 0.2  # the window grows until rounding costs less than this
 JUMPING = "positions that jump"
 UNFIXED = "positions without a fix"
 LEVEL = "positions without an altitude"
 JUMP_M = 100.0  # off the median of its neighbours: not flown
-STANDING_OUT = 10.0  # times the median variance: of windows of three fixes one in a thousand does by chance
 DEGREE_M = 111_320.0  # of the equator: the longest
 
 Indices = NDArray[np.int64]
@@ -62,14 +58,6 @@ class Velocities:
         """One for each instant, in the world frame."""
         table = zip(self.stamps_ns.tolist(), self.velocity_ned, self.sigma.tolist(), strict=True)
         return [VelocitySample(stamp_ns, ned, "world", sigma) for stamp_ns, ned, sigma in table]
-
-
-@dataclass(frozen=True, eq=False)
-class Slopes:
-    """Slopes [n, k] of lines fitted around n instants, and their standard deviations [n]."""
-
-    slopes: Vector
-    sigma: Vector
 
 
 def velocities_by_places(
@@ -205,16 +193,6 @@ def filled(times_s: Vector, kept: Indices) -> Indices:
     return np.unique(np.concatenate(found))
 
 
-def half_window_s(times_s: Vector, step_m: float) -> float:
-    """Half the window: by the fixes' period T and the step q to which the values are rounded.
-
-    Over 2h seconds rounding (standard deviation q / 12^0.5) gives a slope's variance of 3 T q^2 / (24 h^3).
-    """
-    period_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
-    by_rounding_s = (3 * period_s * step_m**2 / 24 / ROUNDING_TARGET_M_S**2) ** (1 / 3)
-    return float(min(max(HALF_WINDOW_S, HALF_WINDOW_PERIODS * period_s, by_rounding_s), HALF_WINDOW_LIMIT_S))
-
-
 def decimal_step(values: Vector) -> float:
     """The power of ten to which all values were rounded: 1e-6 for 48.700001 and 48.7, at least 1e-9."""
     for decimals in range(9):
@@ -223,47 +201,10 @@ def decimal_step(values: Vector) -> float:
     return 1e-9
 
 
-def line_slopes(times_s: Vector, values: Vector, at_s: Vector, step_m: float) -> Slopes:
-    """Slope [n, k] of the least-squares line through `values` [m, k] around each of `at_s` [n].
-
-    Its standard deviation is that of the residuals of all windows together (or of rounding to `step_m`, if that
-    is more), over the spread of the window's times; where a window stands out, as at a fix that is wrong, that of
-    its own. NaN where a window holds fewer than two fixes.
-    """
-    half_s = half_window_s(times_s, step_m)
-    slopes = np.full((len(at_s), values.shape[1]), np.nan)
-    spread, residual, freedom = np.full(len(at_s), np.nan), np.zeros(len(at_s)), np.zeros(len(at_s))
-    first = np.searchsorted(times_s, at_s - half_s - 1e-6)
-    last = np.searchsorted(times_s, at_s + half_s + 1e-6)
-    for index, (start, end) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
-        if end - start < 2:
-            continue
-        t = times_s[start:end] - times_s[start:end].mean()
-        x = values[start:end] - values[start:end].mean(axis=0)
-        spread[index] = t @ t
-        slopes[index] = t @ x / spread[index]
-        residual[index] = ((x - np.outer(t, slopes[index])) ** 2).sum()
-        freedom[index] = (end - start - 2) * values.shape[1]
-    return Slopes(slopes, np.sqrt(_scatter(residual, freedom, step_m**2 / 12) / spread))
-
-
-def _scatter(residual: Vector, freedom: Vector, least: float) -> Vector:
-    """Variance of the values in each window, [n], from its sum of squares and degrees of freedom: that of all windows
-    together, or of its own where that stands out. At least `least`.
-    """
-    own = residual / np.maximum(freedom, 1)
-    median = np.median(own[freedom > 0]) if freedom.any() else 0.0
-    apart = own > STANDING_OUT * max(median, least)
-    usual = residual[~apart].sum() / max(freedom[~apart].sum(), 1)
-    return np.where(apart, own, max(usual, least))
-
-
 def velocities(stamps_ns: NDArray[np.int64], ned: Vector, *, steps_m: tuple[float, float]) -> Velocities:
     """Velocities at the horizontal fixes of positions [n, 3] at rising stamps, and between fixes that are seldom.
 
-    Those beyond reason are left out.
-
-    `steps_m` is what places and heights are rounded to.
+    Those beyond reason are left out. `steps_m` is what places and heights are rounded to.
     """
     times_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
     across, up = fixes(times_s, ned[:, :2]), fixes(times_s, ned[:, 2:])

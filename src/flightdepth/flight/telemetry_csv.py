@@ -20,7 +20,6 @@ refused with its line, for who writes such a file can mend it.
 from __future__ import annotations
 
 import csv
-import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -31,38 +30,22 @@ from numpy.typing import NDArray
 from flightdepth.errors import BadInput
 from flightdepth.files import write_atomic
 from flightdepth.flight.csv_columns import (
-    ALTITUDE,
     ANGLES,
     ATTITUDE,
     BY_PLACES,
     MEND,
-    PLACE,
     SIGMA,
     SPEED,
     STAMP,
-    TIME,
     VELOCITY,
     Columns,
 )
+from flightdepth.flight.csv_rows import Row
 from flightdepth.flight.file_bytes import log_bytes
-from flightdepth.flight.gimbal import looking_along
 from flightdepth.flight.order import rising
 from flightdepth.flight.places import SEA_LEVEL
 from flightdepth.flight.positions import UNFIXED, on_earth, place_track, velocities_by_fixes
-from flightdepth.flight.records import (
-    FASTEST_M_S,
-    LATEST_NS,
-    NS_PER_S,
-    AttitudeSample,
-    Sample,
-    Telemetry,
-    VelocityFrame,
-    VelocitySample,
-    by_time,
-    none_of,
-    northwards,
-    seconds,
-)
+from flightdepth.flight.records import AttitudeSample, Sample, Telemetry, VelocitySample, by_time, none_of
 from flightdepth.motion import Vector
 
 
@@ -75,14 +58,15 @@ def read_csv(path: Path) -> Telemetry:
         if len(lines) > 2 and not lines[-1].endswith(("\n", "\r")):
             lines.pop()
             counts["last lines without an end: cut off"] += 1
-        return _read(what, path.name, csv.reader(lines, skipinitialspace=True), counts)
+        columns, rows = _table(what, lines)
     except (UnicodeDecodeError, csv.Error) as error:
         raise BadInput(what, expected="a CSV file", got=f"something else ({error})", mend=MEND) from error
+    return _telemetry(what, path.name, columns, rows, counts)
 
 
 def looks_like_csv(head: bytes, path: Path) -> bool:
     """Whether the file's first line is text with a comma in it, and not an ArduPilot log as text."""
-    line = head.split(b"\n", 1)[0].rstrip(b"\r")
+    line = next(iter(head.splitlines()), b"")
     of_ardupilot = line.startswith(b"FMT,")
     text = b"\0" not in line and line.decode("utf-8-sig", "replace").isprintable()
     return b"," in line and text and not of_ardupilot
@@ -115,48 +99,41 @@ def _line(velocity: VelocitySample, has_sigma: bool, attitude: Vector | None) ->
     return ",".join(cells)
 
 
-def _read(what: str, name: str, rows: Iterable[list[str]], counts: Counter[str]) -> Telemetry:
-    iterator = iter(rows)
-    header = [cell.strip() for cell in next(iterator, [])]
+def _table(what: str, lines: Iterable[str]) -> tuple[Columns, list[Row]]:
+    """The header, and the lines below it that are not blank."""
+    reader = csv.reader(lines, skipinitialspace=True)
+    header = [cell.strip() for cell in next(reader, [])]
     if not any(header):
         raise BadInput(
             what, expected="a header line and a line for each time", got="an empty file", mend=MEND
         )
     columns = Columns.of(what, header)
-    stamps_ns: list[int] = []
-    read: list[list[Sample]] = []
-    places: list[list[float]] = []
-    for line, row in enumerate(iterator, start=2):
-        if not any(cell.strip() for cell in row):
-            continue
-        where = f"{what}, line {line}"
-        cells = _cells(where, header, row)
-        stamps_ns.append(_stamp(where, columns.time, cells))
-        read.append(_samples(where, columns, cells, stamps_ns[-1]))
-        places.append(_place(where, columns, cells))
-    if not read:
+    rows = [
+        Row.of(f"{what}, line {reader.line_num}", columns, cells)
+        for cells in reader
+        if any(cell.strip() for cell in cells)
+    ]
+    if not rows:
         raise BadInput(what, expected="a line for each time", got="only the header")
+    return columns, rows
+
+
+def _telemetry(
+    what: str, name: str, columns: Columns, rows: Sequence[Row], counts: Counter[str]
+) -> Telemetry:
+    stamps_ns, places = [row.stamp_ns for row in rows], np.array([row.place for row in rows])
     kept = rising(stamps_ns)
-    if len(kept) < len(read):
-        counts["velocities not later than the one before"] += len(read) - len(kept)
-    ignored = f", ignored columns: {', '.join(columns.ignored)}" if columns.ignored else ""
-    if (
-        columns.frame != SPEED
-        and not columns.attitude
-        and any(angle in name for angle in ANGLES for name in columns.ignored)
-    ):
-        ignored += f" (an attitude is read from {' or '.join(map(', '.join, ATTITUDE.values()))})"
-    samples = tuple(sample for index in kept for sample in read[index])
-    told = {SPEED: "speed, any direction", BY_PLACES: "velocity by its positions"}
-    table = np.array(places)
+    if len(kept) < len(rows):
+        counts["velocities not later than the one before"] += len(rows) - len(kept)
+    samples = tuple(sample for index in kept for sample in rows[index].samples)
     if columns.frame == BY_PLACES:
-        slopes = _by_places(what, np.array(stamps_ns)[kept], table[kept], counts)
+        slopes = _by_places(what, np.array(stamps_ns)[kept], places[kept], counts)
         samples = by_time(slopes, samples)
     # Those that jump have been counted where the velocities are the slopes of the same.
     jumps = Counter[str]() if columns.frame == BY_PLACES else counts
-    track = place_track(stamps_ns, table[:, :2], table[:, 2], SEA_LEVEL, jumps)
+    track = place_track(stamps_ns, places[:, :2], places[:, 2], SEA_LEVEL, jumps)
     return Telemetry(
-        f"CSV {name}: {told.get(columns.frame, f'{columns.frame} velocity')}{ignored}",
+        f"CSV {name}: {_described(columns)}",
         samples,
         dict(+counts),
         any_direction=columns.frame == SPEED,
@@ -164,10 +141,16 @@ def _read(what: str, name: str, rows: Iterable[list[str]], counts: Counter[str])
     )
 
 
-def _cells(where: str, header: Sequence[str], row: Sequence[str]) -> dict[str, str]:
-    if len(row) != len(header):
-        raise BadInput(where, expected=f"{len(header)} cells", got=str(len(row)))
-    return dict(zip(header, row, strict=True))
+def _described(columns: Columns) -> str:
+    """What a file tells, and the columns in which it is not looked for."""
+    told = {SPEED: "speed, any direction", BY_PLACES: "velocity by its positions"}
+    text = told.get(columns.frame, f"{columns.frame} velocity")
+    if columns.ignored:
+        text += f", ignored columns: {', '.join(columns.ignored)}"
+    angles = any(angle in name for angle in ANGLES for name in columns.ignored)
+    if angles and columns.frame != SPEED and not columns.attitude:
+        text += f" (an attitude is read from {' or '.join(map(', '.join, ATTITUDE.values()))})"
+    return text
 
 
 def _by_places(
@@ -180,79 +163,3 @@ def _by_places(
     if not len(found):
         raise BadInput(what, expected="a velocity, or positions that tell one", got=none_of(counts))
     return found.samples()
-
-
-def _samples(where: str, columns: Columns, cells: dict[str, str], stamp_ns: int) -> list[Sample]:
-    """What a line itself tells of velocity and attitude."""
-    velocity = None if columns.frame == BY_PLACES else _velocity(where, columns, cells)
-    sigma = _optional(where, columns, cells, SIGMA)
-    try:
-        samples: list[Sample] = []
-        if velocity is not None:
-            frame: VelocityFrame = "camera" if columns.frame == "camera" else "world"
-            samples.append(VelocitySample(stamp_ns, velocity, frame, sigma))
-        if columns.attitude:
-            numbers = _numbers(where, cells, ATTITUDE[columns.attitude])
-            told = columns.attitude == "angles"
-            samples.append(AttitudeSample(stamp_ns, looking_along(*numbers) if told else _unit(numbers)))
-    except BadInput as error:
-        raise BadInput(f"{where}: {error}") from error
-    return samples
-
-
-def _velocity(where: str, columns: Columns, cells: dict[str, str]) -> Vector:
-    velocity = _numbers(where, cells, VELOCITY[columns.frame])
-    if columns.frame == SPEED:
-        if velocity[0] < 0:
-            raise BadInput(where, expected="a speed of 0 m/s or more", got=f"{velocity[0]:g}")
-        velocity = northwards(velocity[0])
-    if (speed := float(np.linalg.norm(velocity))) > FASTEST_M_S:
-        raise BadInput(
-            where, expected=f"at most {FASTEST_M_S:g} m/s", got=f"{speed:.0f}", mend="Velocities are in m/s."
-        )
-    return velocity
-
-
-def _place(where: str, columns: Columns, cells: dict[str, str]) -> list[float]:
-    """Latitude, longitude, altitude; NaN where they are not told."""
-    told = [_optional(where, columns, cells, name) for name in (*PLACE, ALTITUDE)]
-    place = [math.nan if number is None else number for number in told]
-    if abs(place[0]) > 90 or abs(place[1]) > 180:
-        got = ", ".join(f"{number:g}" for number in place[:2])
-        raise BadInput(where, expected="a latitude within 90 degrees and a longitude within 180", got=got)
-    return place
-
-
-def _unit(quaternion: Vector) -> Vector:
-    if not 0.9 < np.linalg.norm(quaternion) < 1.1:
-        got = ", ".join(f"{number:g}" for number in quaternion)
-        raise BadInput("attitude", expected="a quaternion qw, qx, qy, qz of length 1", got=got)
-    return quaternion
-
-
-def _stamp(where: str, column: str, cells: dict[str, str]) -> int:
-    try:
-        stamp_ns = int(cells[STAMP]) if column == STAMP else _number(where, cells, TIME) * NS_PER_S
-    except ValueError as error:
-        raise BadInput(where, expected=f"{STAMP} as a whole number", got=repr(cells[STAMP])) from error
-    if abs(stamp_ns) > LATEST_NS:
-        raise BadInput(where, expected=f"a time within {seconds(LATEST_NS)}", got=cells[column].strip())
-    return round(stamp_ns)
-
-
-def _numbers(where: str, cells: dict[str, str], names: Sequence[str]) -> Vector:
-    return np.array([_number(where, cells, name) for name in names])
-
-
-def _optional(where: str, columns: Columns, cells: dict[str, str], name: str) -> float | None:
-    return _number(where, cells, name) if name in columns.optional and cells[name].strip() else None
-
-
-def _number(where: str, cells: dict[str, str], name: str) -> float:
-    try:
-        number = float(cells[name])
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise BadInput(where, expected=f"a finite number for {name}", got=repr(cells[name].strip()))
-    return number

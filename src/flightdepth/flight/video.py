@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator
-from fractions import Fraction
 from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
-import av
 from av.error import FFmpegError
 
 from flightdepth.errors import BadInput, FlightDepthError
@@ -20,8 +17,9 @@ from flightdepth.flight.decoding import NO_KEY_FRAME_YET, SoundPictures
 from flightdepth.flight.deinterlacing import deinterlaced
 from flightdepth.flight.display_matrix import turn_of, upright
 from flightdepth.flight.mask import PictureMask
-from flightdepth.flight.records import NS_PER_S, Frame, seconds
+from flightdepth.flight.records import LATEST_NS, NS_PER_S, Frame, seconds
 from flightdepth.flight.spherical import refuse_sphere
+from flightdepth.flight.video_clock import VideoClock
 
 LEAST_MISSING_NS = NS_PER_S  # at the end of a file that is read from its middle on
 
@@ -68,10 +66,8 @@ class Video:
     def _begin(self) -> _Picture:
         """Find what times count from, and the first of the pictures wanted."""
         self._stream.thread_type = "AUTO"
-        # AVI has no times: FFmpeg numbers packets as they lie, and the one that brought a picture out tells its place.
-        self._by_packet = self._container.format.name == "avi"
-        self._origin = self._find_origin()
-        self.duration_ns = self._find_duration_ns()
+        self._clock = VideoClock(self._container, self._stream)
+        self.duration_ns = self._clock.duration_ns
         self.frame_count_hint = self._guess_frame_count()
         self._chosen = self._between()
         first = next(self._chosen, None)
@@ -116,20 +112,6 @@ class Video:
         """What the container and its video stream say of themselves, by lower-case name."""
         told = {**self._stream.metadata, **self._container.metadata}
         return {str(name).lower(): str(value).strip() for name, value in told.items()}
-
-    def _find_duration_ns(self) -> int:
-        if self._stream.duration is not None:
-            return self._nanoseconds(self._stream.duration)
-        return int((self._container.duration or 0) * NS_PER_S // av.time_base)
-
-    def _find_end_ns(self, *, whole: bool) -> int:
-        """Where the file's head promises the last picture, 0 where it does not, or where they are counted anyway."""
-        if self._stream.frames:
-            return 0 if whole else self.duration_ns
-        silent = not self._container.streams.audio  # which may last longer
-        if silent and "matroska" in self._container.format.name:
-            return self.duration_ns - self._nanoseconds(self._origin)
-        return 0
 
     def _guess_frame_count(self) -> int | None:
         rate = self._stream.average_rate
@@ -176,7 +158,7 @@ class Video:
         before, back_ns = self.counts.copy(), 0
         while True:
             again = self._seek(back_ns)
-            pictures = self._timed(begin_by=self._start_ticks if again else None)
+            pictures = self._timed(begin_by=self._clock.ticks_at(self.start_ns) if again else None)
             first = next(pictures, None)
             if not again or (first is not None and first.stamp_ns <= self.start_ns):
                 break
@@ -196,45 +178,18 @@ class Video:
         sound = SoundPictures(self._container, self._stream, self.counts, whole=whole, begin_by=begin_by)
         for picture, after_damage in deinterlaced(sound):
             damaged |= after_damage
-            if (ticks := self._ticks(picture, ticks)) is None:
+            if (ticks := self._clock.ticks_of(picture, ticks)) is None:
                 self.counts["frames without a time"] += 1
-            elif (stamp_ns := self._nanoseconds(ticks - self._origin)) <= last_ns:
+            elif (stamp_ns := self._clock.stamp_ns(ticks)) <= last_ns:
                 self.counts["frames not later than the one before"] += 1
             else:
                 yield _Picture(stamp_ns, picture, damaged)
                 last_ns, step_ns, damaged = stamp_ns, stamp_ns - last_ns, False
         # What was read and is damaged is counted as such.
-        read_ns = last_ns if sound.read_pts is None else self._nanoseconds(sound.read_pts - self._origin)
-        missing_ns = self._find_end_ns(whole=whole) - max(read_ns, self.start_ns)
+        read_ns = last_ns if sound.read_pts is None else self._clock.stamp_ns(sound.read_pts)
+        missing_ns = self._clock.promised_end_ns(whole=whole) - max(read_ns, self.start_ns)
         if missing_ns - step_ns > LEAST_MISSING_NS:  # each picture is shown for a while
             self.counts["seconds missing at the end of the file"] = round(missing_ns / NS_PER_S)
-
-    def _find_origin(self) -> int:
-        """Time of the first picture, ticks; some containers tell it only with the first packet or picture."""
-        if self._stream.start_time is not None and not self._by_packet:
-            return int(self._stream.start_time)
-        try:
-            first = next(
-                self._container.decode(self._stream)
-                if self._by_packet
-                else self._container.demux(self._stream)
-            )
-            self._container.seek(0)
-        except (FFmpegError, StopIteration):
-            return 0
-        return self._ticks(first) or 0
-
-    def _ticks(self, picture: Any, before: int | None = None) -> int | None:
-        """Time of a picture, ticks; `before` of the one before it."""
-        if not self._by_packet:
-            return picture.pts  # type: ignore[no-any-return]
-        if picture.dts is None and before is not None:
-            return before + 1  # the last ones come out when there are no packets left; a tick is a picture
-        return picture.dts  # type: ignore[no-any-return]
-
-    @property
-    def _start_ticks(self) -> int:
-        return self._origin + int(Fraction(self.start_ns, NS_PER_S) / self._stream.time_base)
 
     def _seek(self, back_ns: int) -> bool:
         """Go to a key frame, `back_ns` before the start or earlier; False where that is the file's beginning."""
@@ -244,14 +199,10 @@ class Video:
             if back_ns >= self.start_ns:
                 self._container.seek(0)
                 return False
-            back = int(Fraction(back_ns, NS_PER_S) / self._stream.time_base)
-            self._container.seek(self._start_ticks - back, stream=self._stream)
+            self._container.seek(self._clock.ticks_at(self.start_ns - back_ns), stream=self._stream)
         except FFmpegError:
             return False  # not seekable: decoding from the beginning gives the same frames, later
         return True
-
-    def _nanoseconds(self, ticks: int) -> int:
-        return int(ticks * self._stream.time_base * NS_PER_S)
 
     def _no_frame(self) -> BadInput:
         if self.start_ns == 0 and self.end_ns is None:
@@ -271,7 +222,7 @@ class Video:
 
 def _interval(start_s: float | None, end_s: float | None) -> tuple[int, int | None]:
     for name, value in (("--start", start_s), ("--end", end_s)):
-        if value is not None and not (math.isfinite(value) and value >= 0):
+        if value is not None and not 0 <= value * NS_PER_S <= LATEST_NS:
             raise BadInput(name, expected="seconds since the video's start", got=str(value))
     start_ns = 0 if start_s is None else round(start_s * NS_PER_S)
     end_ns = None if end_s is None else round(end_s * NS_PER_S)
