@@ -1,5 +1,6 @@
 """The frame of the command line: help, version, exit codes, and that it starts quickly."""
 
+import os
 import subprocess
 import sys
 
@@ -69,6 +70,26 @@ def test_a_long_error_is_not_wrapped(failing, capsys):
 def test_brackets_in_an_error_are_kept(failing, capsys):
     failing(FlightDepthError("pip install 'flightdepth[train]'"))
     assert "flightdepth[train]" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("encoding", "shown"), [("cp1252", b"Fl\xfcge \\u03a9\n"), ("ascii:strict", b"Fl\\xfcge \\u03a9\n")]
+)
+def test_a_name_that_stdout_cannot_write_ends_nothing(encoding, shown):
+    """On Windows a file or a pipe takes the letters of one language only."""
+    code = (
+        "from flightdepth import cli\n"
+        "from flightdepth.commands.terminal import say\n"
+        "cli.app = lambda *_, **named: say('Fl\\u00fcge \\u03a9')\n"
+        "cli.main([])\n"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", code],
+        check=True,
+        env={**os.environ, "PYTHONIOENCODING": encoding},
+        capture_output=True,
+    )
+    assert (told.stdout, told.stderr) == (shown, b"")
 
 
 def test_version(capsys):

@@ -20,7 +20,7 @@ from flightdepth.commands.live import live
 from flightdepth.commands.networks import networks
 from flightdepth.commands.render import render
 from flightdepth.commands.run import run
-from flightdepth.commands.terminal import report, say
+from flightdepth.commands.terminal import print_any_name, report, say
 from flightdepth.commands.train import train
 from flightdepth.commands.view import view
 from flightdepth.errors import FlightDepthError
@@ -77,6 +77,7 @@ app.command()(render)
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; the exit code. Errors that a user can meet are one line on stderr."""
+    print_any_name()
     try:
         app(None if arguments is None else list(arguments), prog_name="flightdepth")
     except SystemExit as end:  # typer ends each command so

@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import os
 import re
+import secrets
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from flightdepth.errors import BadInput
+from flightdepth.errors import BadInput, FlightDepthError
 
 try:
     import fcntl
@@ -21,6 +24,8 @@ except ImportError:  # Windows
 
 HEAD_BYTES = 512
 NEW, OLD = "partial", "old"  # in the names of folders on their way in and out
+# Windows moves nothing that a program has open, and virus scanners and indexers open what is new, for a moment.
+PATIENCE_S = (0.1, 0.2, 0.4, 0.8, 1.6) if os.name == "nt" else ()
 
 
 def write_atomic(path: Path, data: bytes) -> None:
@@ -39,7 +44,7 @@ def file_in_progress(path: Path) -> Iterator[BinaryIO]:
             file.flush()
             os.fsync(file.fileno())
         Path(name).chmod(0o644)  # a temporary file is its owner's alone
-        Path(name).replace(path)
+        _patiently(Path(name).replace, path)
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
@@ -96,26 +101,28 @@ def folder_in_progress(target: Path, *, kind: str = NEW) -> Iterator[Path]:
     """Yield a new folder beside `target`; on success it takes its place, on any error it is removed, and
     so are the parents made for it.
 
-    An existing `target` stays untouched until the new one stands complete. What a killed process left here is cleared.
+    An existing `target` stays untouched until the new one stands complete. What a killed process left here is cleared,
+    where the system has locks that tell what is left.
 
     kind  stands in the new folder's name; only those of NEW are cleared
+
+    Raises:
+        FlightDepthError: `target` cannot be moved out of the way, as where Windows has a file of it open; the new
+            folder stands beside it then.
     """
     target = target.absolute()
     new_parents = [parent for parent in target.parents if not parent.exists()]
     target.parent.mkdir(parents=True, exist_ok=True)
     _clear_up_after_the_killed(target)
-    partial = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.{kind}-"))
+    partial = _hidden_folder(target, kind)
     partial.chmod(0o755)
     lock = _lock(partial)
     try:
         yield partial
         if target.exists():
-            old = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.{OLD}-"))
-            target.rename(old / target.name)
-            partial.rename(target)
-            shutil.rmtree(old)
+            _replace_folder(partial, target)
         else:
-            partial.rename(target)
+            move_folder(partial, target)
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
         for parent in new_parents:
@@ -125,6 +132,53 @@ def folder_in_progress(target: Path, *, kind: str = NEW) -> Iterator[Path]:
     finally:
         if lock is not None:
             os.close(lock)
+
+
+def move_folder(folder: Path, place: Path) -> Path:
+    """Rename a folder, waiting a little where Windows forbids it for a moment; where it stands now."""
+    _patiently(folder.rename, place)
+    return place
+
+
+def _patiently(move: Callable[[Path], object], place: Path) -> None:
+    for pause_s in PATIENCE_S:
+        try:
+            move(place)
+        except PermissionError:
+            time.sleep(pause_s)
+        else:
+            return
+    move(place)
+
+
+def _hidden_folder(target: Path, kind: str) -> Path:
+    """A new one beside `target`. Those of `tempfile` would be their owner's alone on Windows, by a list that stays."""
+    while True:
+        folder = target.with_name(f".{target.name}.{kind}-{secrets.token_hex(4)}")
+        with suppress(FileExistsError):
+            folder.mkdir()
+            return folder
+
+
+def _replace_folder(partial: Path, target: Path) -> None:
+    old = _hidden_folder(target, OLD)
+    try:
+        move_folder(target, old / target.name)
+    except OSError as error:
+        old.rmdir()
+        raise _beside(partial, target, error) from error
+    move_folder(partial, target)
+    shutil.rmtree(old)
+
+
+def _beside(partial: Path, target: Path, error: OSError) -> FlightDepthError:
+    """Name what is complete, and cannot take its place; the error that tells where it stands."""
+    names = (target.with_name(f"{target.name}.new-{number}") for number in count(1))
+    place = move_folder(partial, next(name for name in names if not name.exists()))
+    return FlightDepthError(
+        f"{target} could not be replaced ({error.strerror or error}): is a file of it open in another program?"
+        f" The new one stands in {place}"
+    )
 
 
 def _clear_up_after_the_killed(target: Path) -> None:

@@ -58,6 +58,12 @@ def test_no_two_flights_share_a_folder():
     assert [job.target.name for job in jobs] == ["a", "a-2", "a-3", "a-4"]
 
 
+def test_nor_on_a_disk_that_knows_no_capitals():
+    """On Windows and macOS the second flight replaced the first."""
+    jobs = jobs_of([Path("1/DJI_0001.MP4"), Path("2/dji_0001.mp4")], Path("out"))
+    assert [job.target.name for job in jobs] == ["DJI_0001", "dji_0001-2"]
+
+
 def test_an_unfinished_flight_is_done(run, work):
     run()
     (work / "out/two/flight.json").unlink()  # as a folder of another program, or of a crash

@@ -1,6 +1,7 @@
 """`flightdepth run` from end to end, with a network made by hand."""
 
 import errno
+import os
 
 import numpy as np
 import pytest
@@ -264,6 +265,13 @@ def test_a_place_that_cannot_be_written_is_refused_before_any_work(run, work):
     outcome = run("--out", work / "log.csv" / "out")
     refused(outcome, work, "log.csv/out", "a place to write", "Not a directory")
     assert outcome[1] == ""
+
+
+def test_a_name_that_is_not_utf_8(run, work):
+    """It was flown, and then ended in a traceback of what writes flight.json."""
+    name = os.fsdecode(b"fl\xfcg.mp4")
+    (work / "flight.mp4").rename(work / name)
+    refused(run(video=name), work, "expected a name in UTF-8", "Rename it.")
 
 
 def test_an_empty_video(run, work):

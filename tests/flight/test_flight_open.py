@@ -193,6 +193,13 @@ def test_a_log_beside_the_video_may_be_written_in_another_case(video, tmp_path, 
         assert name in flight.telemetry_name
 
 
+def test_nor_does_it_matter_how_accents_are_stored(video, tmp_path):
+    """Disks of older Macs store two characters for one letter with an accent."""
+    log(tmp_path, range(0, 2100, 100)).rename(tmp_path / "Flu\u0308ge.csv")
+    with open_flight(video.rename(tmp_path / "Fl\u00fcge.mp4"), hfov_deg=60) as flight:
+        assert "ge.csv" in flight.telemetry_name
+
+
 def test_a_track_without_a_velocity_leaves_the_log_beside_the_video(video, tmp_path):
     """A GoPro that never had a fix, on a drone whose log has the video's name."""
     add_gpmf(video, [gps5_payload([[48, 11, 500, 0, 0]] * 18, fix=0)] * 2)

@@ -1,4 +1,4 @@
-"""V4L2 cameras, as far as a machine without one can tell: what FFmpeg is told and says, and what cameras send."""
+"""Cameras, as far as a Linux without one can tell: what FFmpeg is told and says, and what cameras send."""
 
 import subprocess
 import sys
@@ -10,9 +10,12 @@ from fractions import Fraction
 import av
 import numpy as np
 import pytest
+from av.device import DeviceInfo
 from av.error import FFmpegError
 
 from flightdepth.errors import BadInput
+from flightdepth.live import video_address as addresses
+from flightdepth.live import video_stream
 from flightdepth.live.picture_clock import PictureClock
 from flightdepth.live.sound_decoder import SoundDecoder
 from flightdepth.live.video_address import VideoAddress, video_address
@@ -122,3 +125,123 @@ def test_a_raw_picture_does_not_lie_in_the_drivers_memory(tmp_path, monkeypatch)
     spans = [range(packet.buffer_ptr, packet.buffer_ptr + packet.buffer_size) for packet in packets]
     assert len(found) == 4
     assert not any(picture.decoded.planes[0].buffer_ptr in span for picture in found for span in spans)
+
+
+@pytest.fixture
+def elsewhere(monkeypatch):
+    """Windows, or macOS, with these cameras and a microphone."""
+
+    def system(*cameras):
+        devices = [DeviceInfo(*camera, False, ["video"]) for camera in cameras]
+        microphone = DeviceInfo("9", "Microphone", False, ["audio"])
+        monkeypatch.setattr(addresses, "ContainerFormat", lambda name, mode: None)
+        monkeypatch.setattr(addresses, "enumerate_input_devices", lambda driver: [*devices, microphone])
+
+    return system
+
+
+OWN = r"@device_pnp_\\?\usb#vid_046d&pid_0825#6&2"
+
+
+@pytest.mark.parametrize(
+    ("text", "cameras", "target", "options"),
+    [
+        ("dshow:HD cam (2)", [(OWN, "HD cam (2)")], "video=HD cam (2)", {"rtbufsize": "67108864"}),
+        (f"dshow:{OWN}", [(OWN, "HD cam")], f"video={OWN}", {"rtbufsize": "67108864"}),
+        (
+            "dshow:HD cam?size=1280x720&rate=30&format=yuyv422",
+            [],  # where the system lists none the driver finds out
+            "video=HD cam",
+            {"rtbufsize": "67108864", "video_size": "1280x720", "framerate": "30", "pixel_format": "yuyv422"},
+        ),
+        ("avfoundation:0", [("0", "FaceTime HD Camera")], "0", {"framerate": "30"}),
+        (
+            "avfoundation:FaceTime HD Camera?rate=25",
+            [("0", "FaceTime HD Camera")],
+            "FaceTime HD Camera",
+            {"framerate": "25"},
+        ),
+    ],
+)
+def test_cameras_of_windows_and_macos(elsewhere, text, cameras, target, options):
+    elsewhere(*cameras)
+    camera = video_address(text)
+    assert (camera.name, camera.source(), camera.options) == (text, target, options)
+    assert (camera.format, camera.paced, camera.same_clock) == (text.split(":")[0], False, False)
+
+
+def test_ffmpeg_is_handed_what_it_needs_for_them(elsewhere, monkeypatch):
+    elsewhere((OWN, "HD cam"))
+    asked = []
+    monkeypatch.setattr(video_stream.av, "open", lambda *named, **keywords: asked.append((named, keywords)))
+    with pytest.raises(AttributeError):  # nothing was opened
+        VideoStream(video_address("dshow:HD cam?rate=30"), Counter())
+    (named, keywords) = asked[0]
+    assert named == ("video=HD cam",)
+    assert keywords["format"] == "dshow"
+    assert keywords["options"] == {"rtbufsize": "67108864", "framerate": "30"}
+
+
+@pytest.mark.parametrize("text", ["dshow:", "dshow:HD", "dshow:Microphone"])
+def test_a_camera_that_is_not_there_is_refused_with_those_that_are(elsewhere, text):
+    elsewhere((OWN, "HD cam"), ("@device_sw", "OBS Virtual Camera"))
+    with pytest.raises(BadInput, match="expected dshow:HD cam, dshow:OBS Virtual Camera, got"):
+        video_address(text)
+
+
+def test_what_they_cannot_be_told_is_refused(elsewhere):
+    elsewhere()
+    with pytest.raises(BadInput, match="size=640x480"):
+        video_address("avfoundation:0?fps=30")
+
+
+@pytest.mark.parametrize(("text", "driver"), [("dshow:HD cam", "dshow"), ("avfoundation:0", "avfoundation")])
+def test_another_systems_camera_is_refused_at_once(text, driver):
+    with pytest.raises(BadInput, match=rf"got {driver}, which this system has not"):
+        video_address(text)
+
+
+class NotYet:
+    """A container of a camera that says "not yet" some times before each picture, as FFmpeg does on macOS."""
+
+    def __init__(self, container, times):
+        self.streams, self.close = container.streams, container.close
+        self._packets, self._times, self._left = None, times, times
+        self._demux = container.demux
+
+    def demux(self, stream):
+        self._packets = self._packets or self._demux(stream)
+        while True:
+            if self._left:
+                self._left -= 1
+                raise av.error.BlockingIOError(11, "Resource temporarily unavailable")
+            self._left = self._times
+            packet = next(self._packets, None)
+            if packet is None:
+                return
+            yield packet
+
+
+def opened(monkeypatch, path, times):
+    container = av.open(str(path))
+    monkeypatch.setattr(video_stream.av, "open", lambda *named, **keywords: NotYet(container, times))
+    return VideoStream(VideoAddress("avfoundation:0", "0", format="avfoundation"), Counter())
+
+
+def test_a_camera_that_has_no_picture_yet_is_asked_again(monkeypatch, tmp_path):
+    film(tmp_path / "camera.nut", "rawvideo", "yuyv422")
+    with closing(opened(monkeypatch, tmp_path / "camera.nut", 3)) as stream, pytest.raises(StreamEnded):
+        seen = []
+        for picture in stream.pictures(PictureClock(0), threading.Event()):
+            seen.append(picture.rgb().shape)
+    assert seen == [(48, 64, 3)] * 4
+
+
+def test_one_that_never_has_is_given_up(monkeypatch, tmp_path):
+    film(tmp_path / "camera.nut", "rawvideo", "yuyv422")
+    monkeypatch.setattr(video_stream, "READ_S", 0.05)
+    with (
+        closing(opened(monkeypatch, tmp_path / "camera.nut", 1 << 30)) as stream,
+        pytest.raises(TimeoutError, match="nothing came in time"),
+    ):
+        next(stream.pictures(PictureClock(0), threading.Event()))

@@ -100,6 +100,13 @@ def test_before_the_first_result_there_is_a_state_and_no_picture(flying, monkeyp
     assert {sector["kind"] for sector in told["fan"]["sectors"]} == {"unknown"}
 
 
+def test_on_windows_no_two_programs_share_a_port(flying, monkeypatch):
+    """What lets a port be had again at once on Linux lets two servers have it there, and none complains."""
+    monkeypatch.setattr("flightdepth.live.page.server.os.name", "nt")
+    with closing(PageServer(flying.page, "127.0.0.1:0")) as server:
+        assert not server.socket.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR)
+
+
 def test_metrics_are_served(flying):
     flying.fly()
     _, headers, body = get(flying.server, "metrics")

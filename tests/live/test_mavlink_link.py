@@ -9,7 +9,7 @@ from live_peers import Autopilot, Listening, free_port, until
 from pymavlink.dialects.v20 import common as mavlink
 
 from flightdepth.errors import BadInput
-from flightdepth.live import tcp_transport
+from flightdepth.live import mavlink_link, tcp_transport
 from flightdepth.live.mavlink_link import check_address, open_transport
 
 
@@ -201,8 +201,39 @@ def test_an_address_that_is_none_is_refused_with_examples(address):
     [
         ("udpin:0.0.0.0:14550", ("udpin:0.0.0.0:14550", None)),
         ("serial:/dev/ttyAMA0:921600", ("/dev/ttyAMA0", 921600)),
+        ("serial:COM3:57600", ("COM3", 57600)),
+        ("com12", ("com12", None)),
+        ("/dev/cu.usbmodem01", ("/dev/cu.usbmodem01", None)),
         ("/dev/ttyACM0", ("/dev/ttyACM0", None)),
     ],
 )
 def test_addresses(address, found):
     assert check_address(address) == found
+
+
+@pytest.mark.parametrize(("fd", "longest_s"), [(None, 0.005), (7, 0.05)])
+def test_a_port_that_cannot_be_waited_for_is_looked_at_often(monkeypatch, fd, longest_s):
+    """In place of waiting for a serial port of Windows pymavlink sleeps: telemetry was stamped up to 50 ms late."""
+    waits = []
+
+    class Port:
+        def select(self, timeout_s):
+            waits.append(timeout_s)
+            time.sleep(0.001)
+            return True
+
+        def recv(self, most):
+            return b""
+
+        def write(self, data):
+            pass
+
+        def close(self):
+            pass
+
+    port = Port()
+    port.fd = fd
+    monkeypatch.setattr(mavlink_link, "open_transport", lambda address: port)
+    with Listening("serial:COM3:57600"):
+        until(lambda: len(waits) > 2)
+    assert set(waits) == {longest_s}

@@ -1,5 +1,6 @@
 """RTP to pictures: packets as the RFCs write them, FFmpeg as the sender, and packets lost, mixed and cut."""
 
+import errno
 import random
 import socket
 import struct
@@ -323,6 +324,30 @@ def test_a_port_that_another_program_reads_is_refused():
 def test_a_cameras_address_is_not_where_to_listen():
     with pytest.raises(StreamEnded, match=r"192\.0\.2\.1 is no address of this machine"):
         RtpStream(f"rtp://192.0.2.1:{free_port()}", Counter())
+
+
+def test_where_no_group_can_be_bound_to_all_that_comes_to_its_port_is_heard(monkeypatch):
+    """Windows knows a group as no address of its own, so `rtp://239.1.1.1:5600` was never opened."""
+    bound_to, bind = [], socket.socket.bind
+
+    def bind_as_windows(self, address):
+        if address[0]:
+            raise OSError(errno.EADDRNOTAVAIL, "The requested address is not valid in its context")
+        bound_to.append(address[1])
+        bind(self, address)
+
+    monkeypatch.setattr(socket.socket, "bind", bind_as_windows)
+    joined, setsockopt = [], socket.socket.setsockopt
+
+    def join(self, level, option, value):
+        if option == socket.IP_ADD_MEMBERSHIP:  # needs a network, which a test may not have
+            joined.append(value)
+        else:
+            setsockopt(self, level, option, value)
+
+    monkeypatch.setattr(socket.socket, "setsockopt", join)
+    with closing(RtpStream("rtp://239.1.1.1:45600", Counter())):
+        assert (bound_to, joined) == ([45600, 45601], [bytes([239, 1, 1, 1, 0, 0, 0, 0])] * 2)
 
 
 NEWEST = RtpPacket.parse(rtp(65_000, 2**32 - 1000))

@@ -71,6 +71,15 @@ def test_a_session_description_is_read(tmp_path):
     assert address.source().read() == address.target.encode()
 
 
+def test_a_colon_in_a_files_name_makes_no_address_of_it(tmp_path, monkeypatch):
+    clip = encode(tmp_path / "clip.mp4", seconds=1).rename(tmp_path / "10:30.mp4")
+    monkeypatch.chdir(tmp_path)
+    address = video_address("10:30.mp4")
+    assert (address.name, address.target, address.paced) == ("10:30.mp4", str(clip), True)
+    with av.open(address.source()) as container:
+        assert container.streams.video
+
+
 def test_cameras_and_transport_streams():
     camera = video_address("/dev/video0")
     assert (camera.format, camera.same_clock, camera.paced) == ("v4l2", True, False)

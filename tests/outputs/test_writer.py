@@ -291,6 +291,16 @@ def test_the_folder_where_the_user_is_is_not_taken_away(tmp_path, monkeypatch, w
     assert FlightFolder(Path("deeper")).rows
 
 
+def test_a_folder_is_checked_where_paths_know_no_mounts(tmp_path, monkeypatch):
+    """Windows before Python 3.12: `run` ended in that traceback."""
+
+    def unknown(self):
+        raise NotImplementedError("Path.is_mount() is unsupported on this system")
+
+    monkeypatch.setattr(Path, "is_mount", unknown)
+    write(tmp_path / "out", [known(RAMP)])
+
+
 @pytest.mark.skipif(not Path("/proc").is_mount(), reason="Linux's")
 def test_a_mount_point_is_refused_before_the_work():
     """No system renames one: the result would be lost at the end."""

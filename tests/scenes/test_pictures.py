@@ -37,6 +37,16 @@ def test_the_beginning_of_a_jpeg_is_no_picture(options, share, tmp_path):
     assert read_picture(path) is None
 
 
+def test_opencv_is_given_no_name(tmp_path, monkeypatch):
+    """On Windows it opens no file whose name holds letters of another language."""
+    path = tmp_path / "\u03a9.jpg"
+    path.write_bytes(jpeg())
+    monkeypatch.setattr(cv2, "imread", lambda *_: None)
+    assert read_picture(path).shape == NOISE.shape
+    path.write_bytes(b"")
+    assert read_picture(path) is None
+
+
 def test_a_preview_s_end_is_not_the_picture_s():
     data = with_preview(jpeg(), jpeg())
     assert is_whole(data)

@@ -46,12 +46,15 @@ Attempt = Outcome | FlightDepthError
 
 
 def jobs_of(flights: Sequence[Path], out: Path) -> list[Job]:
-    """A folder in `out` for each flight, named after it; the second of a name gets -2, and so on."""
+    """A folder in `out` for each flight, named after it; the second of a name gets -2, and so on.
+
+    Names that differ by case are one: they would be one folder on Windows and macOS.
+    """
     jobs: dict[str, Job] = {}
     for flight in flights:
         numbered = (f"{flight.stem}-{number}" for number in count(2))
-        name = next(name for name in chain([flight.stem], numbered) if name not in jobs)
-        jobs[name] = Job(flight, out / name)
+        name = next(name for name in chain([flight.stem], numbered) if name.casefold() not in jobs)
+        jobs[name.casefold()] = Job(flight, out / name)
     return list(jobs.values())
 
 

@@ -24,7 +24,8 @@ def live(
         str | None,
         typer.Option(
             metavar="LINK",
-            help="The autopilot: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:/dev/X[:BAUD].",
+            help="The autopilot: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, serial:/dev/X[:BAUD] or "
+            "serial:COM3[:BAUD].",
         ),
     ] = None,
     telemetry: Annotated[
@@ -128,8 +129,9 @@ def live(
 
     --video takes rtsp://HOST/PATH (TCP; rtsp+udp:// for UDP),
     rtp://0.0.0.0:5600 (H.264), a .sdp file, udp://0.0.0.0:5600 (MPEG-TS),
-    /dev/videoN, or a file. Health, ages and drops are explained in
-    docs/live.md. Ctrl-C ends it.
+    a camera, /dev/videoN (Linux), dshow:NAME (Windows) or avfoundation:NAME
+    (macOS), or a file. Health, ages and drops are explained in docs/live.md.
+    Ctrl-C ends it.
     """
     from flightdepth.commands.live_session import Session
 

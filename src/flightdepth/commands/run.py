@@ -168,6 +168,7 @@ def run(
     from flightdepth.ranges.estimator import check_ranges
 
     check_engine("flightdepth run", engine, address)
+    refuse_names(flights)
     several = len(flights) > 1
     if several and telemetry is not None:
         raise BadInput(
@@ -205,6 +206,16 @@ def run(
                 raise typer.Exit(worst)
         elif run_one(flights[0], out, settings) is Outcome.EMPTY:
             raise typer.Exit(FlightDepthError.exit_code)
+
+
+def refuse_names(flights: list[Path]) -> None:
+    """Refuse a name that `flight.json` cannot hold, before the first flight is flown."""
+    for path in flights:
+        try:
+            path.name.encode()
+        except UnicodeEncodeError as error:
+            named = f"flight {path.name!r}"
+            raise BadInput(named, expected="a name in UTF-8", got="another", mend="Rename it.") from error
 
 
 def refuse_logs(flights: list[Path]) -> None:

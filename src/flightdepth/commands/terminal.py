@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import sys
 import time
 from collections.abc import Iterable, Iterator, Sized
 from contextlib import contextmanager, suppress
@@ -81,6 +83,14 @@ class ToldProgress(Progress):
         if task.total is not None and rate > 0:
             line += f", {(task.total - task.completed) / rate / 60:.0f} min left"
         say(line)
+
+
+def print_any_name() -> None:
+    """What stdout's encoding lacks comes out as escapes, as stderr's does: a file or a pipe has no UTF-8 on Windows,
+    where a name in Greek ended the command.
+    """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def say(text: str) -> None:

@@ -166,8 +166,8 @@ class SoundPictures(Damageable):
         # After a seek, packets may rightly give no picture.
         if lost > 0 and (self._whole or kept_back):
             self._counts[kept_back[0] if kept_back else NO_PICTURE] += lost
-        # FFmpeg ends a cut MP4 without a word, but the index at its front tells how much there should be. An AVI's counts
-        # the empty chunks of pictures that its recorder dropped, and so do its times.
+        # FFmpeg ends a cut MP4 without a word, but the index at its front tells how much there should be. That of an
+        # AVI counts the empty chunks of pictures that its recorder dropped, and so do its times.
         if self._container.format.name == "avi":
             read = max(read, self._read_dts + 1)
         if self._whole and read < self._stream.frames:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from pathlib import Path
 from typing import Literal
 
@@ -102,8 +103,7 @@ def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:
 
 def log_beside(video: Path, mend: str) -> Path:
     """The one log that has the video's name but for its ending and its case, as DJI's cameras write it."""
-    stem = video.stem.casefold()
-    named = (path for path in video.parent.iterdir() if path.stem.casefold() == stem)
+    named = (path for path in video.parent.iterdir() if _bare_name(path) == _bare_name(video))
     others = sorted(path for path in named if path.name != video.name and path.is_file())
     logs = [path for path in others if is_log(path)]
     if len(logs) == 1:
@@ -118,6 +118,11 @@ def log_beside(video: Path, mend: str) -> Path:
     else:
         got += f", and no log beside it whose name is {video.stem} and an ending"
     raise BadInput(f"telemetry of {video}", expected="a velocity", got=got, mend=mend)
+
+
+def _bare_name(path: Path) -> str:
+    """Without its ending and its case, and with accents as one letter: disks of Macs keep them apart."""
+    return unicodedata.normalize("NFC", path.stem).casefold()
 
 
 def synchronised(video: Video, camera: Camera, log: Telemetry) -> tuple[Telemetry, ClockOffset]:

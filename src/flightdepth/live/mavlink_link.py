@@ -15,15 +15,16 @@ from flightdepth.live.autopilot_feed import AutopilotFeed
 from flightdepth.live.tcp_transport import TcpTransport
 from flightdepth.live.video_input import pause_s
 
-EXPECTED = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:/dev/DEVICE[:BAUD]"
+EXPECTED = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, serial:/dev/DEVICE[:BAUD] or serial:COM3[:BAUD]"
 LAST_PORT = 65_535
 NETWORK = re.compile(r"(udpin|udpout|tcp):([^:]+):(\d+)")
-SERIAL = re.compile(r"(?:serial:)?(/dev/[^:]+)(?::(\d+))?")
+SERIAL = re.compile(r"(?:serial:)?(/dev/[^:]+|(?i:COM)[1-9]\d*)(?::(\d+))?")  # COM3: Windows' ports
 DEFAULT_BAUD = 921600
 MAVLINK_2 = 0xFD  # a packet's first byte
 # Who we are: MAV_COMP_ID_ONBOARD_COMPUTER, in the vehicle's own system.
 COMPONENT = 191
 SELECT_S, LOCK_S, WRITE_S = 0.05, 0.05, 0.05
+POLL_S = 0.005  # of a serial port on Windows, which cannot be waited for: pymavlink sleeps
 SILENT_S = 10  # after which a UDP peer that came to us hears no more from us
 HEARTBEAT_NS = TIMESYNC_NS = NS_PER_S
 QUESTIONS_KEPT = 4  # of TIMESYNC: an answer later than a second tells nothing
@@ -159,8 +160,9 @@ class MavlinkLink:
             self._stop.wait(pause_s(failures))
 
     def _listen(self) -> None:
+        wait_s = POLL_S if getattr(self._transport, "fd", True) is None else SELECT_S
         while not self._stop.is_set():
-            ready = self._transport.select(SELECT_S)
+            ready = self._transport.select(wait_s)
             data = self._transport.recv(4096) if ready else b""
             now_ns = time.monotonic_ns()
             self._came_ns = now_ns if data else self._came_ns

@@ -169,7 +169,9 @@ class RtpStream:
         except OSError as error:
             if error.errno != errno.EADDRNOTAVAIL:
                 raise
-            raise StreamEnded(f"{host} is no address of this machine, where pictures come to") from error
+            if not group.is_multicast:
+                raise StreamEnded(f"{host} is no address of this machine, where pictures come to") from error
+            listening.bind(("", port))  # Windows binds to no group: there all that comes to the port is heard
         if group.is_multicast and group.version == 4:
             request = group.packed + bytes(4)
             listening.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)

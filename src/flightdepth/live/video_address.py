@@ -10,13 +10,17 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, parse_qsl, urlsplit
 
+from av.device import enumerate_input_devices
+from av.error import FFmpegError
+from av.format import ContainerFormat
+
 from flightdepth.errors import BadInput
 from flightdepth.flight.container import refuse_non_video
 
 EXPECTED = (
     "rtsp://HOST/PATH, rtsp+udp://HOST/PATH, rtp://0.0.0.0:PORT (H.264), a .sdp file, udp://0.0.0.0:PORT"
-    " (MPEG-TS), tcp:// or srt:// (MPEG-TS), /dev/videoN[?size=WxH&rate=FPS&format=mjpeg],"
-    " or a video file"
+    " (MPEG-TS), tcp:// or srt:// (MPEG-TS), a camera, /dev/videoN (Linux), dshow:NAME (Windows)"
+    " or avfoundation:NAME (macOS), each with [?size=WxH&rate=FPS&format=NAME], or a video file"
 )
 # Looking into a stream before it starts costs time and pictures; half a second holds a parameter set.
 QUICK = {"analyzeduration": "500000", "fpsprobesize": "0"}
@@ -36,6 +40,11 @@ CAMERA = {
     "rate": ("framerate", r"[1-9]\d*(\.\d+|/[1-9]\d*)?"),
     "format": ("input_format", r"[a-z0-9_]+"),
 }
+PIXELS = CAMERA | {"format": ("pixel_format", r"[a-z0-9_]+")}
+DRIVER = re.compile(r"(dshow|avfoundation):(.*?)(?:\?(\w+=.*))?")
+# Options of cameras of Windows and macOS that are set unless the address says otherwise. DirectShow's queue, in bytes,
+# holds less than one raw picture of 1920x1080 by itself; most cameras of Macs refuse the 29.97 that is asked of them.
+UNSAID = {"dshow": {"rtbufsize": "67108864"}, "avfoundation": {"framerate": "30"}}
 # In an address: user and password before the host, and values whose names tell that they let one in, up to the next &:
 # a camera's password=, pwd=, authbasic=; SRT's passphrase=, and its streamid=, in which servers take user and password.
 SECRET = re.compile(
@@ -95,6 +104,8 @@ def video_address(text: str) -> VideoAddress:
         return VideoAddress(name, f"{scheme}://{rest}", format="mpegts", options=options)
     if text.startswith("/dev/"):
         return _camera(text)
+    if driven := DRIVER.fullmatch(text):
+        return _listed_camera(text, *driven.groups(default=""))
     if scheme:
         raise BadInput(f"video {name}", expected=EXPECTED, got=f"{scheme}://")
     return _file(text)
@@ -114,15 +125,55 @@ def codec_of(text: str) -> str:
 
 
 def _camera(text: str) -> VideoAddress:
+    """A V4L2 camera, on Linux."""
     device, _, query = text.partition("?")
-    options = {"timestamps": "default"}  # the driver's own
+    _check_driver(text, "v4l2")
+    options = {"timestamps": "default"} | _asked_for(text, query, CAMERA)  # the driver's own
+    return VideoAddress(text, device, format="v4l2", options=options, same_clock=True)
+
+
+def _listed_camera(text: str, driver: str, camera: str, query: str) -> VideoAddress:
+    """A camera of Windows or macOS, by its name; one that the system does not list is refused."""
+    _check_driver(text, driver)
+    listed = _cameras(driver)
+    if camera not in {name for names in listed for name in names} and (listed or not camera):
+        expected = ", ".join(f"{driver}:{description or name}" for name, description in listed)
+        raise BadInput(f"video {text}", expected=expected or f"{driver}:NAME", got=camera or "no name")
+    options = UNSAID[driver] | _asked_for(text, query, PIXELS)
+    target = f"video={camera}" if driver == "dshow" else camera
+    return VideoAddress(text, target, format=driver, options=options)
+
+
+def _cameras(driver: str) -> list[tuple[str, str]]:
+    """Name and description of each that the system lists; FFmpeg takes either."""
+    try:
+        devices = enumerate_input_devices(driver)
+    except (FFmpegError, OSError):  # then the driver finds out
+        return []
+    return [(each.name, each.description) for each in devices if "video" in (each.media_types or ["video"])]
+
+
+def _check_driver(text: str, driver: str) -> None:
+    """Refuse the cameras of another system."""
+    try:
+        ContainerFormat(driver, "r")
+    except ValueError as error:
+        raise BadInput(
+            f"video {text}", expected=EXPECTED, got=f"{driver}, which this system has not"
+        ) from error
+
+
+def _asked_for(text: str, query: str, known: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+    """FFmpeg's options, of what stands behind a camera's name."""
+    options = {}
     for key, value in parse_qsl(query, keep_blank_values=True):
-        name, written = CAMERA.get(key, (None, ""))
-        if name is None or not re.fullmatch(written, value):
-            expected = "size=640x480, rate=30, format=mjpeg or yuyv422, joined by &"
+        name, written = known.get(key, ("", ""))
+        if not name or not re.fullmatch(written, value):
+            formats = "mjpeg or yuyv422" if known is CAMERA else "yuyv422 or nv12"
+            expected = f"size=640x480, rate=30, format={formats}, joined by &"
             raise BadInput(f"video {text}", expected=expected, got=f"{key}={value}")
         options[name] = value
-    return VideoAddress(text, device, format="v4l2", options=options, same_clock=True)
+    return options
 
 
 def _session(name: str, path: Path) -> VideoAddress:
@@ -153,4 +204,4 @@ def _file(text: str) -> VideoAddress:
     if not path.exists():
         raise BadInput(f"video {text}", expected=EXPECTED, got="no such file")
     refuse_non_video(path)
-    return VideoAddress(text, text, paced=True)
+    return VideoAddress(text, str(path.absolute()), paced=True)  # FFmpeg takes 10:30.mp4 for an address

@@ -30,6 +30,7 @@ from flightdepth.live.video_address import VideoAddress
 
 # A read that waits longer than READ_S is given up, so that a silent stream is noticed within two seconds.
 OPEN_S, READ_S = 5.0, 1.5
+EMPTY_S = 0.002  # between two looks for a picture where FFmpeg does not wait for it, as on macOS
 MISSED = "RTP: missed"
 SILENT = logging.NullHandler()  # one for all connections: a second time a logger does not add it
 Told = list[tuple[int, str, str]]  # level, who, what
@@ -125,7 +126,17 @@ class VideoStream:
     def _packets(self) -> Iterator[Any]:
         packets = self._container.demux(self._stream)
         asked_ns = time.monotonic_ns()
-        while (packet := next(packets, None)) is not None:
+        while True:
+            try:
+                packet = next(packets, None)
+            except BlockingIOError as error:  # a camera that has no picture yet, as macOS says it
+                if time.monotonic_ns() - asked_ns > READ_S * NS_PER_S:
+                    raise TimeoutError("nothing came in time") from error
+                time.sleep(EMPTY_S)
+                packets = self._container.demux(self._stream)
+                continue
+            if packet is None:
+                return
             now_ns = time.monotonic_ns()
             self._backlog.read(now_ns, now_ns - asked_ns)
             yield packet

@@ -23,16 +23,18 @@ def interrupted_name(target: Path) -> Path:
 def keep_interrupted(target: Path) -> list[Path]:
     """Name what killed processes left that wrote into `target`, the oldest first; where each stands now.
 
-    One that is still being written is left as it is, one without a frame is removed.
+    One that is still being written is left as it is, one without a frame is removed. Windows has no locks that tell
+    which are, but moves no folder whose files are open.
     """
     target = target.resolve()
     pattern = re.compile(rf"\.{re.escape(target.name)}\.{RECORDING}-[a-z0-9_]{{8}}")
     left = [path for path in target.parent.glob(".*") if pattern.fullmatch(path.name)]
     kept = []
     for folder in sorted(left, key=lambda path: path.stat().st_mtime_ns):
-        with suppress(BadInput), held(folder, "recording", "work", "give another --out"):
-            if any(folder.glob("depth/*")):
-                kept.append(folder.rename(interrupted_name(target)))
+        with suppress(BadInput, PermissionError), held(folder, "recording", "work", "give another --out"):
+            place = folder.rename(interrupted_name(target))
+            if any(place.glob("depth/*")):
+                kept.append(place)
             else:
-                shutil.rmtree(folder)
+                shutil.rmtree(place)
     return kept

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
@@ -11,7 +12,7 @@ from types import TracebackType
 
 from flightdepth import __version__
 from flightdepth.errors import BadInput, FlightDepthError
-from flightdepth.files import NEW, folder_in_progress, write_atomic
+from flightdepth.files import NEW, folder_in_progress, move_folder, write_atomic
 from flightdepth.flight.records import Frame
 from flightdepth.outputs.background import Background
 from flightdepth.outputs.film import Film
@@ -181,7 +182,8 @@ class FlightWriter:
         if not self._filmed:
             with suppress(Exception):
                 self._film.abandon()
-            (self._folder / PREVIEW).unlink(missing_ok=True)
+            with suppress(OSError):  # Windows removes none that is still open
+                (self._folder / PREVIEW).unlink(missing_ok=True)
         self._rows.finish()
         self._poses.finish()
         self._warnings += self._doubts.with_frames()
@@ -210,7 +212,7 @@ class FlightWriter:
         self._film.abandon()  # the last: on a full disk it fails once more
 
     def _keep(self, failure: BaseException) -> None:
-        self.kept = self._folder.rename(interrupted_name(self._target))
+        self.kept = move_folder(self._folder, interrupted_name(self._target))
         if isinstance(failure, Exception):
             raise FlightDepthError(f"{failure}; what was written stands in {self.kept}") from failure
 
@@ -218,11 +220,12 @@ class FlightWriter:
 def check_target(target: Path) -> None:
     """Refuse to replace a folder that holds anything but an older result, and one that cannot be made or replaced."""
     place = target.resolve()
-    if place.is_mount() or Path.cwd().is_relative_to(place):
+    mounted = os.path.ismount(place)  # Path's own is not there on Windows before Python 3.12
+    if mounted or Path.cwd().is_relative_to(place):
         raise BadInput(
             f"output folder {target}",
             expected="a folder that can be replaced",
-            got="a mount point" if place.is_mount() else f"{place}, where you are",
+            got="a mount point" if mounted else f"{place}, where you are",
             mend="Give one inside it.",
         )
     parent = next((folder for folder in place.parents if folder.exists()), target)

@@ -8,6 +8,7 @@ sends a byte, and as long to take an answer; where all places are taken, the one
 from __future__ import annotations
 
 import json
+import os
 import re
 import socket
 import threading
@@ -85,11 +86,11 @@ class PageServer(ThreadingHTTPServer):
     """Serves a page at HOST:PORT from `start` to `close`; port 0 takes a free one (`address` says which)."""
 
     daemon_threads = True
-    allow_reuse_address = True
     request_queue_size = 4 * MOST_REQUESTS  # beyond, a browser tries again after one second, or three
 
     def __init__(self, page: Page, address: str = "127.0.0.1:8080") -> None:
         host, port = parsed(address)
+        self.allow_reuse_address = os.name == "posix"  # on Windows two programs would then share a port
         self.page = page
         self.closing = threading.Event()
         self.places = threading.BoundedSemaphore(MOST_REQUESTS)
