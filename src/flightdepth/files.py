@@ -134,6 +134,12 @@ def folder_in_progress(target: Path, *, kind: str = NEW) -> Iterator[Path]:
             os.close(lock)
 
 
+def free_name(target: Path, kind: str) -> Path:
+    """NAME.KIND-N beside `target`, with the first N that is free."""
+    names = (target.with_name(f"{target.name}.{kind}-{number}") for number in count(1))
+    return next(name for name in names if not name.exists())
+
+
 def move_folder(folder: Path, place: Path) -> Path:
     """Rename a folder, waiting a little where Windows forbids it for a moment; where it stands now."""
     _patiently(folder.rename, place)
@@ -173,8 +179,7 @@ def _replace_folder(partial: Path, target: Path) -> None:
 
 def _beside(partial: Path, target: Path, error: OSError) -> FlightDepthError:
     """Name what is complete, and cannot take its place; the error that tells where it stands."""
-    names = (target.with_name(f"{target.name}.new-{number}") for number in count(1))
-    place = move_folder(partial, next(name for name in names if not name.exists()))
+    place = move_folder(partial, free_name(target, "new"))
     return FlightDepthError(
         f"{target} could not be replaced ({error.strerror or error}): is a file of it open in another program?"
         f" The new one stands in {place}"

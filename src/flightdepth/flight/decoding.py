@@ -15,6 +15,7 @@ from typing import Any
 from av.error import FFmpegError
 
 from flightdepth.flight.refresh import Refresh
+from flightdepth.flight.video_clock import numbers_packets
 
 # Pictures are shown in another order than they are decoded: so many before a damaged one may be built on it.
 REORDERED = 4
@@ -167,8 +168,8 @@ class SoundPictures(Damageable):
         if lost > 0 and (self._whole or kept_back):
             self._counts[kept_back[0] if kept_back else NO_PICTURE] += lost
         # FFmpeg ends a cut MP4 without a word, but the index at its front tells how much there should be. That of an
-        # AVI counts the empty chunks of pictures that its recorder dropped, and so do its times.
-        if self._container.format.name == "avi":
+        # AVI counts the empty chunks of pictures that its recorder dropped, and so do the numbers of its packets.
+        if numbers_packets(self._container):
             read = max(read, self._read_dts + 1)
         if self._whole and read < self._stream.frames:
             self._counts["frames missing at the end of the file"] = self._stream.frames - read

@@ -103,7 +103,8 @@ def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:
 
 def log_beside(video: Path, mend: str) -> Path:
     """The one log that has the video's name but for its ending and its case, as DJI's cameras write it."""
-    named = (path for path in video.parent.iterdir() if _bare_name(path) == _bare_name(video))
+    name = _bare_name(video)
+    named = (path for path in video.parent.iterdir() if _bare_name(path) == name)
     others = sorted(path for path in named if path.name != video.name and path.is_file())
     logs = [path for path in others if is_log(path)]
     if len(logs) == 1:

@@ -11,6 +11,13 @@ from av.error import FFmpegError
 from flightdepth.flight.records import NS_PER_S
 
 
+def numbers_packets(container: Any) -> bool:
+    """Whether it has no times, as AVI: FFmpeg numbers packets as they lie, and the one that brought a picture out tells
+    its place.
+    """
+    return bool(container.format.name == "avi")
+
+
 class VideoClock:
     """Of the `stream` of a container that stands at its beginning.
 
@@ -19,8 +26,7 @@ class VideoClock:
 
     def __init__(self, container: Any, stream: Any) -> None:
         self._container, self._stream = container, stream
-        # AVI has no times: FFmpeg numbers packets as they lie, and the one that brought a picture out tells its place.
-        self._by_packet = container.format.name == "avi"
+        self._by_packet = numbers_packets(container)
         self._origin = self._find_origin()
         self.duration_ns = self._find_duration_ns()
 

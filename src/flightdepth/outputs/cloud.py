@@ -26,6 +26,7 @@ from flightdepth.outputs.pictures import pictures
 from flightdepth.outputs.poses import FramePose
 from flightdepth.outputs.read import FlightFolder
 from flightdepth.outputs.voxels import Cloud, VoxelGrid
+from flightdepth.runtimes.grid import is_ideal
 from flightdepth.runtimes.lens import distort, inside, undistort, view_bounds
 
 NEIGHBOURS = 8  # frames on either side whose depth must agree
@@ -203,7 +204,7 @@ def field_of(camera: Camera) -> tuple[Vector, Vector]:
     Beyond, the polynomial of its lens may fold back into the picture.
     """
     widest = np.full(2, WIDEST)
-    if camera.model == "pinhole" and not any(camera.distortion):
+    if is_ideal(camera):
         return -widest, widest
     left, right, top, bottom = view_bounds(camera)
     return np.maximum((left, top), -widest), np.minimum((right, bottom), widest)

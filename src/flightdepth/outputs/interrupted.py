@@ -5,19 +5,17 @@ from __future__ import annotations
 import re
 import shutil
 from contextlib import suppress
-from itertools import count
 from pathlib import Path
 
 from flightdepth.errors import BadInput
-from flightdepth.files import held
+from flightdepth.files import free_name, held
 
 RECORDING = "recording"  # in the name of the folder while it is written
 
 
 def interrupted_name(target: Path) -> Path:
     """NAME.interrupted-N beside `target`, with the first N that is free."""
-    names = (target.with_name(f"{target.name}.interrupted-{n}") for n in count(1))
-    return next(name for name in names if not name.exists())
+    return free_name(target, "interrupted")
 
 
 def keep_interrupted(target: Path) -> list[Path]:

@@ -26,6 +26,11 @@ FARTHER, NEARER = "farther_than", "nearer_than"  # bounds of what has no depth
 KINDS = (DEPTH, CONFIDENCE, SIGMA, FARTHER, NEARER)  # a folder each
 
 
+def map_file(flight: Path, kind: str, index: int, ending: str = "png") -> Path:
+    """Where a flight's folder has one frame's map of a kind."""
+    return flight / kind / f"{index:06d}.{ending}"
+
+
 class MapFiles:
     """Writes maps below `folder`. Depth and deviation stand in centimetres ("png") or in metres ("npz").
 
@@ -54,7 +59,7 @@ class MapFiles:
         for kind in KINDS:
             for ending in get_args(DepthFormat):
                 with suppress(OSError):
-                    self._file(kind, index, ending).unlink()
+                    map_file(self._folder, kind, index, ending).unlink()
 
     def _write_depth(self, index: int, depth_m: Map) -> None:
         if self._format == "npz":
@@ -76,7 +81,4 @@ class MapFiles:
 
     def _write(self, kind: str, index: int, data: bytes, ending: str = "png") -> None:
         (self._folder / kind).mkdir(exist_ok=True)
-        self._file(kind, index, ending).write_bytes(data)
-
-    def _file(self, kind: str, index: int, ending: str) -> Path:
-        return self._folder / kind / f"{index:06d}.{ending}"
+        map_file(self._folder, kind, index, ending).write_bytes(data)

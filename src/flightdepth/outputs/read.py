@@ -19,7 +19,7 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.outputs.encoding import Map, confidence_from_bytes, depth_from_centimetres
 from flightdepth.outputs.frame_table import FrameRow, rows_from_csv
-from flightdepth.outputs.maps import CONFIDENCE, DEPTH, FARTHER, NEARER, SIGMA
+from flightdepth.outputs.maps import CONFIDENCE, DEPTH, FARTHER, NEARER, SIGMA, map_file
 from flightdepth.outputs.poses import FramePose, poses_from_csv
 from flightdepth.outputs.record import Counts, FlightRecord
 from flightdepth.outputs.writer import POSES, RECORD, TABLE
@@ -110,7 +110,7 @@ class FlightFolder:
         return found
 
     def _file(self, folder: str, index: int, ending: str = "png") -> Path:
-        return self.folder / folder / f"{index:06d}.{ending}"
+        return map_file(self.folder, folder, index, ending)
 
     def _read_record(self) -> FlightRecord:
         path = self.folder / RECORD

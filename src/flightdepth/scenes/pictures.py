@@ -19,9 +19,8 @@ JPEG_MARKER = re.compile(rb"\xff([\x02-\xcf\xd8-\xfe])")
 def read_picture(path: Path) -> Image | None:
     """A picture of 8 bits, uint8 RGB [H, W, 3]; None where there is none that OpenCV can read to its end."""
     try:
-        data = (
-            path.read_bytes()
-        )  # OpenCV on Windows opens no file whose name holds other than its own letters
+        # OpenCV on Windows opens no file whose name holds other than its own letters.
+        data = path.read_bytes()
         bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
     except (OSError, cv2.error):  # cv2's own: more pixels than it takes
         return None
