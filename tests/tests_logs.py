@@ -20,6 +20,11 @@ GIMBAL = (
     "gimbal_device_attitude_status:uint64_t timestamp;float[4] q;float delta_yaw;uint16_t device_flags;"
     "uint8_t[2] _padding0;"
 )
+# Of 1.15, but for fields that nothing reads; its topics are vehicle_gps_position and sensor_gps.
+SENSOR_GPS = (
+    "uint64_t timestamp;uint64_t timestamp_sample;uint64_t time_utc_usec;int32_t timestamp_time_relative;"
+    "uint8_t fix_type;uint8_t[3] _padding0;"
+)
 START_US = 7_000_000
 
 
@@ -58,13 +63,23 @@ def gimbal(stamp_us, q, flags, delta_yaw=math.nan) -> bytes:
     return struct.pack("<Q5fH", stamp_us, *q, delta_yaw, flags)
 
 
-def ulog_flight(count=40, period_us=100_000) -> bytes:
-    data = []
+def px4_gps(stamp_us, utc_us, *, relative_us=0, fix=3) -> bytes:
+    """What a receiver tells: published at `stamp_us`, its UTC was so `relative_us` later."""
+    return struct.pack("<QQQiB", stamp_us, 0, utc_us, relative_us, fix)
+
+
+def ulog_flight(count=40, period_us=100_000, *, gps=(), gps_topic="vehicle_gps_position") -> bytes:
+    """`gps` are bodies by `px4_gps`."""
+    data = [(2, reading) for reading in gps]
     for i in range(count):
         stamp = START_US + i * period_us
         data += [(0, local_position(stamp, velocity(i))), (1, attitude(stamp + 20_000, quaternion(i)))]
+    formats = [LOCAL_POSITION, ATTITUDE]
     subscriptions = [(0, 0, "vehicle_local_position"), (0, 1, "vehicle_attitude")]
-    return ulog_bytes([LOCAL_POSITION, ATTITUDE], subscriptions, data)
+    if gps:
+        formats.append(f"{gps_topic}:{SENSOR_GPS}")
+        subscriptions.append((0, 2, gps_topic))
+    return ulog_bytes(formats, subscriptions, data)
 
 
 STRUCT_OF = {

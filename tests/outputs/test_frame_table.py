@@ -18,8 +18,8 @@ def test_a_row_by_hand():
     row = FrameRow(3, 100_100_000, (2, 9), (0.25, 1.5), (12.0, 40.5), 0.75, 6.5, "", "by-hand")
     assert table(row).splitlines() == [
         "index,stamp_ns,shifts,displacements_m,centroids_m,valid_fraction,latency_ms,reason,network,focal_px,"
-        "sigma_share",
-        "3,100100000,2 9,0.2500 1.5000,12.000 40.500,0.7500,6.50,,by-hand,,",
+        "sigma_share,utc_ns",
+        "3,100100000,2 9,0.2500 1.5000,12.000 40.500,0.7500,6.50,,by-hand,,,",
     ]
 
 
@@ -52,7 +52,7 @@ def test_the_row_of_a_frame_without_depth_says_why():
     assert (row.shifts, row.valid_fraction, row.reason) == ((), 0.0, "hovering")
 
 
-@pytest.mark.parametrize("missing", [1, 3])
+@pytest.mark.parametrize("missing", [1, 2, 3, 4])
 def test_a_table_of_an_older_version_names_neither_error_bar_nor_network_and_focal_length(missing):
     row = FrameRow(3, 100, (2,), (0.25,), (12.0,), 0.75, 6.5, "")
     older = [line.rsplit(",", missing)[0] for line in table(row).splitlines()]

@@ -43,6 +43,7 @@ class FlightOf:
     turns = None
     any_direction = False
     places = None
+    utc = None
 
     def __init__(self, *events):
         self.events = events

@@ -14,6 +14,7 @@ from flightdepth.errors import BadInput
 from flightdepth.files import check_parent, refuse_to_replace, write_atomic
 
 if TYPE_CHECKING:
+    from flightdepth.flight.universal_time import UniversalTime
     from flightdepth.outputs import FlightFolder
     from flightdepth.outputs.cloud import CloudSettings
     from flightdepth.outputs.voxels import Cloud
@@ -56,6 +57,12 @@ def convert(
     every: Annotated[
         int | None, typer.Option(metavar="N", help="Clouds and maps: use every N-th frame. Default: 10.")
     ] = None,
+    utc: Annotated[
+        bool,
+        typer.Option(
+            "--utc", help="Recordings: stamps in universal time. Without it: since the video's first picture."
+        ),
+    ] = False,
 ) -> None:
     """Turn a flight's depth into one file that other programs read. The name's end says which.
 
@@ -77,6 +84,8 @@ def convert(
 
       flightdepth convert out flight.mcap
 
+      flightdepth convert out flight.mcap --utc
+
     .las, .laz and .bt need the extra `clouds`, .mcap the extra `ros`.
     """
     from flightdepth.outputs.cloud import CloudSettings, frames_left_out
@@ -88,10 +97,12 @@ def convert(
     check_outside(folder, file)
     if kind == RECORDING and given:
         raise BadInput("options of clouds and maps", expected="none with .mcap", got=", ".join(given))
+    if utc and kind != RECORDING:
+        raise BadInput("--utc", expected=f"a FILE that ends in {RECORDING}", got=f"one that ends in {kind}")
     flight = opened(folder)
     if kind == RECORDING:
         with room_on_the_disk(file, left=NOT_WRITTEN):
-            frames = write_recording(flight, file)
+            frames = write_recording(flight, file, universal_time(flight) if utc else None)
         say(f"{file}: {frames:,} frames of {folder}")
         if frames < len(flight.rows):
             warn(f"{len(flight.rows) - frames:,} frames are not in it: {UNFILMED}")
@@ -222,12 +233,20 @@ def write_on_earth(flight: FlightFolder, file: Path, cloud: Cloud) -> str:
     return found.described(source.altitude_above)
 
 
-def write_recording(flight: FlightFolder, file: Path) -> int:
-    """The flight as MCAP into `file`; how many frames."""
+def universal_time(flight: FlightFolder) -> UniversalTime:
+    """That of a flight whose log tells it."""
+    if (told := flight.record.source.utc) is None:
+        mend = "Without --utc stamps count from the video's first picture."
+        raise BadInput("--utc", expected="a flight whose log tells universal time", got="none", mend=mend)
+    return told
+
+
+def write_recording(flight: FlightFolder, file: Path, utc: UniversalTime | None) -> int:
+    """The flight as MCAP into `file`; how many frames. `utc` makes stamps count from 1970."""
     from flightdepth.outputs.mcap_file import write_mcap
 
     with (
         extra_packages("Writing ROS recordings", "ros"),
         progress_bar("recording", len(flight.rows), "frames") as bar,
     ):
-        return write_mcap(file, flight, bar.step)
+        return write_mcap(file, flight, bar.step, utc=utc)

@@ -79,6 +79,13 @@ def introduce(path: Path, flight: Flight, network: Network) -> None:
         say(f"mask: {flight.mask}")
     if flight.clock is not None and flight.clock.offset_s is not None:  # else a warning says why
         say(f"offset between video and log: {flight.clock}")
+    if flight.utc is not None:
+        sure = (
+            "video and log began together"
+            if flight.begun_together
+            else "the offset between video and log is right"
+        )
+        say(f"universal time of the first picture: {flight.utc}, if {sure}")
     for line in warnings_of(flight, network):
         warn(line)
 
@@ -200,6 +207,7 @@ def source_of(name: str, flight: Flight, network: Network, settings: RunSettings
         camera_source=flight.camera_source,
         mask_digest=None if flight.mask is None else flight.mask.digest,
         clock=flight.clock,
+        utc=flight.utc,
         network=network.card,
         settings=settings.for_record,
         warnings=warnings_of(flight, network),

@@ -12,6 +12,7 @@ from flightdepth.flight.records import (
 from flightdepth.flight.steadiness import Steadiness, TurnRate
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.telemetry_csv import read_csv, write_csv
+from flightdepth.flight.universal_time import UniversalTime
 
 __all__ = [
     "AttitudeSample",
@@ -22,6 +23,7 @@ __all__ = [
     "Steadiness",
     "Telemetry",
     "TurnRate",
+    "UniversalTime",
     "VelocitySample",
     "open_flight",
     "read_csv",

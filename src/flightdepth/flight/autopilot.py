@@ -25,6 +25,7 @@ from flightdepth.flight.records import (
     by_time,
     none_of,
 )
+from flightdepth.flight.universal_time import Clock, UniversalTime
 from flightdepth.motion import rotation_from_quaternion
 
 # Stamps beyond are damage: microseconds since 1970 reach this in 2096, and ns still fit into int64.
@@ -60,7 +61,13 @@ class Position(NamedTuple):
     altitude_m: float
 
 
-Value = Velocity | BodyAttitude | GimbalAttitude | Position
+class Moment(NamedTuple):
+    """Universal time, ns since 1970."""
+
+    utc_ns: int
+
+
+Value = Velocity | BodyAttitude | GimbalAttitude | Position | Moment
 
 
 class Record(NamedTuple):
@@ -72,23 +79,32 @@ class Record(NamedTuple):
 
 
 def autopilot_telemetry(
-    name: str, records: Sequence[Record], counts: Counter[str], *, told_by: Iterable[str]
+    name: str,
+    records: Sequence[Record],
+    counts: Counter[str],
+    *,
+    told_by: Iterable[str],
+    clock: Clock = "satellites",
 ) -> Telemetry:
     """Telemetry from the records of a log on one clock, in any order.
 
-    Its time 0 is that of the first record, positions left aside. `told_by` are the log's names for a velocity.
+    Its time 0 is that of the first record, positions and moments left aside. `told_by` are the log's names for a
+    velocity; `clock` is what the moments are read from.
     """
     ordered = sorted(records, key=lambda record: record.stamp_ns)
-    moving = (record.stamp_ns for record in ordered if not isinstance(record.value, Position))
+    moving = (record.stamp_ns for record in ordered if not isinstance(record.value, Position | Moment))
     zero_ns = next(moving, 0)
     gate = Gate(counts)
     stamps_ns: list[int] = []
     positions: list[Position] = []
+    moments: list[tuple[int, int]] = []
     # The body's attitudes first: a gimbal's yaw counts from the heading between two of them.
     for stamp_ns, value, _ in sorted(ordered, key=lambda record: not isinstance(record.value, BodyAttitude)):
         if isinstance(value, Position):
             stamps_ns.append(stamp_ns - zero_ns)
             positions.append(value)
+        elif isinstance(value, Moment):
+            moments.append((stamp_ns - zero_ns, value.utc_ns))
         else:
             gate.take(stamp_ns - zero_ns, value)
     if not gate.velocities:
@@ -105,6 +121,7 @@ def autopilot_telemetry(
         body_attitudes=tuple(gate.bodies),
         places=places,
         time_0_told=False,
+        utc=UniversalTime.by_readings(moments, clock),
     )
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import VelocityFrame
 
-STAMP, TIME, SIGMA = "stamp_ns", "time_s", "sigma_m_s"
+STAMP, TIME, SIGMA, UTC = "stamp_ns", "time_s", "sigma_m_s", "utc_ns"
 SPEED: Literal["any direction"] = "any direction"
 BY_PLACES: Literal["by its positions"] = "by its positions"  # where it tells nothing better
 VelocityColumns = VelocityFrame | Literal["any direction", "by its positions"]
@@ -62,7 +62,7 @@ class Columns:
         # Without a direction an attitude would turn one that nobody told.
         attitude = attitudes[0] if attitudes and frames[0] != SPEED else None
         velocity = VELOCITY.get(frames[0], ())
-        optional = tuple(name for name in (*([SIGMA] if velocity else []), *place) if name in header)
+        optional = tuple(name for name in (*([SIGMA] if velocity else []), *place, UTC) if name in header)
         known = {times[0], *velocity, *(ATTITUDE[attitude] if attitude else ()), *optional}
         ignored = tuple(name for name in header if name not in known)
         time: Literal["stamp_ns", "time_s"] = "stamp_ns" if times[0] == STAMP else "time_s"

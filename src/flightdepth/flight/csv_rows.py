@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -19,6 +20,7 @@ from flightdepth.flight.csv_columns import (
     SPEED,
     STAMP,
     TIME,
+    UTC,
     VELOCITY,
     Columns,
 )
@@ -34,18 +36,21 @@ from flightdepth.flight.records import (
     northwards,
     seconds,
 )
+from flightdepth.flight.universal_time import can_be
 from flightdepth.motion import Vector
 
 
 class Row(NamedTuple):
-    """Time, the velocity and the attitude that a line itself tells, and its place.
+    """Time, the velocity and the attitude that a line itself tells, its place and its universal time.
 
-    place  latitude and longitude (degrees), altitude (m); NaN where they are not told
+    place   latitude and longitude (degrees), altitude (m); NaN where they are not told
+    utc_ns  since 1970; None where it is not told
     """
 
     stamp_ns: int
     samples: list[Sample]
     place: list[float]
+    utc_ns: int | None
 
     @classmethod
     def of(cls, where: str, columns: Columns, cells: Sequence[str]) -> Row:
@@ -54,7 +59,7 @@ class Row(NamedTuple):
             raise BadInput(where, expected=f"{len(columns.header)} cells", got=str(len(cells)))
         line = _Line(where, columns, dict(zip(columns.header, cells, strict=True)))
         stamp_ns = line.stamp_ns()
-        return cls(stamp_ns, line.samples(stamp_ns), line.place())
+        return cls(stamp_ns, line.samples(stamp_ns), line.place(), line.utc_ns())
 
 
 @dataclass(frozen=True)
@@ -102,6 +107,15 @@ class _Line:
             expected = "a latitude within 90 degrees and a longitude within 180"
             raise BadInput(self.where, expected=expected, got=got)
         return place
+
+    def utc_ns(self) -> int | None:
+        cell = self.cells[UTC].strip() if UTC in self.columns.optional else ""
+        if not cell:
+            return None
+        told = int(cell) if re.fullmatch(r"\d{1,19}", cell, re.ASCII) else 0
+        if not can_be(told):
+            raise BadInput(self.where, expected=f"{UTC} as whole nanoseconds since 1970", got=repr(cell))
+        return told
 
     def _velocity(self) -> Vector:
         velocity = self._numbers(VELOCITY[self.columns.frame])

@@ -1,5 +1,5 @@
 """ArduPilot's DataFlash log (.bin): velocity of the EKF or, at worst, of the GPS; attitude of the body and the gimbal;
-the EKF's place on Earth.
+the EKF's place on Earth; UTC by the GPS.
 
 Its records (`dataflash_records`) are walked twice: what a log holds decides what is read of it, and all of its numbers
 at once take fifty times the file in memory.
@@ -17,6 +17,7 @@ from flightdepth.flight.autopilot import (
     LAST_STAMP_US,
     OTHER_GIMBALS,
     BodyAttitude,
+    Moment,
     Position,
     Record,
     Velocity,
@@ -27,9 +28,11 @@ from flightdepth.flight.file_bytes import log_bytes
 from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags
 from flightdepth.flight.power_ups import longest_boot
 from flightdepth.flight.records import Telemetry
+from flightdepth.flight.universal_time import utc_of_gps_ns
 from flightdepth.motion import quaternion_from_euler
 
 GPS_FIX_3D = 3
+WEEK_MS = 7 * 86_400_000
 # Bits of the EKF's solution status (SS): horizontal and vertical velocity are good.
 VELOCITY_VALID = 2 | 4
 
@@ -118,7 +121,7 @@ class Selection:
     @property
     def used(self) -> frozenset[str]:
         """The types of record that `records` reads."""
-        return frozenset([self.velocity, self.attitude, self.status, "GPA", GIMBAL, PLACE])
+        return frozenset([self.velocity, self.attitude, self.status, "GPS", "GPA", GIMBAL, PLACE])
 
     def records(self, name: str, fields: Fields) -> list[Record]:
         """The record of a row, if it is of use."""
@@ -131,8 +134,10 @@ class Selection:
             return [Record(stamp_ns(fields), Position(fields["Lat"], fields["Lng"], fields["Alt"]))]
         elif name == GIMBAL:
             return self._gimbal_attitude(fields)
+        elif name == "GPS":
+            return [*self._gps_velocity(fields), *self._moment(fields)]
         elif name == self.velocity:
-            return self._gps_velocity(fields) if name == "GPS" else self._core_velocity(fields)
+            return self._core_velocity(fields)
         elif name == self.attitude and (name == "ATT" or self._is_primary(fields)):
             return [Record(stamp_ns(fields), BodyAttitude(ATTITUDES[name](fields)))]
         return []
@@ -152,8 +157,7 @@ class Selection:
 
     def _gps_velocity(self, fields: Fields) -> list[Record]:
         receiver = fields.get("I", 0)
-        self._gps = receiver if self._gps is None else self._gps
-        if receiver != self._gps:
+        if self.velocity != "GPS" or not self._is_chosen(receiver):
             return []
         if fields["Status"] < GPS_FIX_3D:
             self.counts["velocities without a 3D fix"] += 1
@@ -163,6 +167,18 @@ class Selection:
         return [
             Record(stamp_ns(fields), Velocity((north, east, fields["VZ"]), self._gps_sigmas.get(receiver)))
         ]
+
+    def _is_chosen(self, receiver: float) -> bool:
+        self._gps = receiver if self._gps is None else self._gps
+        return receiver == self._gps
+
+    def _moment(self, fields: Fields) -> list[Record]:
+        """UTC at a fix, where a log tells week and milliseconds."""
+        week, of_week_ms = fields.get("GWk", 0), fields.get("GMS", -1)
+        fixed = fields.get("Status", 0) >= GPS_FIX_3D and week > 0 and 0 <= of_week_ms < WEEK_MS
+        if not fixed or not self._is_chosen(fields.get("I", 0)):
+            return []
+        return [Record(stamp_ns(fields), Moment(utc_of_gps_ns(int(week), int(of_week_ms))))]
 
     def _gimbal_attitude(self, fields: Fields) -> list[Record]:
         self._gimbal = fields["I"] if self._gimbal is None else self._gimbal

@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from flightdepth.flight.dji_header import (
     ALTITUDE,
     BODY,
+    DATE,
     GIMBAL,
     GIMBAL_MODE,
     HEIGHT,
@@ -28,6 +30,7 @@ from flightdepth.flight.dji_header import (
     SECONDS,
     SPEEDS,
     TIME,
+    UNIVERSAL,
     WALL_CLOCK,
     Column,
     Header,
@@ -36,6 +39,7 @@ from flightdepth.flight.dji_header import (
 )
 from flightdepth.flight.order import rising
 from flightdepth.flight.records import NS_PER_S
+from flightdepth.flight.universal_time import unix_ns
 from flightdepth.motion import Vector
 
 CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d{1,9})?)(?:\s*([ap])\.?\s?m\b)?", re.IGNORECASE)
@@ -57,6 +61,7 @@ class FlightTable:
     body_deg, gimbal_deg  yaw, pitch, roll in degrees [n, 3]
     recording      whether a video is recorded [n]; None where no column tells
     follows        whether the gimbal's mode says that it follows the drone's heading; None where no column tells
+    moments        pairs of a stamp and its UTC, both ns, at the rows where the latter moves on
     """
 
     maker: str
@@ -69,6 +74,7 @@ class FlightTable:
     gimbal_deg: Vector
     recording: NDArray[np.bool_] | None
     follows: bool | None
+    moments: list[tuple[int, int]]
 
 
 def flight_table(text: str, counts: Counter[str]) -> FlightTable:
@@ -97,6 +103,7 @@ def flight_table(text: str, counts: Counter[str]) -> FlightTable:
         table(GIMBAL),
         _recording(header, kept),
         _follows(header, kept),
+        _moments(header, kept, stamps_ns[risen].tolist()),
     )
 
 
@@ -164,6 +171,31 @@ def _recording(header: Header, rows: Sequence[Sequence[str]]) -> NDArray[np.bool
             if told.any():
                 break
     return told
+
+
+def _moments(
+    header: Header, rows: Sequence[Sequence[str]], stamps_ns: Sequence[int]
+) -> list[tuple[int, int]]:
+    """Where the column that says UTC moves on: most write whole seconds, so only there it tells the time of a row."""
+    column = header.column(DATE, UNIVERSAL)
+    if column is None:
+        return []
+    cells = [row[column.at].strip() for row in rows]
+    told = (
+        (stamp_ns, _utc_ns(cell))
+        for stamp_ns, cell, before in zip(stamps_ns[1:], cells[1:], cells, strict=False)
+        if cell != before
+    )
+    return [(stamp_ns, utc_ns) for stamp_ns, utc_ns in told if utc_ns is not None]
+
+
+def _utc_ns(cell: str) -> int | None:
+    """Nanoseconds since 1970 of `2024-05-01 10:00:00`; None of others."""
+    try:
+        moment = datetime.fromisoformat(cell)
+    except ValueError:
+        return None
+    return unix_ns(moment if moment.tzinfo else moment.replace(tzinfo=UTC))
 
 
 def _follows(header: Header, rows: Sequence[Sequence[str]]) -> bool | None:

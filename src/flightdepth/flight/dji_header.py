@@ -27,6 +27,7 @@ METRES_A_SECOND = {"m/s": 1.0, "mps": 1.0, "mph": 0.44704, "km/h": 1 / 3.6, "kph
 
 TIME = ("time", "osd.flytime")
 WALL_CLOCK = ("custom.updatetime", "datetime")
+DATE, UNIVERSAL = ("datetime",), {"utc": 1.0}
 PLACE = (("latitude", "osd.latitude"), ("longitude", "osd.longitude"))
 ALTITUDE = ("altitude_above_sealevel", "osd.altitude")
 HEIGHT = (

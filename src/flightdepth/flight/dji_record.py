@@ -31,6 +31,7 @@ from flightdepth.flight.records import (
     by_time,
     none_of,
 )
+from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.motion import quaternion_from_rotation
 
 LEAST_TOLD_DEG = 2.0  # a gimbal's yaw that is put right by less is not worth a word
@@ -65,6 +66,7 @@ def read_dji_record(path: Path) -> Telemetry:
         body_attitudes=tuple(_bodies(table)),
         recordings=recordings,
         time_0_told=bool(recordings),
+        utc=UniversalTime.by_readings(table.moments, "app"),
         # Not counted: those that jump have been.
         places=place_track(table.stamps_ns, table.places_deg, table.altitudes_m, SEA_LEVEL, Counter()),
     ).later_by(-zero_ns)

@@ -2,14 +2,15 @@
 
 Columns after GoPro's public description (github.com/gopro/gpmf-parser, README): latitude, longitude in degrees,
 height in metres, speed over ground and in space in m/s; GPS9 goes on with days, seconds, dilution of precision and
-fix (0 none, 2 or 3 dimensions), which stands beside GPS5 as GPSF. The direction comes from the positions, the speed
-from the receiver, which measures it by the Doppler shift and so better than positions tell.
+fix (0 none, 2 or 3 dimensions). Beside GPS5 stand GPSF, the fix, and GPSU, the time. The direction comes from the
+positions, the speed from the receiver, which measures it by the Doppler shift and so better than positions tell.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,14 @@ from flightdepth.flight.gpmf import Stream
 from flightdepth.flight.order import rising
 from flightdepth.flight.places import ELLIPSOID, SEA_LEVEL, PlaceTrack
 from flightdepth.flight.positions import Velocities, place_track, velocities_by_places
+from flightdepth.flight.universal_time import unix_ns
 from flightdepth.motion import Vector
 
 LEAST_FIX = 2
 BY_THE_SEA = "MSLV"
-FIX_COLUMN, SPEED_COLUMN = 8, 4
+FIX_COLUMN, SPEED_COLUMN, DAYS_COLUMN = 8, 4, 5
+DAY_NS = 86_400_000_000_000
+YEAR_2000_NS = unix_ns(datetime(2000, 1, 1, tzinfo=UTC))
 SLOWEST_M_S = 0.5  # below it the receiver's speed is not spread over a direction that positions hardly tell
 NO_FIX = "GPS samples without a fix"
 NOT_LATER = "GPS samples not later than the one before"
@@ -45,6 +49,35 @@ def gps_places(
     stamps_ns, values = _fixed(streams, stamps_ns, counts)
     above = SEA_LEVEL if streams[0].altitude == BY_THE_SEA else ELLIPSOID
     return place_track(stamps_ns, values[:, :2], values[:, 2], above, counts)
+
+
+def gps_moments(streams: list[Stream], stamps_ns: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Pairs of a stamp and its UTC, both ns: of each sample with a fix in GPS9, of the first of a payload in GPS5."""
+    pairs: list[tuple[int, int]] = []
+    first = 0
+    for stream in streams:
+        stamps, fixed = stamps_ns[first : first + len(stream.values)].tolist(), _has_fix(stream)
+        first += len(stream.values)
+        if stream.values.shape[1] > FIX_COLUMN:
+            days_s = stream.values[:, DAYS_COLUMN : DAYS_COLUMN + 2]
+            told = fixed & np.isfinite(days_s).all(axis=1)
+            pairs += [(stamps[i], _of_days_ns(*days_s[i].tolist())) for i in np.flatnonzero(told)]
+        elif fixed.all() and (utc_ns := _of_text_ns(stream.utc)) is not None:
+            pairs.append((stamps[0], utc_ns))
+    return pairs
+
+
+def _of_days_ns(days: float, of_day_s: float) -> int:
+    """Nanoseconds since 1970 of days since 2000 and seconds in the day, which come in milliseconds."""
+    return int(days) * DAY_NS + round(of_day_s * 1000) * 1_000_000 + YEAR_2000_NS
+
+
+def _of_text_ns(told: str) -> int | None:
+    """Nanoseconds since 1970 of "yymmddhhmmss.sss"; None of anything else."""
+    try:
+        return unix_ns(datetime.strptime(told, "%y%m%d%H%M%S.%f").replace(tzinfo=UTC))
+    except ValueError:
+        return None
 
 
 def _fixed(

@@ -79,6 +79,7 @@ class Stream:
 
     `fix`: dimensions that a GPS knows its place in (GPSF: 0, 2, 3), where it says so beside its samples.
     `altitude`: what its heights count from (GPSA: "MSLV" is the sea level), "" where it does not say so.
+    `utc`: when the payload began (GPSU: "yymmddhhmmss.sss"), "" where it does not say so.
     """
 
     device: str
@@ -88,6 +89,7 @@ class Stream:
     values: Vector
     fix: int | None = None
     altitude: str = ""
+    utc: str = ""
 
 
 def records(data: bytes) -> Iterator[Record]:
@@ -136,8 +138,8 @@ def _stream(device: str, nest: Record, keys: frozenset[str]) -> Iterator[Stream]
             values = _scaled(record, described)
             name = described["STNM"].text() if "STNM" in described else record.key
             units = _units(described, values.shape[1])
-            altitude = described["GPSA"].text() if "GPSA" in described else ""
-            yield Stream(device, record.key, name, units, values, _fix(described), altitude)
+            altitude, utc = (described[key].text() if key in described else "" for key in ("GPSA", "GPSU"))
+            yield Stream(device, record.key, name, units, values, _fix(described), altitude, utc)
 
 
 def _scaled(record: Record, described: dict[str, Record]) -> Vector:

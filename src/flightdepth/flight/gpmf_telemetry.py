@@ -17,13 +17,14 @@ from av.stream import Discard
 from flightdepth.errors import BadInput
 from flightdepth.flight.autopilot import Gate, Velocity
 from flightdepth.flight.container import main_stream, open_container
-from flightdepth.flight.gopro_gps import gps_places, gps_velocities
+from flightdepth.flight.gopro_gps import gps_moments, gps_places, gps_velocities
 from flightdepth.flight.gpmf import GpmfError, Stream, streams
 from flightdepth.flight.order import rising
 from flightdepth.flight.payload_clock import Interval, Stamps, on_video_clock, spread
 from flightdepth.flight.places import SEA_LEVEL, PlaceTrack
 from flightdepth.flight.positions import Velocities, place_track
 from flightdepth.flight.records import NS_PER_S, GyroscopeTrack, Telemetry, none_of
+from flightdepth.flight.universal_time import UniversalTime
 
 TimedStream = tuple[Interval, Stream]
 GYROSCOPE, GPS = "GYRO", ("GPS9", "GPS5")
@@ -56,7 +57,7 @@ def read_gpmf(path: Path) -> Telemetry | None:
     for key, read_velocities in VELOCITIES.items():
         if key in found:
             log = _telemetry(found[key], read_velocities, found.get(GYROSCOPE, []), counts)
-            return replace(log, places=_places(found))
+            return replace(log, places=_places(found), utc=_utc(found))
     return None
 
 
@@ -118,6 +119,16 @@ def _places(found: dict[str, list[TimedStream]]) -> PlaceTrack | None:
         if parts := found.get(key):
             return read([stream for _, stream in parts], sample_times(parts), Counter())
     return None
+
+
+def _utc(found: dict[str, list[TimedStream]]) -> UniversalTime | None:
+    """By the camera's own receiver, whoever tells the velocity."""
+    parts = next((found[key] for key in GPS if key in found), [])
+    if not parts:
+        return None
+    return UniversalTime.by_readings(
+        gps_moments([stream for _, stream in parts], sample_times(parts)), "satellites"
+    )
 
 
 def sample_times(parts: list[TimedStream]) -> Stamps:

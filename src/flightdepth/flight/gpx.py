@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from datetime import UTC, datetime, timedelta
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ from flightdepth.flight.order import rising
 from flightdepth.flight.places import SEA_LEVEL
 from flightdepth.flight.positions import UNFIXED, on_earth, place_track, velocities_by_fixes
 from flightdepth.flight.records import LATEST_NS, NS_PER_S, Telemetry, none_of
+from flightdepth.flight.universal_time import UniversalTime, unix_ns
 
 PREFIX = r"(?:[\w.-]{1,40}:)?"  # of a namespace
 ROOT = re.compile(rf"<{PREFIX}gpx[\s>]")
@@ -32,7 +34,6 @@ MARK = re.compile(rf"<({PREFIX})(trkseg|trkpt)\b")
 END = re.compile(rf"</{PREFIX}gpx\s*>\s*$")
 PLACE = re.compile(r"""\b(lat|lon)\s*=\s*["']([^"'<>]{1,60})["']""")
 VALUE = re.compile(rf"<({PREFIX})(ele|time|fix)>([^<>]{{1,60}})</")
-SINCE = datetime(1970, 1, 1, tzinfo=UTC)
 HIGHEST_M = 1e5
 TAIL = 1000  # characters at the end, where the last mark stands
 CUT = "tracks that stop before their end: cut off"
@@ -78,7 +79,7 @@ def read_gpx(path: Path) -> Telemetry:
     name = f"GPX {path.name}: {len(found)} velocities from positions{parts}"
     name += f"; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock"
     log = Telemetry(name, tuple(found.samples()), dict(+counts), places=track, time_0_told=False)
-    return log.later_by(-zero_ns)
+    return replace(log.later_by(-zero_ns), utc=UniversalTime.of(zero_ns, "track"))
 
 
 def _segments(text: str, counts: Counter[str]) -> list[list[Point]]:
@@ -136,5 +137,5 @@ def _stamp_ns(text: str) -> int | None:
         return None
     if moment.tzinfo is None:
         moment = moment.replace(tzinfo=UTC)
-    stamp_ns = (moment - SINCE) // timedelta(microseconds=1) * 1000
+    stamp_ns = unix_ns(moment)
     return stamp_ns if abs(stamp_ns) < LATEST_NS else None

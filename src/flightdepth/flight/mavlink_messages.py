@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from flightdepth.flight.autopilot import NO_ROTATION, BodyAttitude, Position, Velocity
+from flightdepth.flight.autopilot import NO_ROTATION, BodyAttitude, Moment, Position, Velocity
 from flightdepth.flight.gimbal import GimbalAttitude
 from flightdepth.flight.positions import UNFIXED
 from flightdepth.motion import quaternion_from_euler, rotation_from_quaternion
@@ -84,6 +84,12 @@ def attitude(message: Message, counts: Counter[str]) -> Iterator[tuple[int, Body
         counts[NO_ROTATION] += 1
 
 
+def system_time(message: Message, counts: Counter[str]) -> Iterator[tuple[int, Moment]]:
+    """SYSTEM_TIME: 0, or since its power-up, before the autopilot's clock is set; some leave out when that was."""
+    if message.time_boot_ms:
+        yield message.time_boot_ms * 10**6, Moment(message.time_unix_usec * 1000)
+
+
 def gimbal(message: Message, counts: Counter[str]) -> Iterator[tuple[int, GimbalAttitude]]:
     """GIMBAL_DEVICE_ATTITUDE_STATUS, as it stands."""
     value = GimbalAttitude(message.q, message.flags, message.delta_yaw, message.gimbal_device_id)
@@ -101,5 +107,6 @@ KINDS: dict[str, Callable[[Message, Counter[str]], Iterator[tuple[int, Any]]]] =
     GLOBAL: global_position,
     "ATTITUDE_QUATERNION": attitude_quaternion,
     "ATTITUDE": attitude,
+    "SYSTEM_TIME": system_time,
     GIMBAL: gimbal,
 }

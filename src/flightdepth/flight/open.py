@@ -41,6 +41,7 @@ from flightdepth.flight.records import (
 from flightdepth.flight.steadiness import small_camera
 from flightdepth.flight.turn_verdict import doubted_by_turns
 from flightdepth.flight.turned_focal import TurnWatch
+from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.flight.untold import untold
 from flightdepth.flight.video import Video
 from flightdepth.flight.way_length import lengths_apart
@@ -69,6 +70,7 @@ class Flight:
         speed_m_s: float,
         *,
         clock: ClockOffset | None = None,
+        begun_together: bool = False,
         log_warnings: tuple[str, ...] = (),
     ) -> None:
         self._video = video
@@ -78,6 +80,7 @@ class Flight:
         self.camera = chosen.camera
         self._log_warnings = log_warnings
         self.clock = clock  # as estimated from the pictures, where that was asked for
+        self.begun_together = begun_together  # only taken to have: nothing tells the offset of the log
         self.turns: TurnWatch | None = None  # to be shown the points that are followed
         if telemetry is not None and chosen.turns_tell:
             self.turns = TurnWatch(telemetry, small_camera(chosen.camera))
@@ -154,6 +157,14 @@ class Flight:
         return None if self._telemetry is None else self._telemetry.places
 
     @property
+    def utc(self) -> UniversalTime | None:
+        """When the video's first picture was taken, as sure as the offset between video and log; None where none tells.
+
+        `flight.utc.at(frame.stamp_ns)` is a frame's, ns since 1970.
+        """
+        return None if self._telemetry is None else self._telemetry.utc
+
+    @property
     def true_north(self) -> bool:
         """Whether the velocities' north is the Earth's."""
         return self._telemetry is not None and self._telemetry.true_north
@@ -226,9 +237,13 @@ def open_flight(
             told += untold(video, log) + lengths_apart(video, log)
         if log is not None and telemetry is not None:
             told += disagreements(log, video)
-        if log is not None and (not telemetry_offset_s if clock is None else clock.offset_s is None):
+        untold_offset = not telemetry_offset_s if clock is None else clock.offset_s is None
+        if log is not None and untold_offset:
             told += doubted_length(log, video.duration_ns, mend=SEEK if clock is None else SOUGHT)
-        return Flight(video, chosen, log, speed_m_s or 0.0, clock=clock, log_warnings=told)
+        together = log is not None and not log.time_0_told and untold_offset
+        return Flight(
+            video, chosen, log, speed_m_s or 0.0, clock=clock, begun_together=together, log_warnings=told
+        )
     except BaseException:
         video.close()
         raise

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.places import PlaceTrack
+from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.motion import Vector, unit_quaternion
 
 VelocityFrame = Literal["world", "camera"]
@@ -195,7 +196,7 @@ class Telemetry:
     says were recorded, in time order: recordings.py finds the one at hand. `any_direction`: of the velocities only
     the lengths are told. `places` is where on Earth the drone was, where the log tells it; `true_north` is False where
     the velocities' north may be any direction, as in a map of odometry. `time_0_told` is False where time 0 is where
-    the log begins, whenever the video did.
+    the log begins, whenever the video did. `utc` is the universal time of time 0, where the log tells it.
     """
 
     name: str
@@ -209,6 +210,7 @@ class Telemetry:
     places: PlaceTrack | None = None
     true_north: bool = True
     time_0_told: bool = True
+    utc: UniversalTime | None = None
 
     def __post_init__(self) -> None:
         stamps = [sample.stamp_ns for sample in self.samples]
@@ -253,6 +255,7 @@ class Telemetry:
             view=None if self.view is None else replace(self.view, stamps_ns=self.view.stamps_ns + offset_ns),
             recordings=tuple(recording.later_by(offset_ns) for recording in self.recordings),
             places=None if self.places is None else self.places.later_by(offset_ns),
+            utc=None if self.utc is None else self.utc.later_by(offset_ns),
         )
 
     @property

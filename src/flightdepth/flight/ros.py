@@ -47,6 +47,7 @@ from flightdepth.flight.ros_messages import (
 from flightdepth.flight.ros_places import NAV_SAT_FIX, PLACE_KINDS, track_of_fixes
 from flightdepth.flight.ros_px4 import DEFINE, PX4_PLACE, PX4_POSITION, PX4_VELOCITY_KINDS, UNDEFINED
 from flightdepth.flight.ros_topics import Topic, first_picture, topics_of
+from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.motion import (
     Vector,
     mixed_quaternions,
@@ -97,6 +98,7 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
         places=places,
         true_north=true_north,
         time_0_told=first_ns is not None,
+        utc=UniversalTime.of(zero_ns, "computer"),  # stamps of a simulation begin at 0
     )
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flightdepth.flight.autopilot import LAST_STAMP_US, Gate, Position, Record, Velocity
+from flightdepth.flight.autopilot import LAST_STAMP_US, Gate, Moment, Position, Record, Velocity
 from flightdepth.flight.power_ups import DAMAGED_TIMES, SHORTEST_RUN, boots
 from flightdepth.flight.records import LATEST_NS, NS_PER_S, BodyAttitudeSample
 from flightdepth.flight.ros_messages import FRD_FROM_FLU, Orientation, Twist, decoded
@@ -130,7 +130,7 @@ def px4_gate(
     for stamp_ns, value, _ in sorted(records, key=lambda record: record.stamp_ns):
         if isinstance(value, Position):
             fixes.append(Fix(stamp_ns, *value))
-        else:
+        elif not isinstance(value, Moment):
             gate.take(stamp_ns, value)
     return gate, fixes
 

@@ -11,6 +11,7 @@ Columns, in any order:
     qw, qx, qy, qz                                      optional: attitude, world (NED) from camera, or
     camera_yaw_deg, camera_pitch_deg, camera_roll_deg   from north clockwise, up, right side down
     latitude_deg, longitude_deg, altitude_m             optional: where on Earth (WGS 84), above mean sea level
+    utc_ns                                              optional: universal time, int ns since 1970
 
 Other columns are ignored, and the telemetry's name says which. Lines whose time is not later than the one before
 are left out and counted, and so is a last line without its end: it was cut off. Anything else that is wrong is
@@ -46,6 +47,7 @@ from flightdepth.flight.order import rising
 from flightdepth.flight.places import SEA_LEVEL
 from flightdepth.flight.positions import UNFIXED, on_earth, place_track, velocities_by_fixes
 from flightdepth.flight.records import AttitudeSample, Sample, Telemetry, VelocitySample, by_time, none_of
+from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.motion import Vector
 
 
@@ -138,6 +140,9 @@ def _telemetry(
         dict(+counts),
         any_direction=columns.frame == SPEED,
         places=track,
+        utc=UniversalTime.by_readings(
+            [(row.stamp_ns, row.utc_ns) for row in rows if row.utc_ns is not None], "column"
+        ),
     )
 
 

@@ -17,6 +17,7 @@ from flightdepth.flight.autopilot import (
     DAMAGED_BYTES,
     OTHER_GIMBALS,
     BodyAttitude,
+    Moment,
     Position,
     Record,
     Velocity,
@@ -35,6 +36,7 @@ from flightdepth.flight.mavlink_messages import (
 )
 from flightdepth.flight.power_ups import placed_boots
 from flightdepth.flight.records import Telemetry
+from flightdepth.flight.universal_time import Clock, can_be
 
 # A time before 2096 and the first byte of a message, MAVLink 1 or 2.
 START = re.compile(rb"\x00[\x00-\x0e].{6}[\xfe\xfd]", re.DOTALL)
@@ -109,7 +111,11 @@ def the_autopilot(
 
 def telemetry_of(name: str, source: Source, found: dict[Source, Sender], counts: Counter[str]) -> Telemetry:
     """Telemetry of one vehicle: its autopilot's records, and the gimbal's, which has a clock of its own."""
-    records = placed_boots(found[source].of(Velocity, BodyAttitude, Position), counts)
+    records = placed_boots(found[source].of(Velocity, BodyAttitude, Position, Moment), counts)
+    clock: Clock = "autopilot"
+    if not any(isinstance(record.value, Moment) and can_be(record.value.utc_ns) for record in records):
+        clock = "ground station"  # whose times the records have
+        records += [record._replace(value=Moment(record.stamp_ns)) for record in records[:1]]
     for sender in sorted(sender for sender in found if sender.system == source.system):
         gimbals: dict[int, list[Record]] = defaultdict(list)
         for record in found[sender].records:
@@ -123,7 +129,7 @@ def telemetry_of(name: str, source: Source, found: dict[Source, Sender], counts:
             records += placed_boots(first, counts)
             break
     what = f"tlog {name}, {found[source].best[Velocity]} of vehicle {source.system}"
-    return autopilot_telemetry(what, records, counts, told_by=VELOCITIES)
+    return autopilot_telemetry(what, records, counts, told_by=VELOCITIES, clock=clock)
 
 
 def messages(path: Path, counts: Counter[str]) -> Iterator[tuple[int, Message]]:

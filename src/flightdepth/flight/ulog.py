@@ -1,7 +1,7 @@
-"""PX4's ULog (.ulg), through pyulog: local velocity, attitude of the body, attitude of a gimbal, place on Earth.
+"""PX4's ULog (.ulg), through pyulog: local velocity, attitude of the body, attitude of a gimbal, place on Earth, UTC.
 
-Fields are those of PX4's uORB messages VehicleLocalPosition, VehicleAttitude, GimbalDeviceAttitudeStatus and
-VehicleGlobalPosition.
+Fields are those of PX4's uORB messages VehicleLocalPosition, VehicleAttitude, GimbalDeviceAttitudeStatus,
+VehicleGlobalPosition and SensorGps.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from flightdepth.flight.autopilot import (
     LAST_STAMP_US,
     OTHER_GIMBALS,
     BodyAttitude,
+    Moment,
     Position,
     Record,
     Value,
@@ -34,6 +35,7 @@ Columns = dict[str, NDArray[Any]]
 QUATERNION = ("q[0]", "q[1]", "q[2]", "q[3]")
 POSITION, GIMBAL = "vehicle_local_position", "gimbal_device_attitude_status"
 INVALID_POSITIONS = "positions marked invalid"
+FIX_3D = 3
 JOINED = "another log joined to this one, not read"
 
 
@@ -142,6 +144,16 @@ def global_positions(columns: Columns, counts: Counter[str]) -> Iterator[Record]
     return timed(columns, map(Position, lat.tolist(), lon.tolist(), altitudes_m.tolist()), valid)
 
 
+def moments(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
+    """SensorGps: UTC at a fix in three dimensions; 0 before the receiver knows it, and old logs have none."""
+    stamps_us = np.minimum(columns["timestamp"], LAST_STAMP_US).astype(np.int64)
+    untold = np.zeros_like(stamps_us)
+    utc_us = np.minimum(columns.get("time_utc_usec", untold), LAST_STAMP_US).astype(np.int64)
+    fixed = (columns.get("fix_type", untold) >= FIX_3D) & (utc_us > 0)
+    told_us = stamps_us + columns.get("timestamp_time_relative", untold)  # when it was so
+    return timed({"timestamp": told_us}, (Moment(each * 1000) for each in utc_us.tolist()), fixed)
+
+
 def timed(
     columns: Columns, values: Iterable[Value], kept: NDArray[np.bool_] | None = None
 ) -> Iterator[Record]:
@@ -175,4 +187,6 @@ TOPICS: dict[str, Callable[[Columns, Counter[str]], Iterator[Record]]] = {
     "vehicle_attitude": body_attitudes,
     GIMBAL: gimbal_attitudes,
     "vehicle_global_position": global_positions,
+    "vehicle_gps_position": moments,
+    "sensor_gps": moments,  # what the former is made of; logs may hold either
 }

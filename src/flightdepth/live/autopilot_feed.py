@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from flightdepth.flight.autopilot import OTHER_GIMBALS, Gate, Position, Velocity
+from flightdepth.flight.autopilot import OTHER_GIMBALS, Gate, Moment, Position, Velocity
 from flightdepth.flight.mavlink_messages import (
     ATTITUDES,
     GIMBAL,
@@ -107,7 +107,7 @@ class AutopilotFeed:
         elif name in KINDS:
             self._seen[name] = now_ns
             for boot_ns, value in KINDS[name](message, self.counts):
-                if isinstance(value, Position):  # nobody asks live where on Earth it is
+                if isinstance(value, Position | Moment):  # nobody asks live where on Earth it is, or when
                     continue
                 if not self._is_best(name, VELOCITIES if isinstance(value, Velocity) else ATTITUDES, now_ns):
                     continue

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from flightdepth.flight.records import Frame
+from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.ranges.result import RangedDepth
 
 COLUMNS = (
     *("index", "stamp_ns", "shifts", "displacements_m", "centroids_m"),
-    *("valid_fraction", "latency_ms", "reason", "network", "focal_px", "sigma_share"),
+    *("valid_fraction", "latency_ms", "reason", "network", "focal_px", "sigma_share", "utc_ns"),
 )
 EVERY = 4  # pixels each way are looked at for sigma_share: a network's own are no smaller
 
@@ -36,6 +37,7 @@ class FrameRow:
     network          which one gave depth or bounds; empty where none did, and in tables of older versions
     focal_px         horizontal focal length of its picture, where the lens zooms; None where flight.json tells it
     sigma_share      median of standard deviation over depth, of the pixels with depth; None where none is told
+    utc_ns           universal time, since 1970; None where the log does not tell it
     """
 
     index: int
@@ -49,10 +51,11 @@ class FrameRow:
     network: str = ""
     focal_px: float | None = None
     sigma_share: float | None = None
+    utc_ns: int | None = None
 
     @classmethod
-    def of(cls, frame: Frame, result: RangedDepth) -> FrameRow:
-        """The row of a frame and its result."""
+    def of(cls, frame: Frame, result: RangedDepth, utc: UniversalTime | None = None) -> FrameRow:
+        """The row of a frame and its result; `utc` of the flight."""
         known = np.isfinite(result.depth_m)
         return cls(
             index=frame.index,
@@ -66,6 +69,7 @@ class FrameRow:
             network=result.network,
             focal_px=None if frame.camera is None else frame.camera.fx,
             sigma_share=_sigma_share(result),
+            utc_ns=None if utc is None else utc.at(frame.stamp_ns),
         )
 
 
@@ -91,6 +95,7 @@ def cells_of(row: FrameRow) -> list[object]:
         row.network,
         "" if row.focal_px is None else f"{row.focal_px:.3f}",
         "" if row.sigma_share is None else f"{row.sigma_share:.4f}",
+        "" if row.utc_ns is None else row.utc_ns,
     ]
 
 
@@ -109,6 +114,7 @@ def rows_from_csv(text: str) -> list[FrameRow]:
             network=cells.get("network") or "",
             focal_px=float(focal_px) if (focal_px := cells.get("focal_px")) else None,
             sigma_share=float(sigma_share) if (sigma_share := cells.get("sigma_share")) else None,
+            utc_ns=int(utc_ns) if (utc_ns := cells.get("utc_ns")) else None,
         )
         for cells in csv.DictReader(io.StringIO(text))
     ]

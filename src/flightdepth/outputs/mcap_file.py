@@ -8,8 +8,8 @@ topic                        type                          content
 /camera/depth/camera_info    sensor_msgs/CameraInfo        the same: image_transport looks for it beside the image
 /tf                          tf2_msgs/TFMessage            map (east-north-up) from camera_optical
 
-Stamps count from the video's first picture. A frame whose attitude is unknown has no transform, nor
-has one outside the longest segment of the flight: another segment has another origin.
+Stamps count from the video's first picture, or from 1970 where universal time is asked for. A frame whose attitude is
+unknown has no transform, nor has one outside the longest segment of the flight: another segment has another origin.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.files import file_in_progress
 from flightdepth.flight.records import NS_PER_S
+from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.motion import ENU_FROM_NED, Vector, quaternion_from_rotation
 from flightdepth.outputs.cloud import placed
 from flightdepth.outputs.encoding import bytes_from_confidence, jpeg
@@ -49,13 +50,19 @@ KINDS = {
 JPEG_QUALITY = 85
 
 
-def write_mcap(path: Path, folder: FlightFolder, on_frame: Callable[[], None] = lambda: None) -> int:
+def write_mcap(
+    path: Path,
+    folder: FlightFolder,
+    on_frame: Callable[[], None] = lambda: None,
+    *,
+    utc: UniversalTime | None = None,
+) -> int:
     """Every frame of a flight into `path`, which appears when all of it stands; how many.
 
-    Of an interrupted flight those that its preview shows.
+    Of an interrupted flight those that its preview shows. `utc`, the record's, makes stamps count from 1970.
     """
     poses = placed(folder) if any(pose.attitude != "unknown" for pose in folder.poses.values()) else {}
-    stamps = {row.index: row.stamp_ns for row in folder.rows}
+    stamps = {row.index: row.stamp_ns if utc is None else utc.at(row.stamp_ns) for row in folder.rows}
     frames = 0
     with file_in_progress(path) as file:
         recording = Recording(file)

@@ -19,6 +19,7 @@ import numpy as np
 
 from flightdepth.flight import AttitudeSample, Frame, VelocitySample
 from flightdepth.flight.places import PlaceTrack
+from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.motion import NED_FROM_CAMERA, Vector, quaternion_from_rotation, rotation_from_quaternion
 from flightdepth.outputs.level import LevelCamera
 from flightdepth.ranges.displacement import Trajectory
@@ -28,7 +29,7 @@ AttitudeFrom = Literal["log", "pictures", "assumed", "unknown"]
 COLUMNS = (
     *("index", "stamp_ns", "segment", "north_m", "east_m", "down_m"),
     *("qw", "qx", "qy", "qz", "attitude"),
-    *("latitude_deg", "longitude_deg", "altitude_m"),
+    *("latitude_deg", "longitude_deg", "altitude_m", "utc_ns"),
 )
 REMEMBERED = 1024  # frames that a pair may reach back
 
@@ -42,6 +43,7 @@ class FramePose:
     world_from_camera  (4,) quaternion (w, x, y, z), NED from right-down-forward; NaN where unknown
     attitude           where the quaternion comes from
     place              (3,) latitude, longitude in degrees (WGS 84), altitude in metres; NaN where the log tells none
+    utc_ns             universal time, since 1970; None where the log does not tell it
     """
 
     index: int
@@ -51,6 +53,7 @@ class FramePose:
     world_from_camera: Vector
     attitude: AttitudeFrom
     place: Vector = field(default_factory=lambda: np.full(3, np.nan))
+    utc_ns: int | None = None
 
     @property
     def ned_from_camera(self) -> Vector:
@@ -61,11 +64,11 @@ class FramePose:
 class PoseTrack:
     """Listens to a flight's samples and results, and says where the camera was at each frame.
 
-    `places` is where the log says that it was on Earth.
+    `places` is where the log says that it was on Earth, `utc` when.
     """
 
-    def __init__(self, places: PlaceTrack | None = None) -> None:
-        self._places = places
+    def __init__(self, places: PlaceTrack | None = None, utc: UniversalTime | None = None) -> None:
+        self._places, self._utc = places, utc
         self._trajectory = Trajectory()
         self._level = LevelCamera()
         self._last: tuple[int, Vector, int] | None = None  # stamp, position, segment of the frame before
@@ -97,7 +100,8 @@ class PoseTrack:
         quaternion = np.full(4, np.nan) if turn is None else quaternion_from_rotation(turn)
         attitude = "unknown" if turn is None else attitude
         place = np.full(3, np.nan) if self._places is None else self._places.at(frame.stamp_ns)
-        return FramePose(frame.index, frame.stamp_ns, segment, position, quaternion, attitude, place)
+        utc_ns = None if self._utc is None else self._utc.at(frame.stamp_ns)
+        return FramePose(frame.index, frame.stamp_ns, segment, position, quaternion, attitude, place, utc_ns)
 
     def _step(self, stamp_ns: int) -> tuple[Vector, int, Vector | None]:
         """Position, segment (-1: unknown) and rotation at a time later than the last."""
@@ -137,7 +141,8 @@ def pose_cells(pose: FramePose) -> list[object]:
         f"{part:.{decimals}f}" if np.isfinite(part) else ""
         for part, decimals in zip(pose.place, (9, 9, 3), strict=True)
     ]
-    return [pose.index, pose.stamp_ns, pose.segment, *position, *quaternion, pose.attitude, *place]
+    utc_ns = "" if pose.utc_ns is None else pose.utc_ns
+    return [pose.index, pose.stamp_ns, pose.segment, *position, *quaternion, pose.attitude, *place, utc_ns]
 
 
 def poses_from_csv(text: str) -> dict[int, FramePose]:
@@ -149,10 +154,9 @@ def poses_from_csv(text: str) -> dict[int, FramePose]:
         attitude: AttitudeFrom = cells["attitude"]  # type: ignore[assignment]
         position = np.array([float(cells[column]) for column in COLUMNS[3:6]])
         quaternion = np.array([float(cells[column] or "nan") for column in COLUMNS[6:10]])
-        # Older versions wrote no places.
-        place = np.array([float(cells.get(column) or "nan") for column in COLUMNS[11:]])
-        index = int(cells["index"])
-        poses[index] = FramePose(
-            index, int(cells["stamp_ns"]), int(cells["segment"]), position, quaternion, attitude, place
-        )
+        # Older versions wrote no places and no universal time.
+        place = np.array([float(cells.get(column) or "nan") for column in COLUMNS[11:14]])
+        utc_ns = int(told) if (told := cells.get("utc_ns")) else None
+        index, stamp_ns, segment = (int(cells[column]) for column in COLUMNS[:3])
+        poses[index] = FramePose(index, stamp_ns, segment, position, quaternion, attitude, place, utc_ns)
     return poses

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from flightdepth.camera import Camera
 from flightdepth.flight.offset import ClockOffset
 from flightdepth.flight.places import AltitudeAbove
+from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.outputs.encoding import FARTHEST, UNIT_M, UNKNOWN
 from flightdepth.outputs.frame_table import FrameRow
 from flightdepth.weights.card import NetworkCard
@@ -45,6 +46,9 @@ class Source(BaseModel):
     )
     clock: ClockOffset | None = Field(
         default=None, description="offset between video and log, where estimated"
+    )
+    utc: UniversalTime | None = Field(
+        default=None, description="universal time of stamp_ns 0, and whose clock told it; None where none did"
     )
     network: NetworkCard
     settings: dict[str, bool | int | float | str | None] = Field(default_factory=dict)

@@ -25,7 +25,7 @@ def run_flight(
 
     `writer.summary` is complete once the writer is closed. Where the camera's turns deny its lens, that is written too.
     """
-    track = PoseTrack(flight.places)
+    track = PoseTrack(flight.places, flight.utc)
     try:
         for frame, result in depths(flight, estimator, on_sample=track.add):
             writer.add(frame, result, None if flight.any_direction else track.at(frame, result))

@@ -133,7 +133,7 @@ class FlightWriter:
                 raise
             self._lose(frame, error)
             return False
-        self._rows.add(cells_of(FrameRow.of(frame, result)))
+        self._rows.add(cells_of(FrameRow.of(frame, result, self._source.utc)))
         if pose is not None:
             self._poses.add(pose_cells(pose))
         for note in result.notes:
