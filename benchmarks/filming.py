@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -35,6 +34,7 @@ from flightdepth.evaluation.provenance import origin_of
 from flightdepth.ranges.exposure import exposed_as
 from flightdepth.ranges.vignetting import Vignetting
 from flightdepth.renderers.raycast import render
+from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.network import load_network
 from flightdepth.scenes import Scene, Textures
 from flightdepth.stillbox import Picture, TestPair, TestSet
@@ -90,11 +90,13 @@ class Shot:
         seen = render(scene, self.textures, self.camera.cropped(0, top, self.camera.width, bottom - top))
         return _linear(seen.images), seen.depth_m
 
-    def shrunk(self, times: int) -> TestPair:
-        previous, current = (_shrunk(picture, times) for picture in self.pictures)
+    def shrunk(self, grid: NetworkGrid) -> TestPair:
+        """As a network sees it."""
+        previous, current = map(grid.image, self.pictures)
+        times = self.camera.width // grid.camera.width
         depth_m = np.ascontiguousarray(self.depth_m[times // 2 :: times, times // 2 :: times])
         moved = self.scene.displacement(*self.frames)
-        return TestPair(previous, current, depth_m, moved, self.camera.fx / times)
+        return TestPair(previous, current, depth_m, moved, grid.camera.fx)
 
 
 def _linear(picture: Image) -> Linear:
@@ -124,11 +126,6 @@ def _hlg(linear: Linear) -> Linear:
 
 def _bytes(value: Linear) -> Image:
     return np.rint(np.clip(value, 0, 1) * 255).astype(np.uint8)
-
-
-def _shrunk(picture: Image, times: int) -> Image:
-    size = picture.shape[1] // times, picture.shape[0] // times
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def profile(curve: Callable[[Linear], Linear]) -> Way:
@@ -233,21 +230,21 @@ def large_rooms(card: NetworkCard, scenes: int, times: int) -> TestSet:
     )
 
 
-def filmed(rooms: TestSet, name: str, way: Way, options: argparse.Namespace) -> Iterator[TestPair]:
+def filmed(
+    rooms: TestSet, name: str, way: Way, options: argparse.Namespace, grid: NetworkGrid
+) -> Iterator[TestPair]:
     """Pairs as a network is shown them: evened out by what all of them tell of the lens, and equally bright."""
     shots = counted(range(len(rooms)), name, "pairs")
-    pairs = [way(Shot.of(rooms, number)).shrunk(options.times) for number in shots]
+    pairs = [way(Shot.of(rooms, number)).shrunk(grid) for number in shots]
     if options.as_they_come:
         yield from pairs
         return
-    height, width = pairs[0].current.shape[:2]
-    camera = rooms.drawn(0)[2].resized(width, height)
-    lens = Vignetting(camera)
+    lens = Vignetting(grid.camera)
     for pair in pairs if options.evens_out else ():
         lens.learn(pair.previous, pair.current)
     for pair in pairs:
         previous, current = lens.evened(pair.previous), lens.evened(pair.current)
-        yield replace(pair, previous=exposed_as(previous, current, camera), current=current)
+        yield replace(pair, previous=exposed_as(previous, current, grid.camera), current=current)
 
 
 def cells(found: dict[str, Any]) -> Iterator[str]:
@@ -279,11 +276,14 @@ def main() -> None:
         network = load_network(name, "openvino", precision="f32")
         options.evens_out = network.card.knows_direction  # as the estimator does
         rooms = large_rooms(network.card, options.scenes, options.times)
+        large = rooms.drawn(0)[2]
+        network = network.at_focal(large.fx / options.times)
+        grid = network.grid(large)
         title = f"{network.card.name}, {len(rooms)} rooms, filmed {options.times} times as large"
         columns = ("L1 m", "relative", "believed", "inside one sigma", "classical peer, L1 m", "relative")
         table = Table("", *columns, title=title, caption=origin_of(network))
         for label, way in ways.items():
-            found = evaluate_network(network, filmed(rooms, label, way, options), set_name=label)
+            found = evaluate_network(network, filmed(rooms, label, way, options, grid), set_name=label)
             table.add_row(label, *cells(found))
         Console().print(table)
 

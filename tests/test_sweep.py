@@ -72,6 +72,27 @@ def test_outside_the_earlier_picture_the_present_one_stands():
     assert (columns[int(inside) + 2 :] == 200).all()
 
 
+def test_levels_between_whole_ones_are_rounded_once():
+    """Of a slope, whose warped pictures are known: off by a rounding, not by one of each step."""
+    slope = (40 + np.arange(128) / 3 + np.arange(64)[:, None] / 7).astype(np.float32)
+    picture = np.repeat(slope[..., None], 3, axis=2)
+    found = sweep(picture, picture, [1.0, 0.0, 0.0], CAMERA)
+    assert found.current.dtype == np.uint8
+    for shift_px, swept in zip(LEVELS[0].shifts_px, found.swept[0], strict=True):
+        exact = (slope + shift_px / 3)[:, : 128 - int(np.ceil(shift_px))]
+        np.testing.assert_allclose(swept[:, : exact.shape[1]], exact, atol=0.52)
+
+
+def test_bytes_and_levels_of_the_same_values_agree():
+    rng = np.random.default_rng(2)
+    previous, current = rng.integers(0, 256, (2, 64, 128, 3), dtype=np.uint8)
+    of_bytes = sweep(previous, current, [0.6, -0.2, 0.3], CAMERA)
+    mixed = sweep(previous, current.astype(np.float32), [0.6, -0.2, 0.3], CAMERA)
+    np.testing.assert_array_equal(mixed.current, of_bytes.current)
+    for one, other in zip(mixed.swept, of_bytes.swept, strict=True):
+        assert np.abs(one.astype(int) - other).max() <= 2
+
+
 def test_the_field_is_zero_where_the_camera_goes():
     direction = unit_direction([0.2, -0.1, 1.0])
     small = CAMERA.resized(32, 16)

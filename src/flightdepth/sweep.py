@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.levels import AnyImage, Image, exact_grey, grey, rounded
 
-Image = NDArray[np.uint8]
 Field = NDArray[np.float32]
 
 
@@ -56,15 +56,17 @@ class Sweep:
     field: Field
 
 
-def sweep(previous: Image, current: Image, displacement: ArrayLike, camera: Camera) -> Sweep:
-    """Sweep `previous` along `displacement` (3,); pictures uint8 RGB [H, W, 3], sides multiples of 4.
+def sweep(previous: AnyImage, current: AnyImage, displacement: ArrayLike, camera: Camera) -> Sweep:
+    """Sweep `previous` along `displacement` (3,); pictures RGB [H, W, 3], sides multiples of 4.
 
-    Only the direction counts; displacement 0 sweeps nothing.
+    Only the direction counts; displacement 0 sweeps nothing. Levels are rounded, as networks learnt them: of bytes at
+    each step, of float32 once, at the end.
     """
     direction = unit_direction(displacement)
-    pictures = grey(previous), grey(current)
-    swept = tuple(_swept(*pictures, direction, camera, level) for level in LEVELS)
-    return Sweep(current, swept, motion_field(direction, camera))
+    of_bytes = previous.dtype == current.dtype == np.uint8
+    before, now = (grey(each) if of_bytes else exact_grey(each) for each in (previous, current))
+    swept = tuple(rounded(_swept(before, now, direction, camera, level)) for level in LEVELS)
+    return Sweep(rounded(current), swept, motion_field(direction, camera))
 
 
 def stacked(sweeps: Iterable[Sweep]) -> tuple[NDArray[Any], ...]:
@@ -103,21 +105,16 @@ def warp_matrix(shift_px: float, direction: NDArray[np.float64], camera: Camera)
     return np.array([[scale, 0.0, x], [0.0, scale, y]])
 
 
-def grey(image: Image) -> Image:
-    """RGB [H, W, 3] as [H, W]."""
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-
-
 def _swept(
-    previous: Image, current: Image, direction: NDArray[np.float64], camera: Camera, level: Level
-) -> Image:
+    previous: AnyImage, current: AnyImage, direction: NDArray[np.float64], camera: Camera, level: Level
+) -> AnyImage:
     """Grey pictures [H, W] to one level's warped ones."""
     size = (camera.width // level.scale, camera.height // level.scale)
     if level.scale > 1:
-        previous = np.asarray(cv2.resize(previous, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        current = np.asarray(cv2.resize(current, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        previous = np.asarray(cv2.resize(previous, size, interpolation=cv2.INTER_AREA), previous.dtype)
+        current = np.asarray(cv2.resize(current, size, interpolation=cv2.INTER_AREA), current.dtype)
     small = camera.resized(*size)
-    swept = np.empty((len(level.shifts_px), *current.shape), np.uint8)
+    swept = np.empty((len(level.shifts_px), *current.shape), current.dtype)
     swept[:] = current
     for shift_px, out in zip(level.shifts_px, swept, strict=True):
         if shift_px == 0:

@@ -50,6 +50,17 @@ def test_without_a_change_pictures_stay_as_they_are(shift):
         assert exposed_as(pair.previous, pair.current, camera_of(pair)) is pair.previous
 
 
+def test_what_is_made_brighter_is_not_rounded():
+    """A line through levels: of 128 neighbouring ones none is left out, as there would be among whole ones."""
+    pair = next(iter(rooms(3)))
+    found = exposed_as(pair.previous, brightened(pair.current, 0.5), camera_of(pair))
+    middle = (pair.previous > 50) & (pair.previous < 150)
+    levels = pair.previous[middle].astype(float)
+    line = np.polyfit(levels, found[middle], 1)
+    assert np.abs(np.polyval(line, levels) - found[middle]).max() < 0.01
+    assert line[0] > 1.1
+
+
 @pytest.mark.parametrize("stops", [-1, -0.5, 0.25, 0.5, 1])
 def test_a_change_of_exposure_is_made_up_for(stops):
     for pair in rooms(3):

@@ -29,6 +29,17 @@ def test_a_turned_picture_is_what_the_current_camera_sees(angles: tuple[float, f
     assert np.abs(warped.astype(int) - truth.astype(int))[seen].max() <= 3
 
 
+def test_turned_levels_stay_between_whole_ones_and_within_black_and_white() -> None:
+    previous = rotation_from_euler(0.05, -0.08, 0.1)
+    levels = smooth(CAMERA, previous).astype(np.float32)
+    levels[::7] = 255  # stripes, beside which cubic interpolation overshoots
+    found = turned(levels, previous, CAMERA)
+    assert found.dtype == np.float32
+    assert found.min() >= 0 and found.max() <= 255
+    assert np.abs(found - np.rint(found)).mean() > 0.2
+    assert np.abs(found - turned(levels.astype(np.uint8), previous, CAMERA)).mean() < 0.3
+
+
 def test_no_turn_changes_nothing() -> None:
     image = smooth(CAMERA, np.eye(3))
     np.testing.assert_array_equal(turned(image, np.eye(3), CAMERA), image)

@@ -180,6 +180,21 @@ def test_shrinking_averages_a_checkerboard_away() -> None:
         assert np.abs(out.astype(int) - 127).max() <= 2
 
 
+@pytest.mark.parametrize("camera", [KARMA, BARREL], ids=["pinhole", "lens"])
+def test_greys_between_levels_stay_on_the_grid(camera: Camera) -> None:
+    """A slope so gentle that a level is several pixels of the grid wide: dithered, as noise does it in a video."""
+    rows, columns = np.indices((camera.height, camera.width))
+    slope = 100 + columns / 100 + rows / 200
+    noise = np.random.default_rng(0).uniform(-0.5, 0.5, slope.shape)
+    image = np.repeat(np.rint(slope + noise).astype(np.uint8)[..., None], 3, axis=2)
+    out = NetworkGrid(camera, 128).image(image)[40:-40, 40:-40]
+    assert out.dtype == np.float32
+    y, x = np.indices(out.shape[:2]) / out.shape[1]
+    smooth = np.polynomial.polynomial.polyvander2d(x.ravel(), y.ravel(), [4, 4])
+    left = out[..., 0].ravel() - smooth @ np.linalg.lstsq(smooth, out[..., 0].ravel(), rcond=None)[0]
+    assert left.std() < 0.22  # of whole levels 0.29 and more
+
+
 def test_shrinking_leaves_under_half_the_aliasing_of_bilinear_sampling() -> None:
     wave = 127 + 100 * np.sin(np.arange(854) * 2 * math.pi / 3.4)  # too fine for a shrink to 0.38
     image = np.repeat(np.broadcast_to(wave, (480, 854)).astype(np.uint8)[..., None], 3, axis=2)
@@ -276,6 +291,13 @@ def test_a_picture_wide_enough_is_not_warned_of() -> None:
 def test_a_wrong_picture_is_refused(image: np.ndarray) -> None:
     with pytest.raises(BadInput, match=r"expected uint8 RGB \[480, 854, 3\]"):
         NetworkGrid(KARMA, 256).image(image)
+
+
+def test_a_grids_own_pictures_may_lie_between_levels() -> None:
+    camera = NetworkGrid(KARMA, 256).camera
+    levels = np.full((camera.height, camera.width, 3), 12.25, np.float32)
+    assert NetworkGrid(camera, None).image(levels) is levels
+    assert NetworkGrid(camera, camera.fx / 2, resampled=True).image(levels) == pytest.approx(12.25)
 
 
 def test_a_view_smaller_than_one_cell_is_refused() -> None:

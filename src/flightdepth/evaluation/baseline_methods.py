@@ -11,9 +11,10 @@ from flightdepth.camera import Camera
 from flightdepth.evaluation.metrics import pooled
 from flightdepth.evaluation.peer import BLIND_PX, ClassicalPeer
 from flightdepth.evaluation.warping import NEAREST_M
+from flightdepth.levels import Image
 from flightdepth.motion import Vector
 from flightdepth.ranges.fusion import BETA_MAX, WORST_SIGMA, ends
-from flightdepth.runtimes.arrays import Flags, Image, Maps
+from flightdepth.runtimes.arrays import Flags, Maps
 from flightdepth.runtimes.network import Network
 from flightdepth.sweep import FIELD_SCALE, motion_field
 from flightdepth.weights.card import NetworkCard

@@ -15,6 +15,7 @@ from flightdepth.camera import Camera
 from flightdepth.evaluation.tracked_points import PathLength
 from flightdepth.flight import AttitudeSample, Flight, Frame, Steadiness, VelocitySample
 from flightdepth.flight.steadiness import TurnRate
+from flightdepth.levels import Image
 from flightdepth.motion import Vector
 from flightdepth.ranges.direction import estimate_direction
 from flightdepth.ranges.displacement import Trajectory
@@ -22,7 +23,7 @@ from flightdepth.ranges.network import FrameGrid
 from flightdepth.ranges.pairs import Baselines, FrameBuffer, baselines, same_way
 from flightdepth.ranges.pairs import Frame as Prepared
 from flightdepth.ranges.turning import homography, is_visible, turned
-from flightdepth.runtimes.arrays import Flags, Image
+from flightdepth.runtimes.arrays import Flags
 
 NEAR_ENOUGH = 0.2  # of the wanted distance
 SPAN_S = 4.0  # how long ago an earlier frame may be, as in the estimator

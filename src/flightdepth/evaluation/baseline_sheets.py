@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from flightdepth.evaluation.baseline_methods import Answer
 from flightdepth.evaluation.baselines import Sight
+from flightdepth.levels import Image
 from flightdepth.outputs.encoding import centimetres_from_depth
 from flightdepth.outputs.legend import GROUND_RGB, legend, write
 from flightdepth.outputs.palette import DepthScale, Palette
-from flightdepth.runtimes.arrays import Flags, Image
+from flightdepth.runtimes.arrays import Flags
 
 SCALE = DepthScale(2.0, 200.0)
 FULL_ERROR = 64.0  # grey levels of difference that are shown white

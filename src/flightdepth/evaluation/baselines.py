@@ -26,7 +26,8 @@ from flightdepth.evaluation.baseline_pairs import BaselinePair, Moment, Witness
 from flightdepth.evaluation.bootstrap import interval
 from flightdepth.evaluation.tracked_points import TrackedPoints
 from flightdepth.evaluation.warping import Match, WarpedPair
-from flightdepth.runtimes.arrays import Flags, Image, Maps
+from flightdepth.levels import Image
+from flightdepth.runtimes.arrays import Flags, Maps
 from flightdepth.sweep import motion_field
 
 LEAST_SPAN_M = 3.0  # metres flown over which a tracked point must be seen

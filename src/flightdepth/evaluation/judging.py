@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from flightdepth.levels import grey
 from flightdepth.runtimes.alignment import clues_of
 from flightdepth.runtimes.arrays import Maps
 from flightdepth.runtimes.error_bar import error_bar_scale
 from flightdepth.runtimes.network import Network
 from flightdepth.stillbox.pairs import Pair
-from flightdepth.sweep import grey, unit_direction
+from flightdepth.sweep import unit_direction
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.runtimes.arrays import Image
+from flightdepth.levels import Image
 from flightdepth.scenes.textures import EDGE, Textures
 from flightdepth.stillbox.pairs import Pair
 

@@ -10,9 +10,9 @@ import numpy as np
 from flightdepth.errors import BadInput
 from flightdepth.evaluation.metrics import picture_errors
 from flightdepth.evaluation.pairs import Task, TruePair, refuse_namesakes
+from flightdepth.levels import Image
 from flightdepth.motion import Vector
 from flightdepth.ranges.derotation import derotated
-from flightdepth.runtimes.arrays import Image
 from flightdepth.runtimes.network import Network
 from flightdepth.scenes import chance
 from flightdepth.stillbox.motion_noise import rotated, tilted

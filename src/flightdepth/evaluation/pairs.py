@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.evaluation.metrics import pooled
-from flightdepth.runtimes.arrays import Image, Maps
+from flightdepth.levels import Image
+from flightdepth.runtimes.arrays import Maps
 from flightdepth.runtimes.contract import STRIDE
 from flightdepth.runtimes.network import Network
 from flightdepth.runtimes.prediction import Prediction

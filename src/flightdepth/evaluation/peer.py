@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flightdepth.camera import Camera
-from flightdepth.runtimes.arrays import Image, Maps
-from flightdepth.sweep import grey
+from flightdepth.levels import Image, grey
+from flightdepth.runtimes.arrays import Maps
 from flightdepth.triangulation import inverse_depth
 
 # Flow of DIS is good to a few tenths of a pixel; below this shift, at a tenth of the largest depth, a pixel

@@ -10,8 +10,9 @@ import numpy as np
 
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.files import write_atomic
+from flightdepth.levels import Image
 from flightdepth.outputs.encoding import rgb_png
-from flightdepth.runtimes.arrays import Image, Maps
+from flightdepth.runtimes.arrays import Maps
 from flightdepth.runtimes.network import Network
 
 GREEN, RED, BLUE, GREY = (0, 190, 0), (230, 0, 0), (0, 0, 230), (90, 90, 90)

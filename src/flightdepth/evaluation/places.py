@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.evaluation.metrics import mean, pooled
-from flightdepth.runtimes.arrays import Image, Maps
-from flightdepth.sweep import grey
+from flightdepth.levels import Image, grey
+from flightdepth.runtimes.arrays import Maps
 
 PLACES = ("at an edge", "beside one", "flat, textured", "flat, blank")
 EDGE, BESIDE, TEXTURED, BLANK = range(len(PLACES))

@@ -17,6 +17,7 @@ from flightdepth.evaluation.ranges_peers import FixedShift, least_relative_m
 from flightdepth.evaluation.ranges_sequences import SPEED_M_S, STEP_S, Sequence, log_of
 from flightdepth.evaluation.ranges_trials import CONSTANT, Trial
 from flightdepth.flight.records import VelocityFrame
+from flightdepth.levels import Image
 from flightdepth.motion import Vector
 from flightdepth.outputs.encoding import centimetres_from_depth, jpeg, png
 from flightdepth.ranges import DepthNetwork, FrameGrid, MultiRangeEstimator
@@ -24,7 +25,7 @@ from flightdepth.ranges.estimator import MAX_RANGES
 from flightdepth.ranges.fusion import Fusion
 from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.network import AtSource
-from flightdepth.runtimes.arrays import Image, Maps
+from flightdepth.runtimes.arrays import Maps
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 

@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike
 from flightdepth.camera import Camera
 from flightdepth.evaluation.baseline_methods import PeerMethod
 from flightdepth.flight.records import VelocityFrame
+from flightdepth.levels import Image
 from flightdepth.motion import Vector
 from flightdepth.ranges import DepthNetwork, RangedDepth
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fusion import fuse
 from flightdepth.ranges.pairs import Frame, baselines
-from flightdepth.runtimes.arrays import Image, Maps
+from flightdepth.runtimes.arrays import Maps
 from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard

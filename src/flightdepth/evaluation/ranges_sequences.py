@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.evaluation.metrics import pooled
 from flightdepth.files import file_in_progress
+from flightdepth.levels import Image
 from flightdepth.machine import usable_cores
 from flightdepth.motion import Vector
 from flightdepth.renderers.raycast import VERSION, render
-from flightdepth.runtimes.arrays import Image, Maps
+from flightdepth.runtimes.arrays import Maps
 from flightdepth.scenes import StillBoxConfig, Textures, chance
 from flightdepth.scenes.config import SET_VERSION
 from flightdepth.stillbox.sets import SceneSet, changed

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.levels import Image
 from flightdepth.renderers import raycast
 from flightdepth.renderers.blender import Blender
-from flightdepth.runtimes.arrays import Flags, Image, Maps
+from flightdepth.runtimes.arrays import Flags, Maps
 from flightdepth.scenes import Scene, Textures
 
 JUMP = 0.01  # relative bend of inverse depth that makes an edge

@@ -10,10 +10,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from flightdepth.levels import Image
 from flightdepth.outputs.encoding import centimetres_from_depth, depth_from_centimetres, rgb_png
 from flightdepth.outputs.legend import legend
 from flightdepth.outputs.palette import DepthScale, Palette
-from flightdepth.runtimes.arrays import Image
 
 SIZE_PX = 192
 SCALE = DepthScale(2.0, 100.0)

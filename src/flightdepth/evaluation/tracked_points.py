@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.evaluation.bootstrap import with_ends
-from flightdepth.runtimes.arrays import Image, Maps
-from flightdepth.sweep import grey
+from flightdepth.levels import Image, grey
+from flightdepth.runtimes.arrays import Maps
 
 Floats = NDArray[np.float64]
 

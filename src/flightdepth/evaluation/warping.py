@@ -15,8 +15,9 @@ import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
+from flightdepth.levels import Image
 from flightdepth.motion import Vector
-from flightdepth.runtimes.arrays import Flags, Image, Maps
+from flightdepth.runtimes.arrays import Flags, Maps
 
 NEAREST_M = 1e-3  # a network's output of exactly 0 has no inverse
 # Sideways shifts, pixels, of the constant depths to choose from: a quarter of a pixel to a sixth of the width.

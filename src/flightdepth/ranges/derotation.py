@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
+from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector, rotation_angle_rad
 from flightdepth.ranges.direction import rays_of
-from flightdepth.ranges.network import Image
 from flightdepth.ranges.pairs import Frame, Pair
 from flightdepth.ranges.remainder import LOG_SIGMA_RAD, SEEN_SIGMA_RAD, remainder
 from flightdepth.ranges.tracks import Tracker, tracked_rays
@@ -53,8 +53,8 @@ class Derotation:
 
 
 def derotated(
-    previous: Image, current: Image, displacement: Vector, camera: Camera
-) -> tuple[Image, Vector, Vector | None]:
+    previous: AnyImage, current: AnyImage, displacement: Vector, camera: Camera
+) -> tuple[AnyImage, Vector, Vector | None]:
     """One pair of an ideal pinhole with the clear errors of its motion taken out.
 
     Returns `previous`, the displacement (3,), and the covariance (6, 6) of what is left, None where nothing tells.

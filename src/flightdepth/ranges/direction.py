@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector
-from flightdepth.ranges.network import Image
 from flightdepth.ranges.pairs import Frame, Pair, Served, same_way
 from flightdepth.ranges.remainder import LEFT_SHARE, MOST_OFF_PX, Remainder, off_lines_px, remainder
 from flightdepth.ranges.tracks import Tracker, tracked_rays
@@ -87,7 +87,7 @@ def rays_of(pair: Pair, current: Frame, tracker: Tracker) -> tuple[Vector, Vecto
     return tracker.rays_turned(image, current.image, turn, pair.turn_rad)
 
 
-def estimate_direction(previous: Image, current: Image, camera: Camera) -> Direction | None:
+def estimate_direction(previous: AnyImage, current: AnyImage, camera: Camera) -> Direction | None:
     """Direction of (position at `current`) - (position at `previous`); uint8 RGB [H, W, 3] of an ideal pinhole.
 
     None where too few points moved, or their motion says too little.

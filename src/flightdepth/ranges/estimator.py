@@ -17,6 +17,7 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import VelocityFrame
 from flightdepth.flight.steadiness import MAX_DEROTATED_RAD, MAX_TURN_RAD
+from flightdepth.levels import AnyImage, Image, rounded
 from flightdepth.ranges.derotation import Derotation
 from flightdepth.ranges.direction import SeenDirections
 from flightdepth.ranges.displacement import Trajectory
@@ -26,7 +27,7 @@ from flightdepth.ranges.fusion import Fused, Fusion, fuse, within_reach
 from flightdepth.ranges.log_check import LogCheck
 from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.motion_error import widened
-from flightdepth.ranges.network import AtSource, DepthNetwork, Image, Map
+from flightdepth.ranges.network import AtSource, DepthNetwork, Map
 from flightdepth.ranges.pairs import Baselines, Frame, FrameBuffer, Pair, baselines, pick, seen_from
 from flightdepth.ranges.plan import Planner
 from flightdepth.ranges.repeats import Repeats
@@ -240,7 +241,7 @@ class MultiRangeEstimator:
         prepared = self._grid.image(image)
         # A picture that fits the grid comes back as it is; the caller may write its next frame into it.
         picture = prepared.copy() if prepared is image else prepared
-        self._repeats.add(stamp_ns, self._scene_of(picture))
+        self._repeats.add(stamp_ns, self._scene_of(rounded(picture)))
         taken = Frame(self._frames_given, self._repeats.taken_ns(stamp_ns), picture)
         current = replace(taken, image=self._vignetting.evened(picture))
         chosen = self._pairs(current, stamp_ns)
@@ -273,7 +274,7 @@ class MultiRangeEstimator:
         shown = self._shown.repeat(OUTPUT_STRIDE, axis=0).repeat(OUTPUT_STRIDE, axis=1)
         return np.where(shown[..., None], picture, np.uint8(0))
 
-    def _at_source(self, depth_m: Map, image: Image) -> AtSource:
+    def _at_source(self, depth_m: Map, image: AnyImage) -> AtSource:
         """Depth [h, w] of the network at the source's size, and what brings other maps there."""
         return self._grid.along_edges(depth_m, image)
 

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
+from flightdepth.levels import AnyImage, within_levels
 from flightdepth.motion import Vector
-from flightdepth.ranges.network import Image
 from flightdepth.ranges.pairs import Baselines, Frame
 from flightdepth.ranges.tracks import in_grey
 from flightdepth.ranges.turning import in_view, is_visible, turned
@@ -41,11 +41,11 @@ class ExposedFrames:
     def __init__(
         self,
         lines: Baselines,
-        current: Image,
+        current: AnyImage,
         camera: Camera,
         shown: Flags | None = None,
         *,
-        evened: Callable[[Image], Image],
+        evened: Callable[[AnyImage], AnyImage],
     ) -> None:
         """`shown` [h, w], a quarter of the size, is False where brightness is not to be compared.
 
@@ -67,14 +67,14 @@ class ExposedFrames:
 
 
 def exposed_as(
-    previous: Image,
-    current: Image,
+    previous: AnyImage,
+    current: AnyImage,
     camera: Camera,
     current_from_previous: Vector | None = None,
     turn_rad: float = 0.0,
     *,
     shown: Flags | None = None,
-) -> Image:
+) -> AnyImage:
     """`previous`, uint8 RGB [H, W, 3] of an ideal pinhole, as bright as `current`; itself where no change is seen.
 
     `current_from_previous` (3, 3) and its angle tell how the camera turned between the two; `shown` [h, w] where both
@@ -90,11 +90,11 @@ def exposed_as(
     line = tone_line(before, now, seen)
     if line is None:
         return previous
-    levels = np.rint(np.clip(line[0] * np.arange(256) + line[1], 0, 255)).astype(np.uint8)
-    return np.asarray(cv2.LUT(previous, levels), dtype=np.uint8)
+    factor, offset = map(np.float32, line)
+    return within_levels(previous * factor + offset)
 
 
-def tone_line(before: Image, now: Image, seen: Flags) -> tuple[float, float] | None:
+def tone_line(before: AnyImage, now: AnyImage, seen: Flags) -> tuple[float, float] | None:
     """Factor and offset, in grey levels, from one grey picture [h, w] to another of much the same; None: no change.
 
     sRGB makes a factor of a change of exposure, a logarithmic profile an offset. Of blocks that moved, noise is as
@@ -131,7 +131,7 @@ def _major_axis(x: Vector, y: Vector, weight: Vector) -> tuple[float, float]:
     return slope, mean_y - slope * mean_x
 
 
-def _blocks(image: Image) -> Image:
+def _blocks(image: AnyImage) -> AnyImage:
     """Means of blocks of a picture, grey."""
     height, width = image.shape[:2]
     size = (max(width // BLOCK_PX, 1), max(height // BLOCK_PX, 1))

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from flightdepth.camera import Camera
+from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector
-from flightdepth.ranges.network import DepthNetwork, FrameGrid, Image, Map, Movable
+from flightdepth.ranges.network import DepthNetwork, FrameGrid, Map, Movable
 from flightdepth.runtimes.prediction import Prediction
 
 
@@ -27,7 +28,7 @@ class OnGridOf:
         return self._network.grid(camera)
 
     def predict(
-        self, previous_n: Sequence[Image], current: Image, displacements_n3: Vector, camera: Camera, /
+        self, previous_n: Sequence[AnyImage], current: AnyImage, displacements_n3: Vector, camera: Camera, /
     ) -> Prediction:
         """As the network's own, [n, h, w] with a quarter of the sides of `camera`."""
         found = self._network.predict(previous_n, current, displacements_n3, camera)

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
-Image = NDArray[np.uint8]
 Map = NDArray[np.float32]
 
 
@@ -45,8 +45,8 @@ class FrameGrid(Protocol):
     def masked(self, shown: NDArray[np.bool_], /) -> FrameGrid:
         """The same of a source whose pixels show the scene only where `shown` [H, W]; maps are NaN elsewhere."""
 
-    def image(self, image: Image, /) -> Image:
-        """Source image [H, W, 3] uint8 RGB to the prepared one: undistorted, scaled, padded."""
+    def image(self, image: AnyImage, /) -> AnyImage:
+        """Source image [H, W, 3] RGB to the prepared one: undistorted, scaled, padded; float32 unless the same."""
 
     def to_source(self, map_hw: Map, /, interpolation: Literal["bilinear", "nearest"] = "bilinear") -> Map:
         """Map [h, w] float32 at the output size, at the source's pixels [H, W]; NaN where NaN is nearest.
@@ -54,7 +54,7 @@ class FrameGrid(Protocol):
         The caller owns the result.
         """
 
-    def along_edges(self, depth_m: Map, image: Image, /) -> AtSource:
+    def along_edges(self, depth_m: Map, image: AnyImage, /) -> AtSource:
         """Depth [h, w] and what belongs to it at the source's pixels, with edges where the prepared image has them."""
 
 
@@ -69,7 +69,7 @@ class DepthNetwork(Protocol):
         """The grid for one source camera."""
 
     def predict(
-        self, previous_n: Sequence[Image], current: Image, displacements_n3: Vector, camera: Camera, /
+        self, previous_n: Sequence[AnyImage], current: AnyImage, displacements_n3: Vector, camera: Camera, /
     ) -> Prediction:
         """One batch of n pairs; displacements in metres [n, 3].
 

@@ -9,9 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
+from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector
 from flightdepth.ranges.displacement import States, Trajectory
-from flightdepth.ranges.network import Image
 from flightdepth.runtimes.arrays import Flags
 
 MAX_FRAMES = 128
@@ -31,7 +31,7 @@ class Frame:
 
     index: int
     stamp_ns: int
-    image: Image
+    image: AnyImage
 
 
 class Frames(Protocol):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import cv2
 
-from flightdepth.ranges.network import Image
+from flightdepth.levels import Image
 
 # Mean difference of two pictures, grey levels. Measured on H.264: a picture shown again, up to 0.04; two pictures
 # of a real flight at 30 a second, 1.4 and more.

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.levels import AnyImage, grey
 from flightdepth.motion import Vector
-from flightdepth.ranges.network import Image
 from flightdepth.ranges.turning import turned
 from flightdepth.runtimes.arrays import Flags
 from flightdepth.runtimes.sampling import shown_at
-from flightdepth.sweep import grey
 
 Rays = tuple[Vector, Vector]  # now and before, [N, 3] each, z = 1
 
@@ -36,11 +35,11 @@ class Tracker:
     def __init__(self, camera: Camera, shown: Flags | None = None) -> None:
         """`shown` [h, w], a quarter of the size, is False where no corners are to be tracked."""
         self._camera, self._shown = camera, shown
-        self._current: Image | None = None
+        self._current: AnyImage | None = None
         self._corners: Corners | None = None
-        self._found: list[tuple[Image, Rays]] = []
+        self._found: list[tuple[AnyImage, Rays]] = []
 
-    def rays(self, previous: Image, current: Image) -> Rays:
+    def rays(self, previous: AnyImage, current: AnyImage) -> Rays:
         """Rays (x, y, 1) of corners of `current` and of the same points in `previous`; uint8, RGB or grey."""
         if self._corners is None or self._current is not current:
             corners = Corners(current, self._camera, self._shown)
@@ -51,7 +50,7 @@ class Tracker:
             self._found.append((previous, known))
         return known
 
-    def rays_turned(self, previous: Image, current: Image, turn: Vector, turn_rad: float) -> Rays:
+    def rays_turned(self, previous: AnyImage, current: AnyImage, turn: Vector, turn_rad: float) -> Rays:
         """The same, those of `previous` in the current orientation as far as that is known; `turn` (3, 3)."""
         if turn_rad > TURNS_PATCHES_RAD:
             return self.rays(turned(in_grey(previous), turn, self._camera), current)
@@ -63,7 +62,7 @@ class Tracker:
 class Corners:
     """Corners of one picture."""
 
-    def __init__(self, image: Image, camera: Camera, shown: Flags | None = None) -> None:
+    def __init__(self, image: AnyImage, camera: Camera, shown: Flags | None = None) -> None:
         self._camera = camera
         self._grey = in_grey(image)
         # Corners of half the size are found in a third of the time, and are as good to follow.
@@ -73,7 +72,7 @@ class Corners:
         found = cv2.goodFeaturesToTrack(half, MOST_POINTS, QUALITY, max(3, camera.width // 64), mask=mask)
         self._points = None if found is None else 2 * found + 0.5
 
-    def rays(self, previous: Image) -> Rays:
+    def rays(self, previous: AnyImage) -> Rays:
         """Rays (x, y, 1) of the corners that are found in `previous`, now and there, [N, 3] each."""
         if self._points is None:
             return np.empty((0, 3)), np.empty((0, 3))
@@ -87,12 +86,12 @@ class Corners:
         return _rays(self._points[kept, 0], self._camera), _rays(there[kept, 0], self._camera)
 
 
-def tracked_rays(previous: Image, current: Image, camera: Camera) -> Rays:
+def tracked_rays(previous: AnyImage, current: AnyImage, camera: Camera) -> Rays:
     """Rays of a single pair's corners; see Corners."""
     return Corners(current, camera).rays(previous)
 
 
-def in_grey(image: Image) -> Image:
+def in_grey(image: AnyImage) -> AnyImage:
     """A picture [H, W, 3] RGB as [H, W]; one that is grey already as it is."""
     return image if image.ndim == 2 else grey(image)
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
+from flightdepth.levels import AnyImage, within_levels
 from flightdepth.motion import Vector
-from flightdepth.ranges.network import Image
 from flightdepth.runtimes.arrays import Flags
 
 # A turn that moves no pixel by more than this is left alone: resampling would cost more than it mends.
@@ -25,14 +25,13 @@ def is_visible(angle_rad: float, camera: Camera) -> bool:
     return angle_rad * max(camera.fx, camera.width / 2) > UNSEEN_PX
 
 
-def turned(image: Image, current_from_previous: Vector, camera: Camera) -> Image:
+def turned(image: AnyImage, current_from_previous: Vector, camera: Camera) -> AnyImage:
     """`image` [H, W, 3] or [H, W] of an ideal pinhole, seen in the current orientation; edges replicated."""
     warp = homography(current_from_previous, camera)
     size = (image.shape[1], image.shape[0])
     border = cv2.BORDER_REPLICATE
-    return np.asarray(
-        cv2.warpPerspective(image, warp, size, flags=cv2.INTER_CUBIC, borderMode=border), dtype=np.uint8
-    )
+    seen = np.asarray(cv2.warpPerspective(image, warp, size, flags=cv2.INTER_CUBIC, borderMode=border))
+    return seen if image.dtype == np.uint8 else within_levels(seen)
 
 
 def in_view(current_from_previous: Vector, camera: Camera, valid: Flags) -> Flags:

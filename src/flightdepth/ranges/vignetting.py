@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
+from flightdepth.levels import AnyImage, within_levels
 from flightdepth.motion import Vector
-from flightdepth.ranges.network import Image
 from flightdepth.ranges.pairs import Frame
 from flightdepth.ranges.tracks import Corners, in_grey
 from flightdepth.runtimes.arrays import Flags
@@ -66,7 +66,7 @@ class Vignetting:
             return
         self.learn(earlier[-BACK].image, current.image)
 
-    def learn(self, previous: Image, current: Image) -> None:
+    def learn(self, previous: AnyImage, current: AnyImage) -> None:
         """Take in a pair, uint8 RGB [H, W, 3] as they come from the camera.
 
         Of a point at rest log(before / now) = strength (fall now - fall before) + the change of exposure, with fall =
@@ -98,8 +98,8 @@ class Vignetting:
         self._weight += weight
         self._weighted += weighted
 
-    def evened(self, image: Image) -> Image:
-        """A picture, uint8 RGB [H, W, 3], as bright in its corners as in its middle; itself until strength is known."""
+    def evened(self, image: AnyImage) -> AnyImage:
+        """A picture, RGB [H, W, 3], as bright in its corners as in its middle; itself until strength is known."""
         strength = self.strength
         if not strength:
             return image
@@ -107,9 +107,9 @@ class Vignetting:
             x, y = self._camera.ray_axes()
             gain = (1 + x**2 + y**2) ** strength
             self._gain = strength, np.repeat(gain[..., None], 3, axis=2).astype(np.float32)
-        return np.asarray(cv2.multiply(image, self._gain[1], dtype=cv2.CV_8U), dtype=np.uint8)
+        return within_levels(np.asarray(cv2.multiply(image, self._gain[1], dtype=cv2.CV_32F), np.float32))
 
-    def _levels(self, image: Image, rays: Vector) -> NDArray[np.float64]:
+    def _levels(self, image: AnyImage, rays: Vector) -> NDArray[np.float64]:
         """Grey levels [N] where rays [N, 3] meet a picture."""
         grey = cv2.blur(in_grey(image), (LEVEL_PX, LEVEL_PX)).astype(np.float32)
         pixels = distort(rays[:, None, :2], self._camera).astype(np.float32)
@@ -122,7 +122,7 @@ def _fall(rays: Vector) -> Vector:
     return np.asarray(np.log1p((rays[:, :2] ** 2).sum(axis=1)))
 
 
-def _even(image: Image) -> Image:
+def _even(image: AnyImage) -> AnyImage:
     """A picture in grey, each pixel over the mean around it."""
     grey = in_grey(image).astype(np.float32) + np.float32(DARK)
     return np.asarray(

@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.runtimes.arrays import Image, Maps
+from flightdepth.levels import AnyImage, grey
+from flightdepth.runtimes.arrays import Maps
 from flightdepth.runtimes.contract import DEPTH, OUTPUT_STRIDE, SIGMA
 from flightdepth.runtimes.judge import judge
 from flightdepth.runtimes.left_rotation import left_rotation, mended_depth, rotated_flow
-from flightdepth.sweep import grey, motion_field, unit_direction
+from flightdepth.sweep import motion_field, unit_direction
 from flightdepth.triangulation import flow_of_depth, inverse_depth
 from flightdepth.weights.card import NetworkCard
 
@@ -36,8 +37,8 @@ WIDEST = 2.0  # logarithm of one inverse depth over the other
 def align(
     card: NetworkCard,
     output: dict[str, Maps],
-    previous_n: Iterable[Image],
-    current: Image,
+    previous_n: Iterable[AnyImage],
+    current: AnyImage,
     displacements: NDArray[np.float64],
     *,
     camera: Camera,
@@ -67,8 +68,8 @@ def align(
 
 
 def clues_of(
-    previous: Image,
-    current: Image,
+    previous: AnyImage,
+    current: AnyImage,
     depth: Maps,
     sigma: Maps,
     direction: NDArray[np.float64],
@@ -141,7 +142,7 @@ def _blocks(values: Maps) -> Maps:
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _contrast(current: Image, direction: NDArray[np.float64], camera: Camera) -> tuple[Maps, Maps]:
+def _contrast(current: AnyImage, direction: NDArray[np.float64], camera: Camera) -> tuple[Maps, Maps]:
     """Squared change of grey, a pixel, along the line on which each point moves and across it, [h, w] each."""
     right = cv2.Scharr(current, cv2.CV_32F, 1, 0, scale=1 / 32)
     down = cv2.Scharr(current, cv2.CV_32F, 0, 1, scale=1 / 32)

@@ -25,7 +25,7 @@ def coarser_grid(card: NetworkCard, camera: Camera) -> NetworkGrid | None:
     """The view of a grid's pictures at half their size, or as near to it as fills a grid; None: there is none."""
     if not card.knows_direction or min(camera.width, camera.height) < 2 * STRIDE:
         return None
-    return NetworkGrid(camera, filling_focal_px(camera, camera.fx / 2))
+    return NetworkGrid(camera, filling_focal_px(camera, camera.fx / 2), resampled=True)
 
 
 def beyond_reach(card: NetworkCard, depth_m: Maps, valid: Flags) -> list[int]:

@@ -16,7 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.runtimes.arrays import Flags, Image, Maps
+from flightdepth.levels import AnyImage
+from flightdepth.runtimes.arrays import Flags, Maps
 from flightdepth.runtimes.contract import OUTPUT_STRIDE
 from flightdepth.runtimes.sampling import without_nan
 
@@ -70,8 +71,8 @@ class SourceGrid(Protocol):
 class AlongEdges:
     """Maps [h, w] that belong to a depth [h, w], at the pixels [4 h, 4 w] of its picture."""
 
-    def __init__(self, depth_m: Maps, picture: Image, blocks: Blocks) -> None:
-        """`depth_m` in metres, NaN = unknown; `picture` uint8 RGB [4 h, 4 w, 3]."""
+    def __init__(self, depth_m: Maps, picture: AnyImage, blocks: Blocks) -> None:
+        """`depth_m` in metres, NaN = unknown; `picture` RGB [4 h, 4 w, 3], 0 to 255."""
         self._shown, valid = blocks.shown, blocks.valid
         known = valid & (depth_m > 0)  # NaN is not
         inverse = np.divide(1, depth_m, out=np.zeros_like(depth_m), where=known)
@@ -111,7 +112,7 @@ class AlongEdges:
 class EdgeSampling:
     """Maps of a network's output at the source's pixels [H, W], with edges where the picture has them."""
 
-    def __init__(self, grid: SourceGrid, depth_m: Maps, picture: Image) -> None:
+    def __init__(self, grid: SourceGrid, depth_m: Maps, picture: AnyImage) -> None:
         """See `AlongEdges`; `grid` is that of the picture."""
         self._grid, self._edges = grid, AlongEdges(depth_m, picture, grid.blocks)
         fine = self._edges.inverse_depth
@@ -169,14 +170,14 @@ def _has_step(inverse: Maps) -> Flags:
 
 
 def _weights(
-    picture: Image, blocks: tuple[NDArray[np.intp], ...], around: NDArray[np.intp], sides: Maps
+    picture: AnyImage, blocks: tuple[NDArray[np.intp], ...], around: NDArray[np.intp], sides: Maps
 ) -> Maps:
     """What the nine blocks `around` each of N have to say of its 16 pixels, [N, 16, 9]; they sum to 1.
 
     Only blocks of one of the `sides` [N, 3, 9] have a say: of the one that a pixel looks most like.
     """
     height, width = (side // OUTPUT_STRIDE for side in picture.shape[:2])
-    means = np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+    means = np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), picture.dtype)
     pixels = picture.reshape(height, OUTPUT_STRIDE, width, OUTPUT_STRIDE, 3).swapaxes(1, 2)[blocks]
     weights = _likeness(pixels.reshape(-1, OUTPUT_STRIDE**2, 3), means.reshape(-1, 3)[around])
     weights *= PLACE
@@ -188,7 +189,7 @@ def _weights(
     return weights
 
 
-def _likeness(pixels: Image, means: Image) -> Maps:
+def _likeness(pixels: AnyImage, means: AnyImage) -> Maps:
     """exp(-|p - m|^2 / 2 ALIKE^2) of colours [N, 16, 3] and [N, 9, 3], [N, 16, 9], at least exp(UNLIKE)."""
     p, m = (colours.astype(np.float32) / np.float32(ALIKE) for colours in (pixels, means))
     exponent = p @ m.swapaxes(1, 2)

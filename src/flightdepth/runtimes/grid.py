@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.runtimes.arrays import Flags, Image, Maps
+from flightdepth.levels import AnyImage
+from flightdepth.runtimes.arrays import Flags, Maps
 from flightdepth.runtimes.edges import Blocks, EdgeSampling
 from flightdepth.runtimes.lens import LensSampling, padded, view_bounds
-from flightdepth.runtimes.sampling import PinholeSampling, pinhole_axes, shown_at
+from flightdepth.runtimes.sampling import WHOLE, PinholeSampling, pinhole_axes, shown_at
 
 HAIR_LESS = 1 - 1e-6  # than full, so that rounding asks for no further 64 px
 NARROW_PX = 256  # below it little is left of the picture; said once, by whoever talks to the user
@@ -33,7 +34,7 @@ class Sampling(Protocol):
     valid: Flags
     extent: tuple[float, float]  # width and height of what the source shows, in pixels of the grid
 
-    def image(self, image: Image) -> Image:
+    def image(self, image: AnyImage) -> AnyImage:
         """The source picture on the grid."""
 
     def to_source(self, map_hw: Maps, *, nearest: bool) -> Maps:
@@ -49,19 +50,23 @@ class NetworkGrid:
     valid   [h, w] bool at 1/4 of that size: inside the source's view, not padding, not masked
     """
 
-    def __init__(self, camera: Camera, focal_px: float | None) -> None:
-        """`focal_px` None: `camera` is a grid's, and nothing moves, whatever rounding did to its focal lengths."""
+    def __init__(self, camera: Camera, focal_px: float | None, *, resampled: bool = False) -> None:
+        """`focal_px` None: `camera` is a grid's, and nothing moves, whatever rounding did to its focal lengths.
+
+        `resampled`: its pictures are what another grid made, float32 perhaps; so are those of a grid's own camera.
+        """
         self.source, self.focal_px = camera, focal_px or camera.fx
         self._sampling: Sampling = (
             PinholeSampling(camera, focal_px) if is_ideal(camera) else LensSampling(camera, self.focal_px)
         )
         self.camera = self._sampling.camera
+        self._resampled = resampled or self.camera == camera
         self.valid = self._sampling.valid
         self._shown: Flags | None = None
 
     def masked(self, shown: Flags) -> NetworkGrid:
         """The same of a source whose pixels show the scene only where `shown` [H, W]; maps are NaN elsewhere."""
-        seen = self._sampling.image(np.where(shown, np.uint8(255), np.uint8(0))) == 255
+        seen = self._sampling.image(np.where(shown, np.uint8(255), np.uint8(0))) > 255 * WHOLE
         masked = copy(self)
         masked._shown = shown
         masked.valid = self.valid & shown_at(seen, self.valid.shape[1], self.valid.shape[0])
@@ -70,10 +75,14 @@ class NetworkGrid:
         masked.blocks = Blocks(masked.valid)
         return masked
 
-    def image(self, image: Image) -> Image:
-        """The picture uint8 [H, W, 3] of the source on the grid; the same array where nothing changes."""
-        check_image("image", image, self.source)
+    def image(self, image: AnyImage) -> AnyImage:
+        """The picture uint8 [H, W, 3] of the source on the grid, float32; the same array where nothing changes."""
+        self.check("image", image)
         return self._sampling.image(image)
+
+    def check(self, what: str, image: AnyImage) -> None:
+        """Refuse what is not a picture of the source."""
+        check_image(what, image, self.source, resampled=self._resampled)
 
     def to_source(self, map_hw: Maps, interpolation: Interpolation = "bilinear") -> Maps:
         """A map float32 of the output grid [h, w], or of its picture [4 h, 4 w], at the source's pixels, [H, W].
@@ -96,7 +105,7 @@ class NetworkGrid:
         """What maps of its output have in common, for `along_edges`."""
         return Blocks(self.valid)
 
-    def along_edges(self, depth_m: Maps, picture: Image) -> EdgeSampling:
+    def along_edges(self, depth_m: Maps, picture: AnyImage) -> EdgeSampling:
         """A depth [h, w] in metres, NaN = unknown, and what belongs to it at the source's pixels, with edges where
         `picture` has them, the source's on the grid (`image`).
         """
@@ -141,10 +150,10 @@ def is_ideal(camera: Camera) -> bool:
     return camera.model == "pinhole" and not any(camera.distortion)
 
 
-def check_image(what: str, image: Image, camera: Camera) -> None:
-    """Refuse what is not a uint8 RGB picture of the camera's size."""
-    expected = (camera.height, camera.width, 3)
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape != expected:
+def check_image(what: str, image: AnyImage, camera: Camera, *, resampled: bool = False) -> None:
+    """Refuse what is not a uint8 RGB picture of the camera's size; float32 will do where it is `resampled`."""
+    expected, types = (camera.height, camera.width, 3), (np.uint8, np.float32)[: 1 + resampled]
+    if not isinstance(image, np.ndarray) or image.dtype not in types or image.shape != expected:
         raise BadInput(what, expected=f"uint8 RGB {list(expected)}, the camera's size", got=_kind(image))
 
 

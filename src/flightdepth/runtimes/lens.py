@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.runtimes.arrays import Flags, Image, Maps
+from flightdepth.levels import AnyImage
+from flightdepth.runtimes.arrays import Flags, Maps
 from flightdepth.runtimes.contract import OUTPUT_STRIDE, STRIDE
 from flightdepth.runtimes.sampling import halved, too_small, without_nan
 
@@ -50,11 +51,11 @@ class LensSampling:
         self._to_grid = self._grid_table(camera)
         self._to_source, self._unseen = self._source_tables(camera)
 
-    def image(self, image: Image) -> Image:
+    def image(self, image: AnyImage) -> AnyImage:
         """Halve until no more than 1.5 source pixels fall on one of the grid, then undistort by remap."""
         small = halved(image, self._halvings)
         sampled = cv2.remap(small, *self._to_grid, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(sampled, dtype=np.uint8)
+        return np.asarray(sampled, dtype=np.float32)
 
     def to_source(self, map_hw: Maps, *, nearest: bool) -> Maps:
         """Sample the map where each source pixel looks; NaN where the grid does not look."""

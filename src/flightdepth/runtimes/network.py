@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.levels import AnyImage, Image
 from flightdepth.runtimes.alignment import align
-from flightdepth.runtimes.arrays import Image, Maps
+from flightdepth.runtimes.arrays import Maps
 from flightdepth.runtimes.coarser import beyond_reach, coarser_grid, take_near
 from flightdepth.runtimes.contract import DEPTH, SIGMA, Arrays, Precision, Runtime
 from flightdepth.runtimes.devices import OPENVINO_DEVICES, on_cpu, open_runtime
@@ -97,22 +98,33 @@ class Network:
         if np.shape(displacement) not in ((), (3,)):
             got = f"shape {list(np.shape(displacement))}"
             raise BadInput("displacement", expected="a vector of 3, or a length, in metres", got=got)
+        grid = self.grid(camera)
+        for what, image in (("previous image", previous), ("current image", current)):
+            check_image(what, image, camera)
         found, seen = self._predict([previous], current, np.asarray(displacement)[None], camera)
-        return self.grid(camera).along_edges(found.depth_m[0], seen).depth_m
+        return grid.along_edges(found.depth_m[0], seen).depth_m
 
     def predict(
-        self, previous_n: Sequence[Image] | Image, current: Image, displacements: ArrayLike, camera: Camera
+        self,
+        previous_n: Sequence[AnyImage] | AnyImage,
+        current: AnyImage,
+        displacements: ArrayLike,
+        camera: Camera,
     ) -> Prediction:
         """One batch of n pairs that share `current`: maps on the output grid, padding included (see `valid`).
 
-        previous_n     n pictures uint8 RGB [H, W, 3]
+        previous_n     n pictures uint8 RGB [H, W, 3]; float32, 0 to 255, will do for a grid's own camera
         displacements  metres, (n, 3) in `current`'s frame; or bare lengths (n,), if the network needs no direction
         """
         return self._predict(previous_n, current, displacements, camera)[0]
 
     def _predict(
-        self, previous_n: Sequence[Image] | Image, current: Image, displacements: ArrayLike, camera: Camera
-    ) -> tuple[Prediction, Image]:
+        self,
+        previous_n: Sequence[AnyImage] | AnyImage,
+        current: AnyImage,
+        displacements: ArrayLike,
+        camera: Camera,
+    ) -> tuple[Prediction, AnyImage]:
         """The maps, and `current` on the grid."""
         lengths_m = displacement_lengths(displacements, len(previous_n))
         if self.card.knows_direction and np.ndim(displacements) != 2:
@@ -125,9 +137,9 @@ class Network:
                 )
             displacements = np.zeros((len(lengths_m), 3))  # no motion has no direction
         grid = self.grid(camera)
-        check_image("current image", current, camera)
+        grid.check("current image", current)
         for previous in previous_n:
-            check_image("previous image", previous, camera)
+            grid.check("previous image", previous)
         on_grid = [grid.image(previous) for previous in previous_n]
         seen = grid.image(current)
         output = self._look(on_grid, seen, np.asarray(displacements), grid)
@@ -179,7 +191,11 @@ class Network:
             grid = coarser_grid(self.card, grid.camera)
 
     def _look(
-        self, previous_n: list[Image], current: Image, displacements: NDArray[np.float64], grid: NetworkGrid
+        self,
+        previous_n: list[AnyImage],
+        current: AnyImage,
+        displacements: NDArray[np.float64],
+        grid: NetworkGrid,
     ) -> dict[str, Maps]:
         """Outputs for pictures on `grid`; what moved too far there is seen in smaller ones."""
         output = self.runtime(self._batch(previous_n, current, displacements, grid.camera))
@@ -192,7 +208,11 @@ class Network:
         return output
 
     def _batch(
-        self, previous_n: list[Image], current: Image, displacements: NDArray[np.float64], camera: Camera
+        self,
+        previous_n: list[AnyImage],
+        current: AnyImage,
+        displacements: NDArray[np.float64],
+        camera: Camera,
     ) -> Arrays:
         if self.card.knows_direction:
             return swept_inputs(previous_n, current, displacements, camera)

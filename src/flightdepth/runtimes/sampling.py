@@ -15,7 +15,8 @@ import numpy as np
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.runtimes.arrays import Flags, Image, Maps
+from flightdepth.levels import AnyImage, Levels
+from flightdepth.runtimes.arrays import Flags, Maps
 from flightdepth.runtimes.contract import OUTPUT_STRIDE, STRIDE
 
 # A source of 64 px multiples whose focal length is this near passes untouched: so does a grid's own camera.
@@ -108,7 +109,7 @@ class PinholeSampling:
         self.valid = np.zeros((y.size // OUTPUT_STRIDE, x.size // OUTPUT_STRIDE), dtype=np.bool_)
         self.valid[y.shown(y.size // OUTPUT_STRIDE), x.shown(x.size // OUTPUT_STRIDE)] = True
 
-    def image(self, image: Image) -> Image:
+    def image(self, image: AnyImage) -> AnyImage:
         """Crop to the pixels in use, shrink without aliasing, pad with the border's pixels."""
         x, y = self._x, self._y
         if self._same:
@@ -116,7 +117,7 @@ class PinholeSampling:
         inner = shrink(image[y.pixels, x.pixels], x.inner, y.inner, min(x.halvings, y.halvings))
         right, bottom = x.size - x.inner - x.pad, y.size - y.inner - y.pad
         padded = cv2.copyMakeBorder(inner, y.pad, bottom, x.pad, right, cv2.BORDER_REPLICATE)
-        return np.asarray(padded, dtype=np.uint8)
+        return np.asarray(padded, dtype=np.float32)
 
     def to_source(self, map_hw: Maps, *, nearest: bool) -> Maps:
         """Enlarge what shows the source, then repeat the outermost pixels into what was cut off."""
@@ -131,12 +132,12 @@ class PinholeSampling:
         return whole
 
 
-def shrink(image: Image, width: int, height: int, halvings: int) -> Image:
-    """Resize [H, W, 3] without aliasing: exact 2x2 means first (fast), then area means for the rest."""
+def shrink(image: AnyImage, width: int, height: int, halvings: int) -> AnyImage:
+    """Resize [H, W, 3] without aliasing, to float32: exact 2x2 means first (fast), then area means for the rest."""
     image = halved(image, halvings)
     shrinks = image.shape[1] > width or image.shape[0] > height
     how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(image, (width, height), interpolation=how), dtype=np.uint8)
+    return np.asarray(cv2.resize(image, (width, height), interpolation=how), dtype=np.float32)
 
 
 def shown_at(shown: Flags, width: int, height: int) -> Flags:
@@ -145,13 +146,18 @@ def shown_at(shown: Flags, width: int, height: int) -> Flags:
     return np.asarray(share > WHOLE)
 
 
-def halved(image: Image, times: int) -> Image:
-    """Means over 2x2 pixels of [H, W, 3], so many times over; an odd last row or column is left out."""
-    for _ in range(times):
+def halved(image: AnyImage, times: int) -> Levels:
+    """Means over 2x2 pixels of [H, W, 3], so many times over; an odd last row or column is left out.
+
+    All but the last are rounded to whole levels where they were: in float32 large pictures would take several times as
+    long.
+    """
+    for left in range(times, 0, -1):
         height, width = image.shape[0] // 2, image.shape[1] // 2
+        image = image.astype(np.float32, copy=False) if left == 1 else image
         even = image[: 2 * height, : 2 * width]
-        image = np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    return image
+        image = np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), dtype=image.dtype)
+    return image.astype(np.float32, copy=False)
 
 
 def enlarge(map_hw: Maps, target: Maps, *, nearest: bool) -> None:

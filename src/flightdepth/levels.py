@@ -1,0 +1,38 @@
+"""Pictures and their levels, 0 to 255.
+
+Of what is far, a part of a level is all that moves between two pictures. So what resamples a picture of bytes, or makes
+it brighter, gives float32, which is rounded once: where a network or a search for corners takes it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+# RGB [H, W, 3] or grey [H, W].
+Image = NDArray[np.uint8]
+Levels = NDArray[np.float32]
+AnyImage = NDArray[Any]  # of either kind
+
+
+def grey(image: AnyImage) -> Image:
+    """RGB [H, W, 3] as [H, W]."""
+    return rounded(np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), image.dtype))
+
+
+def exact_grey(image: AnyImage) -> Levels:
+    """RGB [H, W, 3] as [H, W], not rounded."""
+    return np.asarray(cv2.cvtColor(image.astype(np.float32, copy=False), cv2.COLOR_RGB2GRAY), np.float32)
+
+
+def rounded(image: AnyImage) -> Image:
+    """Of any shape, as bytes; bytes as they are."""
+    return np.asarray(np.rint(np.clip(image, 0, 255)) if image.dtype != np.uint8 else image, np.uint8)
+
+
+def within_levels(image: AnyImage) -> AnyImage:
+    """Of any shape; what lies beyond black or white is black or white."""
+    return np.clip(image, 0, 255)
