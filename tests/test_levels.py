@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flightdepth.levels import exact_grey, grey, rounded, within_levels
+from flightdepth.levels import exact_grey, grey, packed, rounded, unpacked, within_levels
 
 COLOURS = np.random.default_rng(0).integers(0, 256, (20, 30, 3), dtype=np.uint8)
 WEIGHTS = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
@@ -30,3 +30,17 @@ def test_bytes_are_not_copied_and_levels_go_to_the_nearest():
 def test_nothing_is_brighter_than_white():
     levels = np.array([-3.0, 0.4, 254.9, 300.0], np.float32)
     assert within_levels(levels).tolist() == pytest.approx([0.0, 0.4, 254.9, 255.0])
+
+
+def test_what_is_packed_takes_half_the_memory_and_keeps_its_parts_of_a_level():
+    levels = np.random.default_rng(0).uniform(0, 255, (20, 30, 3)).astype(np.float32)
+    levels[0, :2] = [[0, 0, 0], [255, 255, 255]]
+    kept = packed(levels)
+    assert kept.nbytes == levels.nbytes // 2
+    assert unpacked(kept) == pytest.approx(levels, abs=1 / 500)
+    assert unpacked(kept).dtype == np.float32
+    assert unpacked(kept)[0, :2].tolist() == [[0, 0, 0], [255, 255, 255]]
+
+
+def test_bytes_are_packed_already():
+    assert packed(COLOURS) is unpacked(COLOURS) is COLOURS

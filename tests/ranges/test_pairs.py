@@ -2,6 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flightdepth.levels import unpacked
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.pairs import MAX_FRAMES, Baselines, Frame, FrameBuffer, baselines, pick, seen_from
 
@@ -99,6 +100,15 @@ def test_the_buffer_of_a_fast_camera_still_spans_its_time() -> None:
         buffer.add(Frame(k, k * S // 500, IMAGE))
     assert len(buffer.frames) <= MAX_FRAMES
     assert buffer.frames[-1].stamp_ns - buffer.frames[0].stamp_ns > 3.9 * S
+
+
+def test_the_buffer_packs_pictures_that_are_not_bytes() -> None:
+    image = np.full((64, 64, 3), 100.25, np.float32)
+    buffer = FrameBuffer(1.0)
+    buffer.add(Frame(0, 0, image))
+    (kept,) = buffer.frames
+    assert kept.image.nbytes == image.nbytes // 2
+    np.testing.assert_allclose(unpacked(kept.image), image, atol=1 / 500)
 
 
 def lines_of(displacements):

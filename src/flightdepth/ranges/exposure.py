@@ -13,14 +13,14 @@ import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
-from flightdepth.levels import AnyImage, within_levels
+from flightdepth.levels import AnyImage, unpacked, within_levels
 from flightdepth.motion import Vector
 from flightdepth.ranges.pairs import Baselines, Frame
-from flightdepth.ranges.tracks import in_grey
 from flightdepth.ranges.turning import in_view, is_visible, turned
 from flightdepth.runtimes.arrays import Flags
 from flightdepth.runtimes.sampling import shown_at
 
+GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 BLOCK_PX = 8  # exposures are compared in means of such blocks, which hide noise and most of what moved
 DARKEST, BRIGHTEST = 6, 245  # grey levels beyond which a block says nothing
 FEWEST_BLOCKS = 64
@@ -36,7 +36,7 @@ BLACK_WEIGHT = 0.002
 
 
 class ExposedFrames:
-    """The frames of baselines, each as the current picture's exposure shows it; worked out where it is asked for."""
+    """Packed frames of baselines, each as the current picture's exposure shows it; worked out where it is asked for."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class ExposedFrames:
         if k not in self._found:
             frame, turn = self._lines.frames[k], self._lines.current_from_previous[k]
             turn_rad = float(self._lines.turn_rad[k])
-            image = self._evened(frame.image)
+            image = self._evened(unpacked(frame.image))
             image = exposed_as(image, self._current, self._camera, turn, turn_rad, shown=self._shown)
             self._found[k] = frame if image is frame.image else replace(frame, image=image)
         return self._found[k]
@@ -131,8 +131,9 @@ def _major_axis(x: Vector, y: Vector, weight: Vector) -> tuple[float, float]:
     return slope, mean_y - slope * mean_x
 
 
-def _blocks(image: AnyImage) -> AnyImage:
-    """Means of blocks of a picture, grey."""
+def _blocks(image: AnyImage) -> Vector:
+    """Means of blocks of a picture, grey, not rounded."""
     height, width = image.shape[:2]
     size = (max(width // BLOCK_PX, 1), max(height // BLOCK_PX, 1))
-    return np.asarray(cv2.resize(in_grey(image), size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    means = cv2.resize(image.astype(np.float32, copy=False), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(means @ GREY, dtype=np.float64)

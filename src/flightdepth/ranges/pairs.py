@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from flightdepth.levels import AnyImage
+from flightdepth.levels import AnyImage, packed
 from flightdepth.motion import Vector
 from flightdepth.ranges.displacement import States, Trajectory
 from flightdepth.runtimes.arrays import Flags
@@ -54,7 +54,7 @@ class FrameBuffer:
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """Oldest first."""
+        """Oldest first; their images are packed, for `levels.unpacked`."""
         return tuple(self._frames)
 
     def expire(self, before_ns: int) -> None:
@@ -65,7 +65,7 @@ class FrameBuffer:
     def add(self, frame: Frame) -> None:
         """Keep `frame` for later, unless it follows the last one too closely."""
         if not self._frames or frame.stamp_ns - self._frames[-1].stamp_ns >= self._least_step_ns:
-            self._frames.append(frame)
+            self._frames.append(replace(frame, image=packed(frame.image)))
 
     def clear(self) -> None:
         """Drop every frame: nothing before now can be paired with what comes."""
