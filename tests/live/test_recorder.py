@@ -4,6 +4,7 @@ import errno
 import json
 import shutil
 import threading
+import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -65,6 +66,33 @@ def test_results_of_another_size_are_left_out_and_stand_in_the_folder(recorder, 
     recorder.close({"a newer picture came first": 3})
     told = json.loads((tmp_path / "recording" / "flight.json").read_text())["counts"]["dropped"]
     assert told == {"a newer picture came first": 3, "of another size than the first": 1}
+
+
+def test_frames_have_the_time_of_day_by_this_computers_clock(recorder, tmp_path):
+    """Nothing in a recording had one, so it could not be laid beside another of the same flight."""
+    first, second = results(2)
+    ago_ns = 3_000_000_000
+    earliest_ns = time.time_ns() - ago_ns
+    first = replace(first, stamp_ns=time.monotonic_ns() - ago_ns)
+    recorder(first)
+    latest_ns = time.time_ns() - ago_ns
+    recorder(replace(second, stamp_ns=first.stamp_ns + 40_000_000))
+    recorder.close({})
+    folder = FlightFolder(tmp_path / "recording")
+    begun, then = (row.utc_ns for row in folder.rows)
+    assert earliest_ns - 1_000_000 <= begun <= latest_ns + 1_000_000
+    assert then == begun + 40_000_000
+    assert {pose.utc_ns for pose in folder.poses.values()} == {begun, then}
+    assert folder.record.source.utc.clock == "computer"
+
+
+def test_a_file_that_is_played_was_filmed_at_another_time(tmp_path):
+    card = read_card(find_network("motion-tiny"))
+    recorder = Recorder(tmp_path / "recording", card, "a link", SETTINGS, dated=False)
+    recorder(results(1)[0])
+    recorder.close({})
+    folder = FlightFolder(tmp_path / "recording")
+    assert folder.rows[0].utc_ns is folder.record.source.utc is None
 
 
 def test_poses_are_written_where_telemetry_tells_velocity_and_attitude(recorder, tmp_path):

@@ -169,6 +169,7 @@ class Session:
                 facts,
                 self.lens.source,
                 mask_digest=digest,
+                dated=not self.address.paced,
             )
             for place in keep_interrupted(settings.out):
                 warn(f"an earlier recording was interrupted: what was written of it stands in {place}")

@@ -14,7 +14,7 @@ from typing import Literal
 # satellites      a receiver in the drone or the camera
 # autopilot       its own clock, which satellites set, or a ground station
 # ground station  the computer that wrote the tlog
-# computer        the one whose clock stamped a recording's messages
+# computer        the one whose clock stamped a recording's messages, or that `live` ran on
 # app             the telephone that flew the drone
 # track           the times of a GPX file, which some write in local time
 # column          that of a CSV

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shutil
+import time
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Lock
 
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.records import AttitudeSample, Frame, VelocitySample
+from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.live.status import LiveResult
 from flightdepth.outputs.poses import FramePose, PoseTrack
 from flightdepth.outputs.preview import Preview
@@ -33,20 +35,20 @@ class Recorder:
         camera_source: str = "",
         *,
         mask_digest: str | None = None,
+        dated: bool = True,
     ) -> None:
         """Where the velocity and the camera come from, the mask's digest, and `settings`, are as they shall stand in
-        flight.json.
+        flight.json. `dated` is False where pictures are not of now: of a file that is played.
         """
         check_target(target)  # now, not after the flight
         self._target, self._network, self._telemetry, self._settings = target, network, telemetry, settings
-        self._camera_source, self._mask_digest = camera_source, mask_digest
+        self._camera_source, self._mask_digest, self._dated = camera_source, mask_digest, dated
         self._name = f"recording {target}"  # in what is said of it
         self._stack = ExitStack()
         self._writer: FlightWriter | None = None
         self._size = (0, 0)
         self._first_ns = self._posed_ns = 0
         self._told_ns: int | None = None  # the last velocity that the track was given
-        self._track = PoseTrack()
         self._count = self._of_other_size = self._lost = 0
         self._warnings: tuple[str, ...] = ()
         self._over = False
@@ -113,12 +115,16 @@ class Recorder:
             self._warnings = tuple(f"{self._name}: {line}" for line in self._writer.summary.warnings)
 
     def _begin(self, result: LiveResult) -> FlightWriter:
+        ago_ns = time.monotonic_ns() - result.stamp_ns
+        utc = UniversalTime.of(time.time_ns() - ago_ns, "computer") if self._dated else None
+        self._track = PoseTrack(utc=utc)
         source = Source(
             flight=str(self._settings["video"]),
             telemetry=self._telemetry,
             camera=result.camera,
             camera_source=self._camera_source,
             mask_digest=self._mask_digest,
+            utc=utc,
             network=self._network,
             settings=self._settings,
         )
