@@ -17,6 +17,7 @@ Image = NDArray[np.uint8]
 Levels = NDArray[np.float32]
 AnyImage = NDArray[Any]  # of either kind
 
+GREY = (0.299, 0.587, 0.114)  # shares of red, green and blue (ITU-R BT.601), as cv2.COLOR_RGB2GRAY
 PARTS = 256  # of a level, in a packed picture
 
 

@@ -26,13 +26,13 @@ from flightdepth.architectures.depthnet import (
     predict_depth,
 )
 from flightdepth.architectures.refinement import Difference, Refinement
+from flightdepth.levels import GREY
 from flightdepth.sweep import LEVELS
 
 # Layers whose maps a residual block looks at again, and how many maps they have, in base widths.
 RESIDUAL = {"conv4_1": 8, "conv5_1": 8, "conv6_1": 16, "deconv5": 8, "deconv4": 4, "deconv3": 2}
 SCALE = 4  # the last of a block's parts, which scales what it adds
 CONTRAST = 20 / 255  # a difference of grey that counts as one
-GREY = (0.299, 0.587, 0.114)  # as cv2.COLOR_RGB2GRAY
 # Per level: hypotheses that are corrected; not the first (nothing moves there) and not the last.
 CORRECTED = ((1, 2, 4), (1, 2, 3, 4), (1, 2, 3, 4, 5))
 LEAST_GRADIENT = 0.05  # squared, contrasts a pixel: what a correction is divided by in a blank wall

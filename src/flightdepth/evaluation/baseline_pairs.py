@@ -15,7 +15,7 @@ from flightdepth.camera import Camera
 from flightdepth.evaluation.tracked_points import PathLength
 from flightdepth.flight import AttitudeSample, Flight, Frame, Steadiness, VelocitySample
 from flightdepth.flight.steadiness import TurnRate
-from flightdepth.levels import Image, unpacked
+from flightdepth.levels import AnyImage, unpacked
 from flightdepth.motion import Vector
 from flightdepth.ranges.direction import estimate_direction
 from flightdepth.ranges.displacement import Trajectory
@@ -42,14 +42,14 @@ class BaselinePair:
     """An earlier frame for the current one, both on the network's grid.
 
     wanted_m      the distance that was asked for; the one flown is within NEAR_ENOUGH of it
-    previous      uint8 RGB [H, W, 3], in the current orientation
+    previous      RGB [H, W, 3], in the current orientation
     known         bool [H, W]: the pixel of `previous` shows the scene
     displacement  metres (3,), in the current camera's frame
     witness       what told its direction
     """
 
     wanted_m: float
-    previous: Image
+    previous: AnyImage
     known: Flags
     displacement: Vector
     witness: Witness
@@ -63,7 +63,7 @@ class Moment:
     """
 
     index: int
-    current: Image
+    current: AnyImage
     pairs: tuple[BaselinePair, ...]
     flown_m: float | None
 
@@ -143,7 +143,7 @@ class BaselinePairs:
             displacement, witness = told
         return [BaselinePair(wanted_m, previous, known, displacement, witness)]
 
-    def _turned(self, lines: Baselines, k: int) -> tuple[Image, Flags]:
+    def _turned(self, lines: Baselines, k: int) -> tuple[AnyImage, Flags]:
         """The earlier picture in the current orientation, and which of its pixels show the scene."""
         camera, image = self._grid.camera, unpacked(self._buffer.frames[k].image)
         if not is_visible(float(lines.turn_rad[k]), camera):
@@ -165,7 +165,7 @@ class _Directions:
         self._camera = camera
         self._seen: tuple[Vector, Vector] | None = None
 
-    def see(self, previous: Image, current: Image, world: Vector) -> tuple[Vector, Witness] | None:
+    def see(self, previous: AnyImage, current: AnyImage, world: Vector) -> tuple[Vector, Witness] | None:
         """The displacement (3,) in camera axes that is `world` (3,) in the log's; None where nothing tells it."""
         length_m = float(np.linalg.norm(world))
         found = estimate_direction(previous, current, self._camera)

@@ -13,14 +13,13 @@ import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
-from flightdepth.levels import AnyImage, unpacked, within_levels
+from flightdepth.levels import GREY, AnyImage, unpacked, within_levels
 from flightdepth.motion import Vector
 from flightdepth.ranges.pairs import Baselines, Frame
 from flightdepth.ranges.turning import in_view, is_visible, turned
 from flightdepth.runtimes.arrays import Flags
 from flightdepth.runtimes.sampling import shown_at
 
-GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 BLOCK_PX = 8  # exposures are compared in means of such blocks, which hide noise and most of what moved
 DARKEST, BRIGHTEST = 6, 245  # grey levels beyond which a block says nothing
 FEWEST_BLOCKS = 64
@@ -136,4 +135,5 @@ def _blocks(image: AnyImage) -> Vector:
     height, width = image.shape[:2]
     size = (max(width // BLOCK_PX, 1), max(height // BLOCK_PX, 1))
     means = cv2.resize(image.astype(np.float32, copy=False), size, interpolation=cv2.INTER_AREA)
-    return np.asarray(means @ GREY, dtype=np.float64)
+    # `exact_grey` is float32, in which the shares do not make up a whole: a picture of one level would change.
+    return np.asarray(means @ np.array(GREY), dtype=np.float64)
