@@ -2,7 +2,6 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flightdepth.levels import unpacked
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.pairs import MAX_FRAMES, Baselines, Frame, FrameBuffer, baselines, pick, seen_from
 
@@ -107,8 +106,8 @@ def test_the_buffer_packs_pictures_that_are_not_bytes() -> None:
     buffer = FrameBuffer(1.0)
     buffer.add(Frame(0, 0, image))
     (kept,) = buffer.frames
-    assert kept.image.nbytes == image.nbytes // 2
-    np.testing.assert_allclose(unpacked(kept.image), image, atol=1 / 500)
+    assert kept.packed.nbytes == image.nbytes // 2
+    np.testing.assert_allclose(kept.image, image, atol=1 / 500)
 
 
 def lines_of(displacements):

@@ -15,7 +15,7 @@ from flightdepth.camera import Camera
 from flightdepth.evaluation.tracked_points import PathLength
 from flightdepth.flight import AttitudeSample, Flight, Frame, Steadiness, VelocitySample
 from flightdepth.flight.steadiness import TurnRate
-from flightdepth.levels import AnyImage, unpacked
+from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector
 from flightdepth.ranges.direction import estimate_direction
 from flightdepth.ranges.displacement import Trajectory
@@ -145,7 +145,7 @@ class BaselinePairs:
 
     def _turned(self, lines: Baselines, k: int) -> tuple[AnyImage, Flags]:
         """The earlier picture in the current orientation, and which of its pixels show the scene."""
-        camera, image = self._grid.camera, unpacked(self._buffer.frames[k].image)
+        camera, image = self._grid.camera, self._buffer.frames[k].image
         if not is_visible(float(lines.turn_rad[k]), camera):
             return image, self.known
         turn = lines.current_from_previous[k]

@@ -7,13 +7,12 @@ pictures of a pair makes the error of `motion` more than twice as large, a whole
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
-from flightdepth.levels import GREY, AnyImage, unpacked, within_levels
+from flightdepth.levels import GREY, AnyImage, within_levels
 from flightdepth.motion import Vector
 from flightdepth.ranges.pairs import Baselines, Frame
 from flightdepth.ranges.turning import in_view, is_visible, turned
@@ -35,7 +34,7 @@ BLACK_WEIGHT = 0.002
 
 
 class ExposedFrames:
-    """Packed frames of baselines, each as the current picture's exposure shows it; worked out where it is asked for."""
+    """The frames of baselines, each as the current picture's exposure shows it; worked out where it is asked for."""
 
     def __init__(
         self,
@@ -59,9 +58,9 @@ class ExposedFrames:
         if k not in self._found:
             frame, turn = self._lines.frames[k], self._lines.current_from_previous[k]
             turn_rad = float(self._lines.turn_rad[k])
-            image = self._evened(unpacked(frame.image))
+            image = self._evened(frame.image)
             image = exposed_as(image, self._current, self._camera, turn, turn_rad, shown=self._shown)
-            self._found[k] = frame if image is frame.image else replace(frame, image=image)
+            self._found[k] = Frame(frame.index, frame.stamp_ns, image)
         return self._found[k]
 
 
@@ -74,7 +73,7 @@ def exposed_as(
     *,
     shown: Flags | None = None,
 ) -> AnyImage:
-    """`previous`, uint8 RGB [H, W, 3] of an ideal pinhole, as bright as `current`; itself where no change is seen.
+    """`previous`, RGB [H, W, 3] of an ideal pinhole, as bright as `current`; itself where no change is seen.
 
     `current_from_previous` (3, 3) and its angle tell how the camera turned between the two; `shown` [h, w] where both
     show the scene.

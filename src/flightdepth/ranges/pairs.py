@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from flightdepth.levels import AnyImage, packed
+from flightdepth.levels import AnyImage, packed, unpacked
 from flightdepth.motion import Vector
 from flightdepth.ranges.displacement import States, Trajectory
 from flightdepth.runtimes.arrays import Flags
@@ -34,10 +34,27 @@ class Frame:
     image: AnyImage
 
 
+@dataclass(frozen=True)
+class PackedFrame:
+    """What is kept of a Frame: its image takes half the memory, and is unpacked each time that it is asked for."""
+
+    index: int
+    stamp_ns: int
+    packed: AnyImage
+
+    @property
+    def image(self) -> AnyImage:
+        """[h64, w64, 3], to within 1/512 of a level."""
+        return unpacked(self.packed)
+
+
+AnyFrame = Frame | PackedFrame
+
+
 class Frames(Protocol):
     """Frames by their place."""
 
-    def __getitem__(self, k: int, /) -> Frame:
+    def __getitem__(self, k: int, /) -> AnyFrame:
         """The one at place `k`."""
 
 
@@ -50,11 +67,11 @@ class FrameBuffer:
 
     def __init__(self, span_s: float) -> None:
         self._least_step_ns = span_s * 1e9 / MAX_FRAMES
-        self._frames: deque[Frame] = deque(maxlen=MAX_FRAMES)
+        self._frames: deque[PackedFrame] = deque(maxlen=MAX_FRAMES)
 
     @property
-    def frames(self) -> tuple[Frame, ...]:
-        """Oldest first; their images are packed, for `levels.unpacked`."""
+    def frames(self) -> tuple[PackedFrame, ...]:
+        """Oldest first."""
         return tuple(self._frames)
 
     def expire(self, before_ns: int) -> None:
@@ -65,7 +82,7 @@ class FrameBuffer:
     def add(self, frame: Frame) -> None:
         """Keep `frame` for later, unless it follows the last one too closely."""
         if not self._frames or frame.stamp_ns - self._frames[-1].stamp_ns >= self._least_step_ns:
-            self._frames.append(replace(frame, image=packed(frame.image)))
+            self._frames.append(PackedFrame(frame.index, frame.stamp_ns, packed(frame.image)))
 
     def clear(self) -> None:
         """Drop every frame: nothing before now can be paired with what comes."""
@@ -97,7 +114,7 @@ class Baselines:
 
 
 def baselines(
-    trajectory: Trajectory, frames: Sequence[Frame], stamp_ns: int, max_turn_rad: float
+    trajectory: Trajectory, frames: Sequence[AnyFrame], stamp_ns: int, max_turn_rad: float
 ) -> Baselines:
     """How far the camera flew and turned from each of `frames` (oldest first) until `stamp_ns`."""
     stamps = np.array([frame.stamp_ns for frame in frames] + [stamp_ns], dtype=np.int64)
@@ -131,7 +148,7 @@ class Pair:
     where the pictures were not asked.
     """
 
-    previous: Frame
+    previous: AnyFrame
     displacement_m: Vector
     length_m: float
     depth_m: float
@@ -207,7 +224,7 @@ def _least_baseline(states: States, seconds: Vector, *, measured: bool) -> Vecto
 
 
 def _reason(
-    frames: Sequence[Frame],
+    frames: Sequence[AnyFrame],
     current: tuple[int, int],
     lengths_m: Vector,
     conditions: tuple[Flags, Flags, Flags],

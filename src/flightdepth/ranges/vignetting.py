@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.levels import AnyImage, unpacked, within_levels
+from flightdepth.levels import AnyImage, within_levels
 from flightdepth.motion import Vector
-from flightdepth.ranges.pairs import Frame
+from flightdepth.ranges.pairs import AnyFrame, Frame
 from flightdepth.ranges.tracks import Corners, in_grey
 from flightdepth.runtimes.arrays import Flags
 from flightdepth.runtimes.lens import distort
@@ -60,11 +60,11 @@ class Vignetting:
         told, sigma = self.estimate
         return min(told, MOST_STRENGTH) if told > max(LEAST_STRENGTH, OVER_SIGMA * sigma) else 0.0
 
-    def watch(self, current: Frame, earlier: Sequence[Frame]) -> None:
-        """Learn from a frame and packed ones before it, oldest first, of every few until enough is known."""
+    def watch(self, current: Frame, earlier: Sequence[AnyFrame]) -> None:
+        """Learn from a frame and those before it, oldest first, of every few until enough is known."""
         if current.index % EVERY or len(earlier) < BACK or self.estimate[1] < SURE:
             return
-        self.learn(unpacked(earlier[-BACK].image), current.image)
+        self.learn(earlier[-BACK].image, current.image)
 
     def learn(self, previous: AnyImage, current: AnyImage) -> None:
         """Take in a pair, uint8 RGB [H, W, 3] as they come from the camera.
