@@ -12,9 +12,11 @@ import numpy as np
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.csv_columns import (
+    ALONG,
     ALTITUDE,
     ATTITUDE,
     BY_PLACES,
+    METRES,
     PLACE,
     SIGMA,
     SPEED,
@@ -41,14 +43,16 @@ from flightdepth.motion import Vector
 
 
 class Row(NamedTuple):
-    """Time, the velocity and the attitude that a line itself tells, its place and its universal time.
+    """Time, the velocity and the attitude that a line itself tells, where it is and its universal time.
 
+    metres  north, east, down; NaN where they are not read
     place   latitude and longitude (degrees), altitude (m); NaN where they are not told
     utc_ns  since 1970; None where it is not told
     """
 
     stamp_ns: int
     samples: list[Sample]
+    metres: list[float]
     place: list[float]
     utc_ns: int | None
 
@@ -59,7 +63,7 @@ class Row(NamedTuple):
             raise BadInput(where, expected=f"{len(columns.header)} cells", got=str(len(cells)))
         line = _Line(where, columns, dict(zip(columns.header, cells, strict=True)))
         stamp_ns = line.stamp_ns()
-        return cls(stamp_ns, line.samples(stamp_ns), line.place(), line.utc_ns())
+        return cls(stamp_ns, line.samples(stamp_ns), line.metres(), line.place(), line.utc_ns())
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ class _Line:
         return round(told)
 
     def samples(self, stamp_ns: int) -> list[Sample]:
-        velocity = None if self.columns.frame == BY_PLACES else self._velocity()
+        velocity = None if self.columns.frame in (ALONG, BY_PLACES) else self._velocity()
         sigma = self._optional(SIGMA)
         try:
             samples: list[Sample] = []
@@ -98,6 +102,10 @@ class _Line:
         except BadInput as error:
             raise BadInput(f"{self.where}: {error}") from error
         return samples
+
+    def metres(self) -> list[float]:
+        along = self.columns.frame == ALONG
+        return [self._number(name) for name in METRES] if along else [math.nan] * len(METRES)
 
     def place(self) -> list[float]:
         told = [self._optional(name) for name in (*PLACE, ALTITUDE)]

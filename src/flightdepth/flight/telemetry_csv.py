@@ -6,7 +6,8 @@ Columns, in any order:
     vn_m_s, ve_m_s, vd_m_s                              velocity north, east, down (world), or
     vx_camera_m_s, vy_camera_m_s, vz_camera_m_s         velocity right, down, forward (camera), or
     speed_m_s                                           its length alone: the direction is seen in the pictures, or
-    none of these, but a place                          from which it comes
+    north_m, east_m, down_m                             none of these, but positions from which it comes, or
+    none of all these, but a place                      from which it comes
     sigma_m_s                                           optional: its standard deviation
     qw, qx, qy, qz                                      optional: attitude, world (NED) from camera, or
     camera_yaw_deg, camera_pitch_deg, camera_roll_deg   from north clockwise, up, right side down
@@ -31,6 +32,7 @@ from numpy.typing import NDArray
 from flightdepth.errors import BadInput
 from flightdepth.files import write_atomic
 from flightdepth.flight.csv_columns import (
+    ALONG,
     ANGLES,
     ATTITUDE,
     BY_PLACES,
@@ -43,6 +45,7 @@ from flightdepth.flight.csv_columns import (
 )
 from flightdepth.flight.csv_rows import Row
 from flightdepth.flight.file_bytes import log_bytes
+from flightdepth.flight.metric_positions import velocities_along
 from flightdepth.flight.order import rising
 from flightdepth.flight.places import SEA_LEVEL
 from flightdepth.flight.positions import UNFIXED, on_earth, place_track, velocities_by_fixes
@@ -128,8 +131,14 @@ def _telemetry(
     if len(kept) < len(rows):
         counts["velocities not later than the one before"] += len(rows) - len(kept)
     samples = tuple(sample for index in kept for sample in rows[index].samples)
-    if columns.frame == BY_PLACES:
-        slopes = _by_places(what, np.array(stamps_ns)[kept], places[kept], counts)
+    if columns.frame in (ALONG, BY_PLACES):
+        at_ns = np.array(stamps_ns)[kept]
+        if columns.frame == ALONG:
+            slopes = velocities_along(at_ns, np.array([row.metres for row in rows])[kept], counts)
+        else:
+            slopes = _by_places(at_ns, places[kept], counts)
+        if not slopes:
+            raise BadInput(what, expected="a velocity, or positions that tell one", got=none_of(counts))
         samples = by_time(slopes, samples)
     # Those that jump have been counted where the velocities are the slopes of the same.
     jumps = Counter[str]() if columns.frame == BY_PLACES else counts
@@ -148,8 +157,9 @@ def _telemetry(
 
 def _described(columns: Columns) -> str:
     """What a file tells, and the columns in which it is not looked for."""
-    told = {SPEED: "speed, any direction", BY_PLACES: "velocity by its positions"}
-    text = told.get(columns.frame, f"{columns.frame} velocity")
+    by_positions = columns.frame in (ALONG, BY_PLACES)
+    told = "speed, any direction" if columns.frame == SPEED else f"{columns.frame} velocity"
+    text = f"velocity {columns.frame}" if by_positions else told
     if columns.ignored:
         text += f", ignored columns: {', '.join(columns.ignored)}"
     angles = any(angle in name for angle in ANGLES for name in columns.ignored)
@@ -158,13 +168,8 @@ def _described(columns: Columns) -> str:
     return text
 
 
-def _by_places(
-    what: str, stamps_ns: NDArray[np.int64], places: Vector, counts: Counter[str]
-) -> list[VelocitySample]:
+def _by_places(stamps_ns: NDArray[np.int64], places: Vector, counts: Counter[str]) -> list[VelocitySample]:
     """Velocities from places [n, 3] at rising stamps [n]."""
     fixed = on_earth(places[:, :2])
     counts[UNFIXED] += int((~fixed).sum())
-    found = velocities_by_fixes(stamps_ns[fixed], places[fixed, :2], places[fixed, 2], counts)
-    if not len(found):
-        raise BadInput(what, expected="a velocity, or positions that tell one", got=none_of(counts))
-    return found.samples()
+    return velocities_by_fixes(stamps_ns[fixed], places[fixed, :2], places[fixed, 2], counts).samples()
