@@ -27,7 +27,7 @@ def summed(samples, at_ns):
 
 def test_summed_they_lead_back_to_each_position():
     rng = np.random.default_rng(1)
-    at_ns = np.cumsum(rng.integers(S // 30, S // 5, 40))
+    at_ns = np.cumsum(rng.integers(S // 20, S // 5, 40))
     ned = curve(at_ns / S) + rng.normal(0, 0.01, (40, 3))
     counts = Counter()
     states = summed(velocities_along(at_ns, ned, counts), at_ns)

@@ -18,6 +18,7 @@ from flightdepth.flight.records import Telemetry
 from flightdepth.flight.ros import looks_like_ros, read_ros
 from flightdepth.flight.telemetry_csv import looks_like_csv, read_csv
 from flightdepth.flight.tlog import looks_like_tlog, read_tlog
+from flightdepth.flight.trajectory import looks_like_trajectory, read_trajectory
 from flightdepth.flight.ulog import looks_like_ulog, read_ulog
 
 HEAD_BYTES = 4096
@@ -54,6 +55,7 @@ FORMATS: tuple[Format, ...] = (
     Format("DJI flight record", looks_like_dji_record, read_dji_record),
     Format("Parrot metadata", looks_like_parrot, read_parrot),
     Format("CSV", looks_like_csv, read_csv),
+    Format("TUM trajectory", looks_like_trajectory, read_trajectory),
 )
 
 
