@@ -13,6 +13,7 @@ from flight_files import make_sound, make_video, trimmed, turn_video
 from flightdepth.errors import BadInput
 from flightdepth.flight.decoding import GAP, SoundPictures
 from flightdepth.flight.video import Video
+from flightdepth.flight.video_file import VideoFile
 from flightdepth.live.video_address import video_address
 from flightdepth.live.video_stream import VideoStream
 
@@ -105,9 +106,9 @@ def test_a_part_of_a_file_in_which_ffmpeg_seeks_too_far_is_whole(tmp_path, name,
 
 def test_a_part_of_an_mp4_is_sought_once(tmp_path, monkeypatch):
     path, ways_back = make_video(tmp_path / "v.mp4", range(0, 2000, 40), stream_options={"g": "10"}), []
-    seek = Video._seek
+    seek = VideoFile._seek
     monkeypatch.setattr(
-        Video, "_seek", lambda video, back_ns: ways_back.append(back_ns) or seek(video, back_ns)
+        VideoFile, "_seek", lambda file, start, back: ways_back.append(back) or seek(file, start, back)
     )
     for start_s in (0.4, 0.79, 1.95):
         read(path, start_s=start_s)

@@ -18,8 +18,8 @@ def test_a_row_by_hand():
     row = FrameRow(3, 100_100_000, (2, 9), (0.25, 1.5), (12.0, 40.5), 0.75, 6.5, "", "by-hand")
     assert table(row).splitlines() == [
         "index,stamp_ns,shifts,displacements_m,centroids_m,valid_fraction,latency_ms,reason,network,focal_px,"
-        "sigma_share,utc_ns",
-        "3,100100000,2 9,0.2500 1.5000,12.000 40.500,0.7500,6.50,,by-hand,,,",
+        "sigma_share,utc_ns,picture",
+        "3,100100000,2 9,0.2500 1.5000,12.000 40.500,0.7500,6.50,,by-hand,,,,",
     ]
 
 

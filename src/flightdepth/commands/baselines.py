@@ -13,6 +13,7 @@ from flightdepth.commands.flight_options import (
     CameraOption,
     EndOption,
     HfovOption,
+    RateOption,
     StartOption,
     TelemetryOption,
 )
@@ -33,13 +34,16 @@ SHEET_FRAMES = 3
 
 
 def baselines(
-    flight: Annotated[Path, typer.Argument(metavar="FLIGHT", help="Stabilised video.")],
+    flight: Annotated[
+        Path, typer.Argument(metavar="FLIGHT", help="Stabilised video, or a folder of pictures.")
+    ],
     *,
     telemetry: TelemetryOption = None,
     camera: CameraOption = None,
     hfov: HfovOption = None,
     start: StartOption = None,
     end: EndOption = None,
+    rate: RateOption = None,
     network: Annotated[
         list[str] | None,
         typer.Option(
@@ -76,7 +80,9 @@ def baselines(
     check_parent("--picture", picture)
     if picture is not None and picture.suffix != ".png":
         raise BadInput("--picture", expected="a .png file", got=str(picture))
-    with open_flight(flight, telemetry, camera, hfov_deg=hfov, start_s=start, end_s=end) as opened:
+    with open_flight(
+        flight, telemetry, camera, hfov_deg=hfov, start_s=start, end_s=end, rate_hz=rate
+    ) as opened:
         opened_networks = [load_network(n) for n in network or [nearest_network(opened.camera)]]
         result, sights, valid = studied(opened, opened_networks, lengths_m, every)
     result = {"flight": flight.name, "start_s": start, "end_s": end, **result}

@@ -7,14 +7,17 @@ from typing import Annotated
 
 import typer
 
-from flightdepth.commands.flight_options import MaskOption
+from flightdepth.commands.flight_options import MaskOption, RateOption
 from flightdepth.commands.terminal import say, warn
 from flightdepth.errors import BadInput
 
 
 def cameras(
     video: Annotated[
-        Path | None, typer.Argument(metavar="VIDEO", help="Say what this video tells of its camera.")
+        Path | None,
+        typer.Argument(
+            metavar="VIDEO", help="Say what this video, or folder of pictures, tells of its lens."
+        ),
     ] = None,
     *,
     telemetry: Annotated[
@@ -25,6 +28,7 @@ def cameras(
         ),
     ] = None,
     mask: MaskOption = None,
+    rate: RateOption = None,
 ) -> None:
     """List the lenses that `--camera NAME` knows, or what a video tells of its own.
 
@@ -39,12 +43,12 @@ def cameras(
       flightdepth cameras flight.mp4
     """
     if video is None:
-        for option, file in {"--telemetry": telemetry, "--mask": mask}.items():
-            if file is not None:
+        for option, given in {"--telemetry": telemetry, "--mask": mask, "--rate": rate}.items():
+            if given is not None:
                 raise BadInput(option, expected="a VIDEO beside it", got="none")
         list_lenses()
     else:
-        tell(video, telemetry, mask)
+        tell(video, telemetry, mask, rate)
 
 
 def list_lenses() -> None:
@@ -56,7 +60,7 @@ def list_lenses() -> None:
         say(f"{lens.name:<32} {view}  {lens.camera}: {lens.mode}  [{lens.source}]")
 
 
-def tell(path: Path, log: Path | None, mask: Path | None) -> None:
+def tell(path: Path, log: Path | None, mask: Path | None, rate_hz: float | None) -> None:
     """What `run` would take for a video without --camera, or what it would ask for."""
     from flightdepth.flight.cameras import choose_camera
     from flightdepth.flight.gpmf_telemetry import read_gpmf
@@ -66,7 +70,8 @@ def tell(path: Path, log: Path | None, mask: Path | None) -> None:
     from flightdepth.flight.turn_verdict import described_turns, doubted_by_turns, turns_of
     from flightdepth.flight.video import Video
 
-    with Video(path, mask=None if mask is None else PictureMask.read(mask)) as video:
+    hidden = None if mask is None else PictureMask.read(mask)
+    with Video(path, mask=hidden, rate_hz=rate_hz) as video:
         try:
             told = (
                 read_gpmf(path)

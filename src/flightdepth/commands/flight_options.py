@@ -27,6 +27,10 @@ HfovOption = Annotated[
     float | None,
     typer.Option(metavar="DEG", help="Horizontal field of view in degrees, instead of --camera."),
 ]
+RateOption = Annotated[
+    float | None,
+    typer.Option(metavar="HZ", help="Pictures a second, of a folder of pictures whose names are no times."),
+]
 MaskOption = Annotated[
     Path | None,
     typer.Option(

@@ -14,6 +14,7 @@ from flightdepth.commands.flight_options import (
     EndOption,
     HfovOption,
     MaskOption,
+    RateOption,
     StartOption,
     TelemetryOption,
 )
@@ -32,7 +33,9 @@ BESIDE = (
 
 
 def run(
-    flights: Annotated[list[Path], typer.Argument(metavar="FLIGHT", help="Stabilised video.")],
+    flights: Annotated[
+        list[Path], typer.Argument(metavar="FLIGHT", help="Stabilised video, or a folder of pictures.")
+    ],
     *,
     telemetry: TelemetryOption = None,
     telemetry_offset: Annotated[
@@ -59,6 +62,7 @@ def run(
     ] = None,
     start: StartOption = None,
     end: EndOption = None,
+    rate: RateOption = None,
     network: Annotated[
         str | None,
         typer.Option(
@@ -152,6 +156,10 @@ def run(
 
       flightdepth run flight.mp4 --speed 5 --hfov 80 --start 10 --end 20
 
+    A folder of pictures, 20 a second:
+
+      flightdepth run images --rate 20 --telemetry log.csv --hfov 90
+
     Several flights, each into its own folder (depth/a, depth/b):
 
       flightdepth run a.mp4 b.mp4 --hfov 73 --out depth
@@ -187,6 +195,7 @@ def run(
         speed=speed,
         start=start,
         end=end,
+        rate=rate,
         depth_format=depth_format,
         preview_ranges=preview_ranges,
         fusion=fusion,

@@ -12,7 +12,9 @@ from flightdepth.errors import BadInput
 
 @dataclass(frozen=True)
 class RunSettings:
-    """As the options, in their units; `hfov` and `mount_pitch` in degrees, `speed` in m/s, `start` and `end` in s."""
+    """As the options, in their units: `hfov` and `mount_pitch` in degrees, `speed` in m/s, `start` and `end` in s,
+    `rate` in Hz.
+    """
 
     telemetry: Path | None = None
     camera: Path | None = None
@@ -23,6 +25,7 @@ class RunSettings:
     speed: float | None = None
     start: float | None = None
     end: float | None = None
+    rate: float | None = None
     depth_format: Literal["png", "npz"] = "png"
     preview_ranges: bool = False
     fusion: Literal["saturation", "paper"] = "saturation"

@@ -36,6 +36,7 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
     check_target(target)
     for place in keep_interrupted(target):
         warn(f"an earlier run was killed: {what_stands(place)}")
+    name = path.absolute().name  # of the folder . too
     with open_flight(
         path,
         settings.telemetry,
@@ -47,6 +48,7 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
         start_s=settings.start,
         end_s=settings.end,
         mask=settings.mask,
+        rate_hz=settings.rate,
     ) as flight:
         network = load_network(
             settings.network or nearest_network(flight.camera),
@@ -54,11 +56,11 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
             aligned=settings.align,
         ).finer(settings.detail)
         check_options(network, settings)
-        source = source_of(path.name, flight, network, settings)
+        source = source_of(name, flight, network, settings)
         if resume and (found := standing(target, source)) is not None:
             return Outcome.STOOD if found.counts.frames_with_depth else Outcome.STOOD_EMPTY
         introduce(path, flight, network)
-        if (other := other_flight(target, path.name, flight.video_bytes)) is not None:
+        if (other := other_flight(target, name, flight.video_bytes)) is not None:
             warn(f"{target} holds the result of {other}, which this one replaces when it is done")
         started = time.monotonic()
         summary = write_depth(source, flight, network, target, settings, keeps=not resume)
@@ -80,14 +82,20 @@ def introduce(path: Path, flight: Flight, network: Network) -> None:
     if flight.clock is not None and flight.clock.offset_s is not None:  # else a warning says why
         say(f"offset between video and log: {flight.clock}")
     if flight.utc is not None:
-        sure = (
-            "video and log began together"
-            if flight.begun_together
-            else "the offset between video and log is right"
-        )
-        say(f"universal time of the first picture: {flight.utc}, if {sure}")
+        say(f"universal time of the first picture: {flight.utc}, if {sure_if(flight)}")
     for line in warnings_of(flight, network):
         warn(line)
+
+
+def sure_if(flight: Flight) -> str:
+    """What must be so for a flight's universal time to be right, beside the clock that told it."""
+    if flight.utc is not None and flight.utc.clock == "names":
+        return "whoever named them had the right time"
+    return (
+        "video and log began together"
+        if flight.begun_together
+        else "the offset between video and log is right"
+    )
 
 
 def write_depth(

@@ -11,6 +11,7 @@ from flightdepth.commands.flight_options import (
     CameraOption,
     EndOption,
     HfovOption,
+    RateOption,
     StartOption,
     TelemetryOption,
 )
@@ -25,13 +26,16 @@ DEPTH_BINS = ((0.0, 15.0), (15.0, 30.0), (30.0, 60.0), (60.0, 120.0))
 
 
 def tracks(
-    flight: Annotated[Path, typer.Argument(metavar="FLIGHT", help="Video of a flight straight ahead.")],
+    flight: Annotated[
+        Path, typer.Argument(metavar="FLIGHT", help="Video or pictures of a flight straight ahead.")
+    ],
     *,
     telemetry: TelemetryOption = None,
     camera: CameraOption = None,
     hfov: HfovOption = None,
     start: StartOption = None,
     end: EndOption = None,
+    rate: RateOption = None,
     network: Annotated[
         str | None, typer.Option(metavar="NAME", help="As of `flightdepth run`. Default: motion.")
     ] = None,
@@ -56,7 +60,9 @@ def tracks(
     from flightdepth.runtimes.network import load_network, nearest_network
 
     points = TrackedPoints()
-    with open_flight(flight, telemetry, camera, hfov_deg=hfov, start_s=start, end_s=end) as opened:
+    with open_flight(
+        flight, telemetry, camera, hfov_deg=hfov, start_s=start, end_s=end, rate_hz=rate
+    ) as opened:
         chosen = load_network(network or nearest_network(opened.camera))
         estimator = MultiRangeEstimator(chosen, opened.camera, ranges=ranges)
         _follow(opened, estimator, points)

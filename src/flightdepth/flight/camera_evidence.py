@@ -12,6 +12,7 @@ import numpy as np
 from flightdepth.camera import Camera
 from flightdepth.flight.gopro_settings import GoproSettings, read_gopro_settings
 from flightdepth.flight.lenses import CERTAIN_ERROR, Lens, fov_of_equivalent_deg, known_lenses
+from flightdepth.flight.picture_folder import EQUIVALENT
 from flightdepth.flight.records import Telemetry, ViewTrack
 from flightdepth.flight.stabilisation import Stabilisation, find_stabilisation
 from flightdepth.flight.turn_verdict import described_turns, turns_of
@@ -152,6 +153,9 @@ class CameraEvidence:
         if equivalent := millimetres(self.tags.get(APPLE_EQUIVALENT, "")):
             hfov_deg = fov_of_equivalent_deg(equivalent)
             yield f"--hfov {hfov_deg:.1f} if the video is as wide as the sensor ({equivalent:g} mm in its tags)"
+        if equivalent := millimetres(self.tags.get(EQUIVALENT, "")):
+            hfov_deg = fov_of_equivalent_deg(equivalent, self.shown)
+            yield f"--hfov {hfov_deg:.1f} if the pictures are not cropped ({equivalent:g} mm in their EXIF tags)"
         for lens in self._lenses_of_model():
             yield f"--camera {lens.name} ({lens.mode}: {lens.horizontal_fov_deg:.1f} degrees)"
 

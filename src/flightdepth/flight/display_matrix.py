@@ -20,9 +20,17 @@ class Turn(NamedTuple):
     mirrored: bool
 
 
+def beside(picture: Any, kind: Type) -> Any | None:
+    """What a decoder gave beside a picture; None of it, or where PyAV does not know some of it (18: EXIF tags)."""
+    try:
+        return picture.side_data.get(kind)
+    except ValueError:
+        return None
+
+
 def turn_of(picture: Any) -> Turn:
     """Of a decoded picture, by ISO/IEC 14496-12, 6.2.2: its point (x, y) is shown at (a x + c y, b x + d y), y down."""
-    told = picture.side_data.get(Type.DISPLAYMATRIX)
+    told = beside(picture, Type.DISPLAYMATRIX)
     if told is None:
         return Turn(0, False)
     a, b, _, c, d = np.frombuffer(told, np.int32)[:5].tolist()
@@ -34,7 +42,11 @@ def turn_of(picture: Any) -> Turn:
 
 def upright(picture: Any) -> NDArray[np.uint8]:
     """RGB [H, W, 3] of a decoded picture, mirrored and turned by the multiple of 90 degrees that the file asks for."""
+    return turned_upright(picture, turn_of(picture))
+
+
+def turned_upright(picture: Any, turn: Turn) -> NDArray[np.uint8]:
+    """RGB [H, W, 3] of a decoded picture, mirrored and turned."""
     image: NDArray[np.uint8] = picture.to_ndarray(format="rgb24")
-    turns, mirrored = turn_of(picture)
-    shown = np.rot90(image[:, ::-1] if mirrored else image, turns)
+    shown = np.rot90(image[:, ::-1] if turn.mirrored else image, turn.quarter_turns)
     return np.ascontiguousarray(shown)

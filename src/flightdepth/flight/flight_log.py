@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -23,6 +24,7 @@ from flightdepth.flight.records import (
     seconds,
 )
 from flightdepth.flight.telemetry import is_log, read_telemetry
+from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.flight.untold import shown_until_ns, velocities_apart_ns
 from flightdepth.flight.video import Video
 
@@ -60,6 +62,7 @@ def choose_telemetry(
     else:
         log, inside = read_telemetry(Path(telemetry)), False
     log = at_recording(log, video.duration_ns, offset_given=bool(offset_s))
+    log = at_names(log, video.utc)
     if offset_s == AUTO:
         return log, inside  # moved once the camera is known
     log = log.later_by(moved_ns)
@@ -81,6 +84,17 @@ def forward_velocity(stamp_ns: int, speed_m_s: float) -> VelocitySample:
     return VelocitySample(stamp_ns, northwards(speed_m_s), "world")
 
 
+def at_names(log: Telemetry, utc: UniversalTime | None) -> Telemetry:
+    """The log with its time 0 at the first picture, where that one's name and the log both tell universal time.
+
+    One that counts from the first picture by itself stays; a recording's own first one may be another.
+    """
+    if utc is None or log.utc is None or (log.time_0_told and log.utc.clock != "computer"):
+        return log
+    moved = log.later_by(log.utc.ns_at_zero - utc.ns_at_zero)
+    return replace(moved, name=f"{log.name}; time 0 is the first picture's name", time_0_told=True)
+
+
 def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:
     """The log inside a video, or else the one beside it, and whether it is the one inside.
 
@@ -89,7 +103,7 @@ def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:
     """
     silent = None
     try:
-        inside = read_gpmf(video)
+        inside = None if video.is_dir() else read_gpmf(video)
     except BadInput as error:
         inside, silent = None, error
     if inside is not None:
@@ -103,13 +117,15 @@ def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:
 
 def log_beside(video: Path, mend: str) -> Path:
     """The one log that has the video's name but for its ending and its case, as DJI's cameras write it."""
-    name = _bare_name(video)
-    named = (path for path in video.parent.iterdir() if _bare_name(path) == name)
+    of_pictures = video.is_dir()
+    video = video.absolute()  # the name of the folder . is not in it
+    own = video.name if of_pictures else video.stem
+    named = (path for path in video.parent.iterdir() if _bare_name(path.stem) == _bare_name(own))
     others = sorted(path for path in named if path.name != video.name and path.is_file())
     logs = [path for path in others if is_log(path)]
     if len(logs) == 1:
         return logs[0]
-    got = "none inside the video"
+    got = "a folder of pictures" if of_pictures else "none inside the video"
     if logs:
         got += f", and beside it {', '.join(path.name for path in logs)}"
     elif alike := [path for path in others if path.suffix.lower() in LOG_SUFFIXES]:
@@ -117,13 +133,13 @@ def log_beside(video: Path, mend: str) -> Path:
             f", and {alike[0].name} beside it is no log that is known: --telemetry {alike[0].name} tells why"
         )
     else:
-        got += f", and no log beside it whose name is {video.stem} and an ending"
+        got += f", and no log beside it whose name is {own} and an ending"
     raise BadInput(f"telemetry of {video}", expected="a velocity", got=got, mend=mend)
 
 
-def _bare_name(path: Path) -> str:
-    """Without its ending and its case, and with accents as one letter: disks of Macs keep them apart."""
-    return unicodedata.normalize("NFC", path.stem).casefold()
+def _bare_name(name: str) -> str:
+    """Without its case, and with accents as one letter: disks of Macs keep them apart."""
+    return unicodedata.normalize("NFC", name).casefold()
 
 
 def synchronised(video: Video, camera: Camera, log: Telemetry) -> tuple[Telemetry, ClockOffset]:
@@ -132,7 +148,7 @@ def synchronised(video: Video, camera: Camera, log: Telemetry) -> tuple[Telemetr
     last_s = (
         start_s + WATCHED_S if video.end_ns is None else min(start_s + WATCHED_S, video.end_ns / NS_PER_S)
     )
-    with Video(video.path, start_s=start_s, end_s=last_s) as watched:
+    with video.again(start_s=start_s, end_s=last_s) as watched:
         within_s = searched_s(log, video.duration_ns)
         motion = apparent_motion(watched.frames(), camera, video.mask)
         clock = estimate_offset(motion, log, within_s)

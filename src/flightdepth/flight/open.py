@@ -136,8 +136,8 @@ class Flight:
 
     @property
     def video_bytes(self) -> int:
-        """Size of the video's file."""
-        return self._video.path.stat().st_size
+        """Size of the video's file, or of all pictures of a folder."""
+        return self._video.size_bytes
 
     @property
     def telemetry_name(self) -> str:
@@ -158,11 +158,12 @@ class Flight:
 
     @property
     def utc(self) -> UniversalTime | None:
-        """When the video's first picture was taken, as sure as the offset between video and log; None where none tells.
+        """When the video's first picture was taken; None where neither the pictures' names nor the log tell it.
 
+        By the log it is as sure as the offset between video and log.
         `flight.utc.at(frame.stamp_ns)` is a frame's, ns since 1970.
         """
-        return None if self._telemetry is None else self._telemetry.utc
+        return self._video.utc or (None if self._telemetry is None else self._telemetry.utc)
 
     @property
     def true_north(self) -> bool:
@@ -204,8 +205,9 @@ def open_flight(
     start_s: float | None = None,
     end_s: float | None = None,
     mask: str | Path | None = None,
+    rate_hz: float | None = None,
 ) -> Flight:
-    """Open a video with its telemetry.
+    """Open a video, or a folder of pictures, with its telemetry.
 
     telemetry  a log file; None looks inside the video (GPMF), then for a log of the video's name beside it,
                unless `speed_m_s` is given
@@ -217,11 +219,12 @@ def open_flight(
     speed_m_s  constant speed in any direction, for flights without a log
     start_s, end_s  part of the video, seconds since its first picture
     mask       a picture, black where others show no scene: nothing there tells of the offset, nor of the lens
+    rate_hz    pictures a second, of a folder of pictures whose names are no times
     """
     if telemetry is not None and speed_m_s is not None:
         raise BadInput("--telemetry and --speed", expected="one of them", got="both")
     hidden = None if mask is None else PictureMask.read(Path(mask))
-    video = Video(Path(path), start_s=start_s, end_s=end_s, mask=hidden)
+    video = Video(Path(path), start_s=start_s, end_s=end_s, mask=hidden, rate_hz=rate_hz)
     try:
         log, inside = choose_telemetry(video, telemetry, speed_m_s, telemetry_offset_s)
         log = mounted(log, mount_pitch_deg)

@@ -49,6 +49,7 @@ class Frame:
 
     `after_damage`: pictures between this one and the one before were damaged, and perhaps the one before too.
     `camera` is this picture's own where the lens zooms or the crop changes; None means the flight's.
+    `picture` is the name of its file, where it has one of its own.
     """
 
     index: int
@@ -56,6 +57,7 @@ class Frame:
     image: NDArray[np.uint8]
     after_damage: bool = False
     camera: Camera | None = None
+    picture: str = ""
 
     def __post_init__(self) -> None:
         if self.image.dtype != np.uint8 or self.image.ndim != 3 or self.image.shape[2] != 3:

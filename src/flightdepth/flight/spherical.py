@@ -21,6 +21,7 @@ import numpy as np
 from av.sidedata.sidedata import Type
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.display_matrix import beside
 
 # FFmpeg's AVSphericalProjection, but for pictures through one lens (rectilinear, fisheye).
 SPHERES = {
@@ -48,7 +49,7 @@ def refuse_sphere(path: Path, container: Any, picture: Any) -> None:
 
 
 def _projection(picture: Any) -> str | None:
-    told = picture.side_data.get(Type.SPHERICAL)
+    told = beside(picture, Type.SPHERICAL)
     return None if told is None else SPHERES.get(int(np.frombuffer(told, np.int32)[0]))
 
 

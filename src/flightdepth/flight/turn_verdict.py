@@ -28,7 +28,7 @@ def turns_of(video: Video, log: Telemetry, camera: Camera) -> TurnWatch:
     last_s = (video.duration_ns or math.inf) / NS_PER_S
     start_s = watch.busiest_s(0.0, last_s, WATCHED_S)
     try:
-        watched = Video(video.path, start_s=start_s, end_s=min(start_s + WATCHED_S, last_s))
+        watched = video.again(start_s=start_s, end_s=min(start_s + WATCHED_S, last_s))
     except BadInput:
         return watch
     with watched:

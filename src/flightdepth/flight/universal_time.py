@@ -18,7 +18,8 @@ from typing import Literal
 # app             the telephone that flew the drone
 # track           the times of a GPX file, which some write in local time
 # column          that of a CSV
-Clock = Literal["satellites", "autopilot", "ground station", "computer", "app", "track", "column"]
+# names           of the pictures of a folder, by the clock of whoever named them
+Clock = Literal["satellites", "autopilot", "ground station", "computer", "app", "track", "column", "names"]
 
 NS_PER_S = 1_000_000_000
 SINCE = datetime(1970, 1, 1, tzinfo=UTC)

@@ -14,7 +14,7 @@ from flightdepth.ranges.result import RangedDepth
 
 COLUMNS = (
     *("index", "stamp_ns", "shifts", "displacements_m", "centroids_m"),
-    *("valid_fraction", "latency_ms", "reason", "network", "focal_px", "sigma_share", "utc_ns"),
+    *("valid_fraction", "latency_ms", "reason", "network", "focal_px", "sigma_share", "utc_ns", "picture"),
 )
 EVERY = 4  # pixels each way are looked at for sigma_share: a network's own are no smaller
 
@@ -37,7 +37,8 @@ class FrameRow:
     network          which one gave depth or bounds; empty where none did, and in tables of older versions
     focal_px         horizontal focal length of its picture, where the lens zooms; None where flight.json tells it
     sigma_share      median of standard deviation over depth, of the pixels with depth; None where none is told
-    utc_ns           universal time, since 1970; None where the log does not tell it
+    utc_ns           universal time, since 1970; None where neither the log nor the pictures' names tell it
+    picture          name of its file in a folder of pictures; empty of a video
     """
 
     index: int
@@ -52,6 +53,7 @@ class FrameRow:
     focal_px: float | None = None
     sigma_share: float | None = None
     utc_ns: int | None = None
+    picture: str = ""
 
     @classmethod
     def of(cls, frame: Frame, result: RangedDepth, utc: UniversalTime | None = None) -> FrameRow:
@@ -70,6 +72,7 @@ class FrameRow:
             focal_px=None if frame.camera is None else frame.camera.fx,
             sigma_share=_sigma_share(result),
             utc_ns=None if utc is None else utc.at(frame.stamp_ns),
+            picture=frame.picture,
         )
 
 
@@ -96,6 +99,7 @@ def cells_of(row: FrameRow) -> list[object]:
         "" if row.focal_px is None else f"{row.focal_px:.3f}",
         "" if row.sigma_share is None else f"{row.sigma_share:.4f}",
         "" if row.utc_ns is None else row.utc_ns,
+        row.picture,
     ]
 
 
@@ -115,6 +119,7 @@ def rows_from_csv(text: str) -> list[FrameRow]:
             focal_px=float(focal_px) if (focal_px := cells.get("focal_px")) else None,
             sigma_share=float(sigma_share) if (sigma_share := cells.get("sigma_share")) else None,
             utc_ns=int(utc_ns) if (utc_ns := cells.get("utc_ns")) else None,
+            picture=cells.get("picture") or "",
         )
         for cells in csv.DictReader(io.StringIO(text))
     ]
