@@ -31,9 +31,8 @@ import cv2
 import numpy as np
 
 import flightdepth
-from flightdepth.evaluation.network import without_nan
 from flightdepth.evaluation.provenance import network_facts, origin_of, source_commit
-from flightdepth.files import write_json
+from flightdepth.files import without_nan, write_json
 from flightdepth.flight.records import Telemetry, VelocitySample
 from flightdepth.flight.steadiness import Steadiness
 from flightdepth.flight.video import Video

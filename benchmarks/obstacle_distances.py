@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation.network import without_nan
 from flightdepth.evaluation.provenance import network_facts, source_commit
-from flightdepth.files import file_in_progress, write_json
+from flightdepth.files import file_in_progress, without_nan, write_json
 from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import UNKNOWN, distances_cm
 from flightdepth.live.obstacle_rays import sectors_of

@@ -5,6 +5,7 @@ import json
 import cv2
 import pytest
 from command_flights import make_log, make_video
+from plain_install import run_without_extras
 
 from flightdepth import cli
 from flightdepth.commands.baselines import lengths
@@ -70,6 +71,13 @@ def test_no_figure_is_no_number_in_the_file(make, tmp_path):
     assert make("--baselines", "5", "--json", tmp_path / "figures.json") == 0
     figures = json.loads((tmp_path / "figures.json").read_text())
     assert {row["median"] for row in figures["slope"]} == {None}
+
+
+def test_it_needs_no_extra():
+    """It ended in a traceback, for want of numba."""
+    words = ["evaluate", "baselines", VIDEO, "--telemetry", LOG, "--camera", CALIBRATION]
+    done = run_without_extras([*words, "--network", "motion-tiny", "--baselines", "1", "--end", "0.5"])
+    assert done.returncode == 0, done.stderr
 
 
 def test_networks_of_one_name_are_refused(make, save_difference_network, capsys):

@@ -19,7 +19,7 @@ from flightdepth.commands.flight_options import (
 )
 from flightdepth.commands.terminal import counted, say, show_table
 from flightdepth.errors import BadInput
-from flightdepth.files import check_parent, write_atomic
+from flightdepth.files import check_parent, without_nan, write_atomic
 
 if TYPE_CHECKING:
     from flightdepth.camera import Camera
@@ -71,7 +71,6 @@ def baselines(
 
       flightdepth evaluate baselines flight.mp4 --hfov 73 --network motion
     """
-    from flightdepth.evaluation.network import without_nan
     from flightdepth.flight import open_flight
     from flightdepth.runtimes.network import load_network, nearest_network
 

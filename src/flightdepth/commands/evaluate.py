@@ -11,6 +11,7 @@ import typer
 from flightdepth.commands.baselines import baselines
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.figures import JsonOption, check_figures, write_figures
+from flightdepth.commands.flight_truth import flight_truth
 from flightdepth.commands.noise import noise
 from flightdepth.commands.ranges import ranges
 from flightdepth.commands.renderers import renderer
@@ -31,6 +32,7 @@ SHOWN = 3  # on the page of --report
 evaluate = typer.Typer(no_args_is_help=True, help="Measure a network, depth on a flight, or the renderer.")
 
 
+evaluate.command("flight")(flight_truth)
 evaluate.command("tracks")(tracks)
 evaluate.command("renderer")(renderer)
 evaluate.command("noise")(noise)

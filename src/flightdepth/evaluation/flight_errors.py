@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from flightdepth.evaluation.network_tables import number, percent
-from flightdepth.runtimes.arrays import Maps
+from flightdepth.runtimes.arrays import Flags, Maps
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,12 @@ class DepthRange:
     name: str
     from_m: float
     to_m: float
+
+    @property
+    def label(self) -> str:
+        """Its name, where it has one, and its ends: "near, 0-15 m"."""
+        ends = f"{self.from_m:g}-{self.to_m:g} m"
+        return f"{self.name}, {ends}" if self.name else ends
 
 
 RANGES = (
@@ -36,6 +43,7 @@ class RangeErrors:
     pixels   with a true depth in the range
     known    share of them with an estimate; the errors below are over these
     l1_m     mean |estimate - truth|
+    rmse_m   root of the mean of its square
     abs_rel  mean |estimate - truth| / truth
     delta    share with max(estimate / truth, truth / estimate) < 1.25
     """
@@ -43,6 +51,7 @@ class RangeErrors:
     pixels: int
     known: float
     l1_m: float
+    rmse_m: float
     abs_rel: float
     delta: float
 
@@ -54,12 +63,17 @@ class FlightErrors:
         self.ranges = tuple(ranges)
         self._sums: dict[str, NDArray[np.float64]] = {}
 
-    def add(self, estimator: str, depth_m: Maps, truth_m: Maps) -> None:
-        """Count one frame of `estimator`: maps [H, W] in metres, NaN = unknown (not counted in the truth)."""
+    def add(self, estimator: str, depth_m: Maps, truth_m: Maps) -> tuple[RangeErrors, ...]:
+        """Count one frame of `estimator`: maps [H, W] in metres, NaN = unknown (not counted in the truth).
+
+        Returns the errors of this frame alone, of each range.
+        """
         if depth_m.shape != truth_m.shape:
             raise ValueError(f"expected depth {truth_m.shape}, got {depth_m.shape}")
-        sums = self._sums.setdefault(estimator, np.zeros((len(self.ranges), 5)))
-        sums += np.stack([frame_sums(depth_m, truth_m, depth_range) for depth_range in self.ranges])
+        of_frame = np.stack([frame_sums(depth_m, truth_m, depth_range) for depth_range in self.ranges])
+        sums = self._sums.setdefault(estimator, np.zeros_like(of_frame))
+        sums += of_frame
+        return tuple(map(range_errors, of_frame))
 
     def result(self) -> Mapping[str, tuple[RangeErrors, ...]]:
         """Per estimator, in the order they were first added, the errors of each range."""
@@ -74,29 +88,36 @@ class FlightErrors:
                 table.add_column(f"{name}\n{heading}", justify="right")
         for index, depth_range in enumerate(self.ranges):
             cells = [cell for errors in result.values() for cell in cells_of(errors[index])]
-            table.add_row(f"{depth_range.name}, {depth_range.from_m:g}-{depth_range.to_m:g} m", *cells)
+            table.add_row(depth_range.label, *cells)
         return table
 
 
 def frame_sums(depth_m: Maps, truth_m: Maps, depth_range: DepthRange) -> NDArray[np.float64]:
-    """Pixels, pixels with an estimate, sums of |error|, of |error| / truth, and of pixels within 1.25."""
-    inside = (truth_m >= depth_range.from_m) & (truth_m < depth_range.to_m) & (truth_m > 0)
+    """Pixels, pixels with an estimate, sums of |error|, of its square, of |error| / truth, of pixels within 1.25."""
+    inside = within(truth_m, depth_range)
     truth, depth = truth_m[inside].astype(np.float64), depth_m[inside].astype(np.float64)
     known = np.isfinite(depth)
     truth, depth = truth[known], depth[known]
     error = np.abs(depth - truth)
     close = np.maximum(depth, truth) < 1.25 * np.minimum(depth, truth)
-    return np.array([inside.sum(), known.sum(), error.sum(), (error / truth).sum(), close.sum()])
+    sums = error.sum(), np.square(error).sum(), (error / truth).sum(), close.sum()
+    return np.array([inside.sum(), known.sum(), *sums])
+
+
+def within(truth_m: Maps, depth_range: DepthRange) -> Flags:
+    """Which true depths are in a range; those that are NaN, 0 or less are in none."""
+    return np.asarray((truth_m >= depth_range.from_m) & (truth_m < depth_range.to_m) & (truth_m > 0))
 
 
 def range_errors(sums: NDArray[np.float64]) -> RangeErrors:
     """Means from the sums of `frame_sums`."""
-    pixels, known, error, relative, close = (float(value) for value in sums)
+    pixels, known, error, squares, relative, close = (float(value) for value in sums)
     per_known = 1 / known if known else float("nan")
     return RangeErrors(
         pixels=int(pixels),
         known=known / pixels if pixels else float("nan"),
         l1_m=error * per_known,
+        rmse_m=math.sqrt(squares * per_known),
         abs_rel=relative * per_known,
         delta=close * per_known,
     )

@@ -17,6 +17,7 @@ from flightdepth.evaluation.places import Indices, errors_by_place, places_of
 from flightdepth.evaluation.provenance import network_facts, source_commit
 from flightdepth.evaluation.sigma_scale import believed
 from flightdepth.evaluation.spread import spread_summary
+from flightdepth.files import without_nan
 from flightdepth.runtimes.arrays import Maps
 from flightdepth.runtimes.network import Network
 from flightdepth.weights.card import NetworkCard
@@ -155,12 +156,3 @@ def percentiles(truths: list[Maps]) -> dict[str, float]:
     known = known_pixels(truths)
     values = np.percentile(known, PERCENTILES) if known.size else [math.nan] * len(PERCENTILES)
     return {str(share): float(value) for share, value in zip(PERCENTILES, values, strict=True)}
-
-
-def without_nan(value: Any) -> Any:
-    """The same nested value with None for NaN, which JSON does not have."""
-    if isinstance(value, dict):
-        return {key: without_nan(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [without_nan(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from flightdepth.evaluation.bootstrap import interval
-from flightdepth.evaluation.network import without_nan
 from flightdepth.evaluation.ranges_claims import claims
 from flightdepth.evaluation.ranges_flight import MEASURED_FROM
 from flightdepth.evaluation.ranges_measures import coverage, reliability
 from flightdepth.evaluation.ranges_study import Study
 from flightdepth.evaluation.ranges_trials import CONSTANT, Trial, trial_of
+from flightdepth.files import without_nan
 
 Part = Mapping[str, Any]
 Parts = Mapping[Trial, Sequence[Part]]

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from flightdepth.errors import BadInput
-from flightdepth.evaluation.network import without_nan
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.evaluation.ranges_flight import MEASURED_FROM, fly
 from flightdepth.evaluation.ranges_peers import FLOW_D0_M, FlowNetwork
 from flightdepth.evaluation.ranges_sequences import KeptSequences, Sequence, Sequences
 from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Telemetry, Trial
-from flightdepth.files import write_json
+from flightdepth.files import without_nan, write_json
 from flightdepth.processor import cpu_name
 from flightdepth.ranges import DepthNetwork
 from flightdepth.runtimes.judge import judge_sha256

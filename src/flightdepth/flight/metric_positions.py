@@ -16,7 +16,9 @@ from flightdepth.flight.positions import JUMPING
 from flightdepth.flight.records import FASTEST_M_S, MAX_GAP_S, NS_PER_S, VelocitySample
 from flightdepth.motion import Vector
 
-LEAST_STEP_S = 0.05  # of denser positions some are left out: over less, a centimetre of noise is a large velocity
+LEAST_STEP_S = (
+    0.05  # of denser positions some are left out: over less, a centimetre of noise is a large velocity
+)
 
 
 def velocities_along(stamps_ns: NDArray[np.int64], ned: Vector, counts: Counter[str]) -> list[VelocitySample]:
