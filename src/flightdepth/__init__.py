@@ -14,7 +14,7 @@ sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]
 if TYPE_CHECKING:
     from flightdepth.camera import Camera
     from flightdepth.errors import BadInput, FlightDepthError
-    from flightdepth.flight import AttitudeSample, Frame, VelocitySample, open_flight
+    from flightdepth.flight import AttitudeSample, Frame, PositionSample, VelocitySample, open_flight
     from flightdepth.outputs import FlightFolder
     from flightdepth.ranges import MultiRangeEstimator, RangedDepth
     from flightdepth.runtimes import load_network, networks
@@ -28,6 +28,7 @@ _HOMES = {
     "FlightFolder": "flightdepth.outputs",
     "Frame": "flightdepth.flight",
     "MultiRangeEstimator": "flightdepth.ranges",
+    "PositionSample": "flightdepth.flight",
     "RangedDepth": "flightdepth.ranges",
     "VelocitySample": "flightdepth.flight",
     "load_network": "flightdepth.runtimes",
@@ -43,6 +44,7 @@ __all__ = [
     "FlightFolder",
     "Frame",
     "MultiRangeEstimator",
+    "PositionSample",
     "RangedDepth",
     "VelocitySample",
     "load_network",

@@ -44,6 +44,18 @@ def rotations_from_quaternions(quaternions_k4: Vector) -> Vector:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
+def quaternion_products(first: Vector, second: Vector) -> Vector:
+    """Rotations of `second` [..., 4], then of `first` [..., 4], as quaternions (w, x, y, z) (Hamilton's product)."""
+    (w, x, y, z), (a, b, c, d) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
+    parts = [
+        w * a - x * b - y * c - z * d,
+        w * b + x * a + y * d - z * c,
+        w * c - x * d + y * a + z * b,
+        w * d + x * c - y * b + z * a,
+    ]
+    return np.stack(parts, axis=-1)
+
+
 def mixed_quaternions(start: Vector, end: Vector, share: ArrayLike) -> Vector:
     """Unit quaternions `share` [...], 0..1, of the way from `start` [..., 4] to `end` [..., 4], along the shorter way.
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.records import AttitudeSample, PositionSample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.trajectory import read_trajectory
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
@@ -45,10 +46,12 @@ def read(tmp_path, text):
 
 def states_of(log, at_s):
     trajectory = Trajectory()
-    for sample in log.velocities:
-        trajectory.add_velocity(sample.stamp_ns, sample.velocity, frame=sample.frame, sigma=sample.sigma)
-    for sample in log.attitudes:
-        trajectory.add_attitude(sample.stamp_ns, sample.world_from_camera)
+    for sample in log.samples:
+        match sample:
+            case PositionSample():
+                trajectory.add_position(sample.stamp_ns, sample.position_ned)
+            case AttitudeSample():
+                trajectory.add_attitude(sample.stamp_ns, sample.world_from_camera)
     return trajectory.at(np.round(at_s * S).astype(np.int64))
 
 
@@ -85,6 +88,29 @@ def test_times_since_1970_tell_universal_time_to_the_nanosecond(tmp_path):
     assert "its time 0 is 1403636579.064 s of its clock" in log.name
 
 
+@pytest.mark.parametrize(("power", "digits"), [(3, 13), (6, 16), (9, 19)])
+def test_times_may_be_whole_parts_of_a_second(tmp_path, power, digits):
+    """ORB-SLAM3 writes EuRoC's nanoseconds."""
+    lines = text_of(*flown(), since="1403636579").splitlines()
+    cells = [line.split() for line in lines[1:]]
+    text = "\n".join(
+        " ".join([str(round(float(cell[0]) * 10) * 10 ** (power - 1)), *cell[1:]]) for cell in cells
+    )
+    assert len(text.split()[0]) == digits
+    log = read(tmp_path, text)
+    assert log.utc.ns_at_zero == 1403636579 * S
+    assert log.attitudes[3].stamp_ns == 3 * S // 10
+
+
+def test_a_covariance_behind_the_pose_and_commas_in_a_comment_are_passed_over(tmp_path):
+    """OpenVINS writes twelve numbers more."""
+    plain = read(tmp_path, text_of(*flown()))
+    head = "# timestamp(s), tx, ty, tz, qx, qy, qz, qw, Pr11, Pr12\n"
+    lines = text_of(*flown()).splitlines()[1:]
+    log = read(tmp_path, head + "\n".join(line + " 0.1" * 12 for line in lines) + "\n")
+    assert log.digest == plain.digest
+
+
 def test_what_is_damaged_is_left_out_and_counted(tmp_path):
     lines = text_of(*flown()).splitlines()
     lines[4] = lines[4].replace(lines[4].split()[2], "nan")
@@ -106,7 +132,9 @@ def test_what_is_damaged_is_left_out_and_counted(tmp_path):
         (HEAD + "0 1 2 3 0 0 0 7\n", "expected one of"),
         (HEAD + "0 1 2 3 0 0 0 1\n", "expected two poses or more within 1.5 s, got none"),
         (HEAD + "0 1 2 3 0 0 0 1\n9 1 2 3 0 0 0 1\n", "expected two poses or more within 1.5 s"),
-        ("0 1 2 3 0 0 0 1\n1 900 2 3 0 0 0 1\n", "got none \\(1 positions that jump\\)"),
+        ("0 1 2 3 0 0 0 1\n1 900 2 3 0 0 0 1\n", "expected two poses or more within 1.5 s, got none"),
+        ("1e999999 1 2 3 0 0 0 1\n", "expected one of"),
+        ("nan 1 2 3 0 0 0 1\n", "expected one of"),
         ("1e40 1 2 3 0 0 0 1\n", "expected one of"),
     ],
 )

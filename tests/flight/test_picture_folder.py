@@ -381,6 +381,18 @@ def test_what_is_no_series_is_refused(tmp_path, names, words):
     assert [word for word in words if word not in told] == []
 
 
+def test_folders_among_which_the_pictures_lie_are_named(tmp_path):
+    for name in ("rgb", "depth", ".hidden"):
+        (tmp_path / name).mkdir()
+    assert refused(tmp_path).endswith("Give the folder in which they lie (here are depth, rgb), or a video.")
+
+
+def test_of_many_folders_some_are_named(tmp_path):
+    for number in range(8):
+        (tmp_path / f"seq{number}").mkdir()
+    assert "(here are seq0, seq1, seq2, seq3, seq4 and 3 more)" in refused(tmp_path)
+
+
 def test_names_without_times_need_a_rate(tmp_path):
     assert refused(fill(tmp_path, ["1.png", "2.png"])).endswith(": --rate HZ.")
 

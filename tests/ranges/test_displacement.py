@@ -142,6 +142,29 @@ def test_poses_are_interpolated() -> None:
     np.testing.assert_allclose(displacement(track, 0.5, 1.5), [3, 0, 0], atol=1e-8)
 
 
+def test_positions_replace_velocities_and_leave_attitudes_to_themselves() -> None:
+    track = trajectory((0, (9, 9, 9)), (1, (9, 9, 9)))
+    turn = quaternion_from_rotation(rotation_from_euler(0, 0, 0.5))
+    for k in range(4):
+        track.add_position(EPOCH + k * S, (0, 3.0 * k, 0))
+        track.add_velocity(EPOCH + (k + 2) * S, (9, 9, 9), frame="world", sigma=None)
+        assert not track.knows_attitude
+    np.testing.assert_allclose(displacement(track, 0.5, 1.5), [0, 3, 0], atol=1e-8)
+    assert not track.at(np.array([EPOCH])).oriented[0]
+    for k in range(3):
+        track.add_attitude(EPOCH + k * S, turn)
+    states = track.at(np.array([EPOCH + S]))
+    assert track.knows_attitude and states.oriented[0]
+    np.testing.assert_allclose(states.world_from_camera[0], rotation_from_euler(0, 0, 0.5), atol=1e-9)
+    assert not track.dropped
+
+
+@pytest.mark.parametrize("position", [[1, 2], [1, 2, np.inf]])
+def test_a_position_that_is_none_is_refused(position) -> None:
+    with pytest.raises(BadInput, match="three finite numbers in metres"):
+        Trajectory().add_position(0, position)
+
+
 def posed(*seconds: float) -> Trajectory:
     """Flown north with 5 m/s, poses at these times."""
     made = Trajectory()

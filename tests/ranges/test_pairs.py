@@ -78,6 +78,16 @@ def test_of_two_equally_close_the_younger_is_taken() -> None:
     assert pair.previous.index > 30
 
 
+def test_a_slow_flight_is_one_where_positions_tell_it() -> None:
+    """Summed velocities may err by 0.1 m/s."""
+    by_positions, by_velocities = Trajectory(), straight(0.05, 60)
+    for k in range(61):
+        by_positions.add_position(k * STEP, (0.05 * k * STEP / S, 0, 0))
+    usable = baselines(by_positions, frames(60), 60 * STEP, 0.3).usable
+    assert usable.tolist() == [0.05 * (60 - k) * STEP / S >= 0.05 for k in range(60)]
+    assert not baselines(by_velocities, frames(60), 60 * STEP, 0.3).usable.any()
+
+
 def test_the_displacement_points_from_previous_to_current() -> None:
     (pair,) = picked([0.3])
     np.testing.assert_allclose(pair.displacement_m, [0.3, 0, 0], atol=1e-8)

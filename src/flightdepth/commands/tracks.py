@@ -20,6 +20,7 @@ from flightdepth.commands.terminal import counted, say
 if TYPE_CHECKING:
     from flightdepth.evaluation.tracked_points import TrackedPoints
     from flightdepth.flight import Flight
+    from flightdepth.flight.records import Sample
     from flightdepth.ranges import MultiRangeEstimator
 
 DEPTH_BINS = ((0.0, 15.0), (15.0, 30.0), (30.0, 60.0), (60.0, 120.0))
@@ -81,12 +82,12 @@ def _follow(flight: Flight, estimator: MultiRangeEstimator, points: TrackedPoint
     import numpy as np
 
     from flightdepth.evaluation.tracked_points import PathLength
-    from flightdepth.flight import AttitudeSample, VelocitySample
+    from flightdepth.flight import VelocitySample
     from flightdepth.outputs.run import depths
 
     path = PathLength()
 
-    def fly(sample: VelocitySample | AttitudeSample) -> None:
+    def fly(sample: Sample) -> None:
         if isinstance(sample, VelocitySample):
             path.add(sample.stamp_ns, float(np.linalg.norm(sample.velocity)))
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from flightdepth.camera import Camera
 from flightdepth.evaluation.tracked_points import PathLength
-from flightdepth.flight import AttitudeSample, Flight, Frame, Steadiness, VelocitySample
+from flightdepth.flight import AttitudeSample, Flight, Frame, PositionSample, Steadiness, VelocitySample
 from flightdepth.flight.steadiness import TurnRate
 from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector
@@ -90,6 +90,8 @@ class BaselinePairs:
                 case VelocitySample(stamp_ns=at, velocity=velocity):
                     self._trajectory.add_velocity(at, velocity, frame=event.frame, sigma=event.sigma)
                     self._path.add(at, float(np.linalg.norm(velocity)))
+                case PositionSample():
+                    self._trajectory.add_position(event.stamp_ns, event.position_ned)
                 case AttitudeSample():
                     self._trajectory.add_attitude(event.stamp_ns, event.world_from_camera)
                 case Frame():

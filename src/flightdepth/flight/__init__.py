@@ -1,4 +1,4 @@
-"""Video and telemetry of a flight: frames, velocities and attitudes on one clock."""
+"""Video and telemetry of a flight: frames, velocities, positions and attitudes on one clock."""
 
 from flightdepth.flight.open import Flight, open_flight
 from flightdepth.flight.records import (
@@ -6,6 +6,7 @@ from flightdepth.flight.records import (
     BodyAttitudeSample,
     Frame,
     GyroscopeTrack,
+    PositionSample,
     Telemetry,
     VelocitySample,
 )
@@ -20,6 +21,7 @@ __all__ = [
     "Flight",
     "Frame",
     "GyroscopeTrack",
+    "PositionSample",
     "Steadiness",
     "Telemetry",
     "TurnRate",

@@ -1,61 +1,61 @@
-"""Velocity from positions in metres that are good to a small part of a step: motion capture, SLAM, RTK, a simulator.
-
-Summed as velocities are, trapezoid by trapezoid, it leads back to each of the positions.
-"""
+"""Positions in metres that are good to centimetres: of motion capture, SLAM, RTK, a simulator."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator
-from itertools import pairwise
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.flight.positions import JUMPING
-from flightdepth.flight.records import FASTEST_M_S, MAX_GAP_S, NS_PER_S, VelocitySample
+from flightdepth.flight.positions import fixes
+from flightdepth.flight.records import (
+    FASTEST_M_S,
+    MAX_GAP_S,
+    NS_PER_S,
+    PositionSample,
+    Sample,
+    VelocitySample,
+)
 from flightdepth.motion import Vector
 
-LEAST_STEP_S = (
-    0.05  # of denser positions some are left out: over less, a centimetre of noise is a large velocity
-)
+LEAST_STEP_S = 0.1  # over less, a centimetre of noise is a large velocity
 
 
-def velocities_along(stamps_ns: NDArray[np.int64], ned: Vector, counts: Counter[str]) -> list[VelocitySample]:
-    """Velocities along positions [n, 3], metres north, east, down, at rising stamps [n].
+def samples_along(stamps_ns: NDArray[np.int64], ned: Vector) -> list[Sample]:
+    """Positions [n, 3], metres north, east, down, at rising stamps [n >= 1], and velocities along them.
 
-    None across a gap of more than MAX_GAP_S, nor across a jump, which is counted. Of each stretch between two
-    positions, s its slope: at its ends the mean of its and its neighbour's slope, half-way what makes the integral
-    over both halves right, 2 s - (the mean of the two ends).
+    Where a row repeats the position before until the receiver has a new one, it tells nothing. Velocities are told at
+    positions LEAST_STEP_S apart, the mean of the slopes before and after; none across a gap of more than MAX_GAP_S,
+    nor across a jump. Empty where no two positions belong together.
     """
-    kept = _apart(stamps_ns)
-    stamps_ns, ned = stamps_ns[kept], ned[kept]
-    samples: list[VelocitySample] = []
-    for part in _connected(stamps_ns, ned, counts):
-        slopes = np.diff(ned[part], axis=0) / (np.diff(stamps_ns[part]) / NS_PER_S)[:, None]
-        ends = np.concatenate([slopes[:1], (slopes[1:] + slopes[:-1]) / 2, slopes[-1:]])
-        velocity = np.empty((len(ends) + len(slopes), 3))
-        velocity[::2], velocity[1::2] = ends, 2 * slopes - (ends[1:] + ends[:-1]) / 2
-        at_ns = np.empty(len(velocity), np.int64)
-        at_ns[::2] = stamps_ns[part]
-        at_ns[1::2] = at_ns[:-1:2] + np.diff(stamps_ns[part]) // 2
-        samples += [VelocitySample(at, each) for at, each in zip(at_ns.tolist(), velocity, strict=True)]
-    return samples
+    told = fixes((stamps_ns - stamps_ns[0]) / NS_PER_S, ned)
+    stamps_ns, ned = stamps_ns[told], ned[told]
+    apart = _apart(stamps_ns.tolist())
+    velocities = _velocities(stamps_ns[apart], ned[apart])
+    if not velocities:
+        return []
+    positions = [PositionSample(at, each) for at, each in zip(stamps_ns.tolist(), ned, strict=True)]
+    return [*velocities, *positions]
 
 
-def _apart(stamps_ns: NDArray[np.int64]) -> list[int]:
+def _velocities(stamps_ns: NDArray[np.int64], ned: Vector) -> list[VelocitySample]:
+    step_s = np.diff(stamps_ns) / NS_PER_S
+    slopes = np.diff(ned, axis=0) / step_s[:, None]
+    flown = (step_s <= MAX_GAP_S) & (np.linalg.norm(slopes, axis=1) < FASTEST_M_S)
+    beside = np.zeros((len(ned), 2, 3))  # the slopes before and after each
+    beside[1:, 0][flown] = beside[:-1, 1][flown] = slopes[flown]
+    count = np.append(flown, False).astype(int) + np.insert(flown, 0, False)
+    return [
+        VelocitySample(int(at), both.sum(axis=0) / of)
+        for at, both, of in zip(stamps_ns, beside, count, strict=True)
+        if of
+    ]
+
+
+def _apart(stamps_ns: Sequence[int]) -> list[int]:
     """Places of stamps that follow the one before at LEAST_STEP_S or later, less a rounding."""
     kept: list[int] = []
-    for place, stamp_ns in enumerate(stamps_ns.tolist()):
+    for place, stamp_ns in enumerate(stamps_ns):
         if not kept or stamp_ns - stamps_ns[kept[-1]] > 0.99 * LEAST_STEP_S * NS_PER_S:
             kept.append(place)
     return kept
-
-
-def _connected(stamps_ns: NDArray[np.int64], ned: Vector, counts: Counter[str]) -> Iterator[slice]:
-    """Two positions or more without a gap or a jump between them."""
-    step_s = np.diff(stamps_ns) / NS_PER_S
-    jumps = np.linalg.norm(np.diff(ned, axis=0), axis=1) > FASTEST_M_S * step_s
-    counts[JUMPING] += int(jumps.sum())
-    ends = [0, *(np.flatnonzero(jumps | (step_s > MAX_GAP_S)) + 1).tolist(), len(stamps_ns)]
-    return (slice(first, last) for first, last in pairwise(ends) if last - first > 1)

@@ -21,6 +21,7 @@ DIGITS = re.compile(r"([0-9]+)")
 TIME = re.compile(
     r"(?<![0-9])(?:(?P<s>1[0-9]{9})\.(?P<fraction>[0-9]{1,9})|1[0-9]{18}|1[0-9]{15}|1[0-9]{12})(?![0-9])"
 )
+LISTED = 5  # folders in a message
 UNIT_NS = {19: 1, 16: 1_000, 13: 1_000_000}  # by the number of digits
 
 
@@ -36,7 +37,8 @@ def pictures_in(folder: Path) -> list[str]:
     what = f"pictures in {folder}"
     try:
         with os.scandir(folder) as entries:  # which tells files from folders without asking for each
-            files = [entry.name for entry in entries if not (entry.name.startswith(".") or entry.is_dir())]
+            shown = [entry for entry in entries if not entry.name.startswith(".")]
+            files = [entry.name for entry in shown if not entry.is_dir()]
     except OSError as error:
         raise BadInput(what, expected="a readable folder", got=error.strerror or str(error)) from error
     names = [name for name in files if Path(name).suffix.lower() in SUFFIXES]
@@ -46,7 +48,7 @@ def pictures_in(folder: Path) -> list[str]:
             what,
             expected="some (PNG, JPEG, BMP, TIFF, WebP, PPM, PGM)",
             got=f"a folder of {len(files)} other files" if files else "a folder without files",
-            mend="Give the folder in which they lie, or a video.",
+            mend=f"Give the folder in which they lie{_folders_named(shown)}, or a video.",
         )
     if len(kinds) > 1:
         got = " and ".join(f"{count} {kind}" for kind, count in kinds.most_common())
@@ -56,6 +58,15 @@ def pictures_in(folder: Path) -> list[str]:
     except UnicodeEncodeError as error:
         raise BadInput(what, expected="names in UTF-8", got="others", mend="Rename them.") from error
     return names
+
+
+def _folders_named(entries: Sequence[os.DirEntry[str]]) -> str:
+    """The folders among entries, for a message."""
+    folders = sorted(entry.name for entry in entries if entry.is_dir())
+    if not folders:
+        return ""
+    more = f" and {len(folders) - LISTED} more" if len(folders) > LISTED else ""
+    return f" (here are {', '.join(folders[:LISTED])}{more})"
 
 
 def by_time(names: Sequence[str]) -> list[Named] | None:

@@ -1,4 +1,4 @@
-"""What a flight consists of: pictures, velocities, attitudes and turn rates, each with its time.
+"""What a flight consists of: pictures, velocities, positions, attitudes and turn rates, each with its time.
 
 Every `stamp_ns` is int nanoseconds since the first picture of the video.
 """
@@ -91,6 +91,24 @@ class VelocitySample:
 
 
 @dataclass(frozen=True, eq=False)
+class PositionSample:
+    """Position of the camera, metres north, east, down of any origin, shape (3,): good to centimetres.
+
+    A log that has them tells velocities too, for who takes no positions.
+    """
+
+    stamp_ns: int
+    position_ned: Vector
+
+    def __post_init__(self) -> None:
+        position = np.asarray(self.position_ned, dtype=np.float64)
+        if position.shape != (3,) or not np.isfinite(position).all():
+            got = str(position.tolist())
+            raise BadInput(f"position at {seconds(self.stamp_ns)}", expected="three finite metres", got=got)
+        object.__setattr__(self, "position_ned", position)
+
+
+@dataclass(frozen=True, eq=False)
 class AttitudeSample:
     """Attitude of the camera: unit quaternion (w, x, y, z), world (NED) from camera (x right, y down)."""
 
@@ -112,7 +130,18 @@ class BodyAttitudeSample:
         object.__setattr__(self, "world_from_body", unit_quaternion(self.world_from_body))
 
 
-Sample = VelocitySample | AttitudeSample
+Sample = VelocitySample | PositionSample | AttitudeSample
+
+
+def numbers_of(sample: Sample) -> Vector:
+    """What a sample tells beside its time."""
+    match sample:
+        case VelocitySample():
+            return sample.velocity
+        case PositionSample():
+            return sample.position_ned
+        case AttitudeSample():
+            return sample.world_from_camera
 
 
 def by_time(*kinds: Sequence[Sample]) -> tuple[Sample, ...]:
@@ -238,8 +267,7 @@ class Telemetry:
         """Tells this log from another one: the first digits of SHA-256 over all its samples."""
         told = hashlib.sha256()
         for sample in self.samples:
-            what = sample.velocity if isinstance(sample, VelocitySample) else sample.world_from_camera
-            told.update(np.int64(sample.stamp_ns).tobytes() + what.tobytes())
+            told.update(np.int64(sample.stamp_ns).tobytes() + numbers_of(sample).tobytes())
         return told.hexdigest()[:16]
 
     def later_by(self, offset_ns: int) -> Telemetry:

@@ -54,8 +54,8 @@ FORMATS: tuple[Format, ...] = (
     Format("DJI subtitles", looks_like_dji_srt, read_dji_srt),
     Format("DJI flight record", looks_like_dji_record, read_dji_record),
     Format("Parrot metadata", looks_like_parrot, read_parrot),
+    Format("TUM trajectory", looks_like_trajectory, read_trajectory),  # whose comments may have commas
     Format("CSV", looks_like_csv, read_csv),
-    Format("TUM trajectory", looks_like_trajectory, read_trajectory),
 )
 
 

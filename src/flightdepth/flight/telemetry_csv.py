@@ -45,7 +45,7 @@ from flightdepth.flight.csv_columns import (
 )
 from flightdepth.flight.csv_rows import Row
 from flightdepth.flight.file_bytes import log_bytes
-from flightdepth.flight.metric_positions import velocities_along
+from flightdepth.flight.metric_positions import samples_along
 from flightdepth.flight.order import rising
 from flightdepth.flight.places import SEA_LEVEL
 from flightdepth.flight.positions import UNFIXED, on_earth, place_track, velocities_by_fixes
@@ -133,13 +133,14 @@ def _telemetry(
     samples = tuple(sample for index in kept for sample in rows[index].samples)
     if columns.frame in (ALONG, BY_PLACES):
         at_ns = np.array(stamps_ns)[kept]
+        along: Sequence[Sample]
         if columns.frame == ALONG:
-            slopes = velocities_along(at_ns, np.array([row.metres for row in rows])[kept], counts)
+            along = samples_along(at_ns, np.array([row.metres for row in rows])[kept])
         else:
-            slopes = _by_places(at_ns, places[kept], counts)
-        if not slopes:
+            along = _by_places(at_ns, places[kept], counts)
+        if not along:
             raise BadInput(what, expected="a velocity, or positions that tell one", got=none_of(counts))
-        samples = by_time(slopes, samples)
+        samples = by_time(along, samples)
     # Those that jump have been counted where the velocities are the slopes of the same.
     jumps = Counter[str]() if columns.frame == BY_PLACES else counts
     track = place_track(stamps_ns, places[:, :2], places[:, 2], SEA_LEVEL, jumps)

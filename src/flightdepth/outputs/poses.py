@@ -17,8 +17,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from flightdepth.flight import AttitudeSample, Frame, VelocitySample
+from flightdepth.flight import AttitudeSample, Frame, PositionSample, VelocitySample
 from flightdepth.flight.places import PlaceTrack
+from flightdepth.flight.records import Sample
 from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.motion import NED_FROM_CAMERA, Vector, quaternion_from_rotation, rotation_from_quaternion
 from flightdepth.outputs.level import LevelCamera
@@ -75,14 +76,17 @@ class PoseTrack:
         self._segments = 0
         self._positions: dict[int, tuple[Vector, int]] = {}
 
-    def add(self, sample: VelocitySample | AttitudeSample) -> None:
+    def add(self, sample: Sample) -> None:
         """Take a sample; those needed at a frame come before it."""
-        if isinstance(sample, VelocitySample):
-            self._trajectory.add_velocity(
-                sample.stamp_ns, sample.velocity, frame=sample.frame, sigma=sample.sigma
-            )
-        else:
-            self._trajectory.add_attitude(sample.stamp_ns, sample.world_from_camera)
+        match sample:
+            case VelocitySample():
+                self._trajectory.add_velocity(
+                    sample.stamp_ns, sample.velocity, frame=sample.frame, sigma=sample.sigma
+                )
+            case PositionSample():
+                self._trajectory.add_position(sample.stamp_ns, sample.position_ned)
+            case AttitudeSample():
+                self._trajectory.add_attitude(sample.stamp_ns, sample.world_from_camera)
 
     def at(self, frame: Frame, result: RangedDepth) -> FramePose | None:
         """The pose at a frame, whose result tells which way the camera moved; None where no log says where it is."""

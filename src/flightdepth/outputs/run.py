@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 
-from flightdepth.flight import AttitudeSample, Flight, Frame, Steadiness, VelocitySample
+from flightdepth.flight import AttitudeSample, Flight, Frame, PositionSample, Steadiness, VelocitySample
 from flightdepth.flight.records import Sample
 from flightdepth.outputs.poses import PoseTrack
 from flightdepth.outputs.writer import FlightWriter
@@ -54,6 +54,9 @@ def depths(
         match event:
             case VelocitySample():
                 estimator.add_velocity(event.stamp_ns, event.velocity, frame=event.frame, sigma=event.sigma)
+                on_sample(event)
+            case PositionSample():
+                estimator.add_position(event.stamp_ns, event.position_ned)
                 on_sample(event)
             case AttitudeSample():
                 estimator.add_attitude(event.stamp_ns, event.world_from_camera)

@@ -13,7 +13,7 @@ from flightdepth.flight.records import MAX_GAP_S, VelocityFrame
 from flightdepth.motion import Vector, quaternion_from_rotation, unit_quaternion
 from flightdepth.ranges.attitude import neighbours, orientations
 from flightdepth.ranges.pose_jumps import MAX_ACCELERATION_M_S2, PoseJumps
-from flightdepth.ranges.timeline import Rows, Stamps, Timeline
+from flightdepth.ranges.timeline import Rows, Stamps, Timeline, check_stamp
 from flightdepth.runtimes.arrays import Flags
 
 SPEED_NOISE_M_S = 1.0
@@ -90,6 +90,7 @@ class Trajectory:
         self._velocities = Timeline(4)  # and standard deviation
         self._attitudes = Timeline(4)
         self._poses = Timeline(8)  # position, quaternion, segment
+        self._poses_turn = False  # whether their quaternions are told
         self._jumps = PoseJumps(self.dropped)
         self._suspect: tuple[int, Rows] | None = None
 
@@ -106,7 +107,7 @@ class Trajectory:
     @property
     def knows_attitude(self) -> bool:
         """Whether any attitude or pose was given."""
-        return len(self._attitudes) > 0 or self.from_poses
+        return len(self._attitudes) > 0 or self._poses_turn
 
     def add_velocity(
         self, stamp_ns: int, velocity: ArrayLike, *, frame: VelocityFrame, sigma: float | None
@@ -122,7 +123,8 @@ class Trajectory:
         if sigma is not None and not (np.isfinite(sigma) and sigma >= 0):
             raise BadInput("velocity sigma", expected="0 or more m/s", got=str(sigma))
         self.frame = frame
-        self._take_velocity(stamp_ns, np.append(v, sigma or 0.0))
+        if not self.from_poses:  # which replace velocities
+            self._take_velocity(stamp_ns, np.append(v, sigma or 0.0))
 
     def add_attitude(self, stamp_ns: int, quaternion: ArrayLike) -> None:
         """`world_from_camera` as a quaternion (w, x, y, z)."""
@@ -137,7 +139,18 @@ class Trajectory:
             rigid = bool(np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0)
         if not rigid or not np.allclose(pose[3], [0, 0, 0, 1]):
             raise BadInput("pose", expected="a rigid 4x4 matrix world_from_camera", got=str(pose.tolist()))
-        row = np.concatenate([pose[:3, 3], quaternion_from_rotation(pose[:3, :3])])
+        self._poses_turn = True
+        self._take_pose(stamp_ns, np.concatenate([pose[:3, 3], quaternion_from_rotation(pose[:3, :3])]))
+
+    def add_position(self, stamp_ns: int, position: ArrayLike) -> None:
+        """Position (m, shape (3,)) in the world frame, in place of integration; attitudes come by `add_attitude`."""
+        told = np.asarray(position, dtype=np.float64)
+        if told.shape != (3,) or not np.isfinite(told).all():
+            raise BadInput("position", expected="three finite numbers in metres", got=str(told.tolist()))
+        self._take_pose(stamp_ns, np.concatenate([told, np.full(4, np.nan)]))
+
+    def _take_pose(self, stamp_ns: int, row: Rows) -> None:
+        check_stamp(stamp_ns)
         newest_ns = self._jumps.newest_ns
         if newest_ns is not None and stamp_ns <= newest_ns:
             self._too_late("pose")
@@ -175,7 +188,7 @@ class Trajectory:
         return flown[:, :3], flown[:, 3], segment
 
     def _orientations(self, first: int, last: int, at_ns: Stamps) -> tuple[Vector, Flags]:
-        if self.from_poses:
+        if self._poses_turn:
             stamps, rows = self._poses.between(first, last)
             return orientations(stamps, rows[:, 3:7], at_ns)
         return orientations(*self._attitudes.between(first, last), at_ns)

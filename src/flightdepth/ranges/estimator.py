@@ -175,6 +175,10 @@ class MultiRangeEstimator:
         """The camera's orientation as a quaternion (w, x, y, z)."""
         self._trajectory.add_attitude(stamp_ns, world_from_camera)
 
+    def add_position(self, stamp_ns: int, position: ArrayLike) -> None:
+        """The camera's position (3,) in metres, north, east, down of any origin; replaces velocities as poses do."""
+        self._trajectory.add_position(stamp_ns, position)
+
     def add_pose(self, stamp_ns: int, world_from_camera: ArrayLike) -> None:
         """The camera's pose (4, 4); once one is given, poses replace velocities and attitudes.
 
