@@ -1,4 +1,5 @@
 import struct
+import threading
 from collections import Counter
 from fractions import Fraction
 from itertools import pairwise
@@ -20,6 +21,7 @@ from flightdepth.flight.flight_log import choose_telemetry
 from flightdepth.flight.picture_folder import DAMAGED, LEFT_OUT, NOT_LATER, PictureFolder
 from flightdepth.flight.picture_names import by_number, by_time
 from flightdepth.flight.still import decoded, turn_in
+from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.flight.video import Video
 
@@ -456,7 +458,8 @@ def test_pictures_and_poses_of_one_clock_meet_by_their_times(tmp_path):
     with open_flight(folder, tmp_path / "groundtruth.txt", hfov_deg=90) as flight:
         assert not flight.begun_together
         assert flight.utc == UniversalTime(1_403_636_579_763_555_000, "names")
-        assert flight.telemetry_name.endswith("time 0 is the first picture's name")
+        assert "; moved by -0.264 s to the times that the pictures' names tell" in flight.telemetry_name
+        assert not any("clock" in line for line in flight.warnings)
         stamps = [event.stamp_ns for event in flight if not isinstance(event, Frame)]
     assert min(stamps) == pytest.approx((1403636579.5 - 1403636579.763555) * S, abs=S // 10)
     assert all(early <= late for early, late in pairwise(stamps))
@@ -469,6 +472,43 @@ def test_a_log_that_counts_from_the_first_picture_stays(tmp_path):
     with Video(folder) as video:
         log, _ = choose_telemetry(video, tmp_path / "log.csv", None, 0.0)
     assert log.span_ns == (0, 700 * MS)
+    with open_flight(folder, tmp_path / "log.csv", hfov_deg=90) as flight:
+        (told,) = [line for line in flight.warnings if "by its name" in line]
+    assert told.startswith("at the first picture it was 2014-06-24T19:02:59.763Z by its name")
+    assert told.endswith("by the column of the log, 4.6 s apart")
+
+
+def test_a_table_whose_times_count_from_1970_meets_pictures_of_one_clock(tmp_path):
+    folder = fill(tmp_path / "rgb", [f"{EUROC_NS + t * 50 * MS}.png" for t in range(8)])
+    rows = [f"{EUROC_NS - S + t * 100 * MS},1,0,0" for t in range(30)]
+    (tmp_path / "log.csv").write_text("\n".join(["stamp_ns,vn_m_s,ve_m_s,vd_m_s", *rows]) + "\n")
+    alone = read_telemetry(tmp_path / "log.csv")
+    assert alone.span_ns == (0, 2900 * MS) and alone.utc == UniversalTime(EUROC_NS - S, "computer")
+    assert "; its time 0 is 1403636578.764 s of its clock" in alone.name and not alone.time_0_told
+    with open_flight(folder, tmp_path / "log.csv", hfov_deg=90) as flight:
+        assert next(iter(flight)).stamp_ns == -S
+
+
+def test_two_clocks_that_are_taken_to_agree_are_told(tmp_path):
+    folder = fill(tmp_path / "rgb", [f"{EUROC_NS + t * 50 * MS}.png" for t in range(8)])
+    points = [
+        f'<trkpt lat="{47 + t * 1e-4:.6f}" lon="8"><ele>9</ele><time>2014-06-24T19:0{3 + t // 60}:{t % 60:02}Z</time></trkpt>'
+        for t in range(-2, 3)
+    ]
+    (tmp_path / "track.gpx").write_text(f"<gpx><trk><trkseg>{''.join(points)}</trkseg></trk></gpx>")
+    with open_flight(folder, tmp_path / "track.gpx", hfov_deg=90) as flight:
+        (told,) = [line for line in flight.warnings if "brought together" in line]
+    assert "as if the log's clock (track) and that of the pictures' names agreed" in told
+
+
+def test_a_closed_folder_gives_no_more_and_leaves_no_thread(tmp_path):
+    fill(tmp_path, [f"{k}.png" for k in range(20)])
+    with Video(tmp_path, rate_hz=10) as video:
+        frames = video.frames()
+        next(frames)
+        assert any(thread.name.startswith("pictures") for thread in threading.enumerate())
+    assert list(frames) == []
+    assert not any(thread.name.startswith("pictures") for thread in threading.enumerate())
 
 
 def test_what_exif_tags_tell_of_the_lens_is_named_not_taken(tmp_path):

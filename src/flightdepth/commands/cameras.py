@@ -63,6 +63,7 @@ def list_lenses() -> None:
 def tell(path: Path, log: Path | None, mask: Path | None, rate_hz: float | None) -> None:
     """What `run` would take for a video without --camera, or what it would ask for."""
     from flightdepth.flight.cameras import choose_camera
+    from flightdepth.flight.flight_log import at_names
     from flightdepth.flight.gpmf_telemetry import read_gpmf
     from flightdepth.flight.mask import PictureMask
     from flightdepth.flight.recordings import at_recording
@@ -76,7 +77,7 @@ def tell(path: Path, log: Path | None, mask: Path | None, rate_hz: float | None)
             told = (
                 read_gpmf(path)
                 if log is None
-                else at_recording(read_telemetry(log), video.duration_ns, mend="")
+                else at_names(at_recording(read_telemetry(log), video.duration_ns, mend=""), video.utc)
             )
         except BadInput:
             if log is not None:

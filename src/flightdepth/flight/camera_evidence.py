@@ -12,9 +12,9 @@ import numpy as np
 from flightdepth.camera import Camera
 from flightdepth.flight.gopro_settings import GoproSettings, read_gopro_settings
 from flightdepth.flight.lenses import CERTAIN_ERROR, Lens, fov_of_equivalent_deg, known_lenses
-from flightdepth.flight.picture_folder import EQUIVALENT
 from flightdepth.flight.records import Telemetry, ViewTrack
 from flightdepth.flight.stabilisation import Stabilisation, find_stabilisation
+from flightdepth.flight.still import EQUIVALENT
 from flightdepth.flight.turn_verdict import described_turns, turns_of
 from flightdepth.flight.turned_focal import TurnedFocal, ideal_lenses
 from flightdepth.flight.video import Video

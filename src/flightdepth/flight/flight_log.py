@@ -24,12 +24,13 @@ from flightdepth.flight.records import (
     seconds,
 )
 from flightdepth.flight.telemetry import is_log, read_telemetry
-from flightdepth.flight.universal_time import UniversalTime
+from flightdepth.flight.universal_time import UniversalTime, utc_text
 from flightdepth.flight.untold import shown_until_ns, velocities_apart_ns
 from flightdepth.flight.video import Video
 
 AUTO: Literal["auto"] = "auto"
 WATCHED_S = 120.0  # of the video, to estimate an offset
+SAME_CLOCK_S = 0.5  # less apart two clocks may be, or an offset that the pictures tell
 SELDOM_NS = 5 * NS_PER_S  # between velocities: what lies in the middle of such a gap is known to nobody
 NO_TELEMETRY = "Give --telemetry LOG or --speed M_S."
 # What a log's name may end in, where its content is not known; those that are known need no ending.
@@ -91,8 +92,25 @@ def at_names(log: Telemetry, utc: UniversalTime | None) -> Telemetry:
     """
     if utc is None or log.utc is None or (log.time_0_told and log.utc.clock != "computer"):
         return log
-    moved = log.later_by(log.utc.ns_at_zero - utc.ns_at_zero)
-    return replace(moved, name=f"{log.name}; time 0 is the first picture's name", time_0_told=True)
+    moved_ns = log.utc.ns_at_zero - utc.ns_at_zero
+    name = f"{log.name}; moved by {moved_ns / NS_PER_S:+.3f} s to the times that the pictures' names tell"
+    return replace(log.later_by(moved_ns), name=name, time_0_told=True)
+
+
+def clocks_apart(log: Telemetry, utc: UniversalTime | None) -> tuple[str, ...]:
+    """What the user should know where a log that stands at its place tells universal time, and pictures' names too."""
+    if utc is None or log.utc is None:
+        return ()
+    apart_s = (log.utc.ns_at_zero - utc.ns_at_zero) / NS_PER_S
+    if abs(apart_s) > SAME_CLOCK_S:
+        return (
+            f"at the first picture it was {utc_text(utc.ns_at_zero)} by its name, and {log.utc} of the log,"
+            f" {abs(apart_s):.1f} s apart",
+        )
+    if log.utc.clock == "computer":  # the one that named the pictures, as far as anybody can know
+        return ()
+    clock = f"the log's clock ({log.utc.clock}) and that of the pictures' names"
+    return (f"pictures and log are brought together as if {clock} agreed; --telemetry-offset auto checks it",)
 
 
 def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:
@@ -103,7 +121,7 @@ def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:
     """
     silent = None
     try:
-        inside = None if video.is_dir() else read_gpmf(video)
+        inside = read_gpmf(video)
     except BadInput as error:
         inside, silent = None, error
     if inside is not None:

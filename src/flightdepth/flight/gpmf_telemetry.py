@@ -39,7 +39,9 @@ MOST_WRONG_M_S = 2.0  # a position that moves faster than its velocity by more i
 
 
 def read_gpmf(path: Path) -> Telemetry | None:
-    """What the GPMF track of a video says, or None where there is no such track or no velocity in it."""
+    """What the GPMF track of a video says; None where there is none, as in a folder, or no velocity in it."""
+    if path.is_dir():
+        return None
     counts: Counter[str] = Counter()
     wanted = frozenset([*VELOCITIES, *PLACES, GYROSCOPE])
     found: dict[str, list[TimedStream]] = {}

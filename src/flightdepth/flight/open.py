@@ -19,6 +19,7 @@ from flightdepth.flight.flight_log import (
     SELDOM_NS,
     choose_telemetry,
     clock_warnings,
+    clocks_apart,
     forward_velocity,
     mounted,
     synchronised,
@@ -237,7 +238,7 @@ def open_flight(
         chosen = choose_camera(video, camera, hfov_deg, log)
         told = clock_warnings(clock, inside=inside)
         if log is not None:
-            told += untold(video, log) + lengths_apart(video, log)
+            told += untold(video, log) + lengths_apart(video, log) + clocks_apart(log, video.utc)
         if log is not None and telemetry is not None:
             told += disagreements(log, video)
         untold_offset = not telemetry_offset_s if clock is None else clock.offset_s is None

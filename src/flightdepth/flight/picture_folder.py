@@ -6,6 +6,8 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from flightdepth.flight.file_bytes import head_of
 from flightdepth.flight.picture import Picture
 from flightdepth.flight.picture_names import Named, by_number, by_time, periods, pictures_in
 from flightdepth.flight.records import NS_PER_S
-from flightdepth.flight.still import decoded, turn_in
+from flightdepth.flight.still import EQUIVALENT, decoded, turn_in
 from flightdepth.flight.universal_time import UniversalTime
 
 LOWEST_HZ, HIGHEST_HZ = 0.001, 10_000.0
@@ -25,7 +27,6 @@ READERS, AHEAD = 2, 4  # threads, and pictures that they have read before they a
 DAMAGED = "pictures that are damaged or cannot be read"
 NOT_LATER = "frames not later than the one before"
 LEFT_OUT = "pictures whose numbers are left out"
-EQUIVALENT = "focallengthin35mmfilm"
 
 
 class PictureFolder:
@@ -77,7 +78,7 @@ class PictureFolder:
         return [round(period * NS_PER_S / rate_hz) for period in self._periods]
 
     def close(self) -> None:
-        """Nothing stays open."""
+        """No file stays open; readers end with the iterator of `pictures`."""
 
     @property
     def duration_ns(self) -> int:
@@ -85,11 +86,14 @@ class PictureFolder:
         steps = np.diff(self._stamps_ns)
         return self._stamps_ns[-1] + (int(np.median(steps)) if len(steps) else 0)
 
-    @property
+    @cached_property
     def size_bytes(self) -> int:
         """Of all pictures."""
-        files = (self._path / name for name in self._names)
-        return sum(file.stat().st_size for file in files if file.exists())  # a link may lead nowhere
+        size = 0
+        for name in self._names:
+            with suppress(OSError):  # a link may lead nowhere
+                size += (self._path / name).stat().st_size
+        return size
 
     def count_between(self, start_ns: int, end_ns: int | None) -> int:
         """How many pictures lie in a part."""

@@ -30,7 +30,9 @@ STRICT = {"err_detect": "explode"}
 START_OF_SCAN, END_OF_IMAGE = b"\xda", b"\xff\xd9"
 # EXIF is a TIFF: in JPEG's APP1, in PNG's eXIf, or the whole file.
 EXIF = re.compile(rb"(?:^|Exif\0\0|eXIf)(?=II\*\0|MM\0\*)")
+EXIF_WITHIN = 1 << 16  # before the picture itself, which takes long to search
 ORIENTATION = 0x0112
+EQUIVALENT = "focallengthin35mmfilm"  # FFmpeg's name of a tag, in small letters
 # As the first row and the first column of what is stored are to be shown (EXIF 2.3, 4.6.4 A): 1 is upright.
 TURNS = {
     2: Turn(0, mirrored=True),
@@ -74,7 +76,7 @@ def turn_in(data: bytes) -> Turn:
     PyAV 18 cannot read the matrix of a decoded picture that has EXIF tags.
     """
     upright = Turn(0, mirrored=False)
-    found = EXIF.search(data)
+    found = EXIF.search(data, 0, EXIF_WITHIN)
     if found is None:
         return upright
     tiff = memoryview(data)[found.end() :]

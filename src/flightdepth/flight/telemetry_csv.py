@@ -2,7 +2,7 @@
 
 Columns, in any order:
 
-    stamp_ns  or  time_s                                since the video's first picture (int ns, or seconds)
+    stamp_ns  or  time_s                                since the video's first picture, or 1970 (int ns, or seconds)
     vn_m_s, ve_m_s, vd_m_s                              velocity north, east, down (world), or
     vx_camera_m_s, vy_camera_m_s, vz_camera_m_s         velocity right, down, forward (camera), or
     speed_m_s                                           its length alone: the direction is seen in the pictures, or
@@ -24,6 +24,7 @@ from __future__ import annotations
 import csv
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,8 +50,16 @@ from flightdepth.flight.metric_positions import samples_along
 from flightdepth.flight.order import rising
 from flightdepth.flight.places import SEA_LEVEL
 from flightdepth.flight.positions import UNFIXED, on_earth, place_track, velocities_by_fixes
-from flightdepth.flight.records import AttitudeSample, Sample, Telemetry, VelocitySample, by_time, none_of
-from flightdepth.flight.universal_time import UniversalTime
+from flightdepth.flight.records import (
+    NS_PER_S,
+    AttitudeSample,
+    Sample,
+    Telemetry,
+    VelocitySample,
+    by_time,
+    none_of,
+)
+from flightdepth.flight.universal_time import UniversalTime, can_be
 from flightdepth.motion import Vector
 
 
@@ -144,16 +153,26 @@ def _telemetry(
     # Those that jump have been counted where the velocities are the slopes of the same.
     jumps = Counter[str]() if columns.frame == BY_PLACES else counts
     track = place_track(stamps_ns, places[:, :2], places[:, 2], SEA_LEVEL, jumps)
-    return Telemetry(
+    told = [(row.stamp_ns, row.utc_ns) for row in rows if row.utc_ns is not None]
+    log = Telemetry(
         f"CSV {name}: {_described(columns)}",
         samples,
         dict(+counts),
         any_direction=columns.frame == SPEED,
         places=track,
-        utc=UniversalTime.by_readings(
-            [(row.stamp_ns, row.utc_ns) for row in rows if row.utc_ns is not None], "column"
-        ),
+        utc=UniversalTime.by_readings(told, "column"),
     )
+    return _from_its_first(log, stamps_ns[kept[0]])
+
+
+def _from_its_first(log: Telemetry, first_ns: int) -> Telemetry:
+    """One whose times count from 1970, with time 0 at its first row; another as it is."""
+    if not can_be(first_ns):
+        return log
+    moved = log.later_by(-first_ns)
+    name = f"{log.name}; its time 0 is {first_ns / NS_PER_S:.3f} s of its clock"
+    utc = moved.utc or UniversalTime(first_ns, "computer")
+    return replace(moved, name=name, utc=utc, time_0_told=False)
 
 
 def _described(columns: Columns) -> str:

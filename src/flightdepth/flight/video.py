@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from itertools import chain
 from pathlib import Path
 from types import TracebackType
@@ -42,10 +42,10 @@ class Video:
         self.counts: Counter[str] = Counter()
         self._is_over = False
         self._source = _open(path, rate_hz)
+        self._chosen = self._between()
         try:
             self.duration_ns = self._source.duration_ns
             self.frame_count_hint = self._source.count_between(self.start_ns, self.end_ns)
-            self._chosen = self._between()
             first = next(self._chosen, None)
             if first is None:
                 raise self._no_frame()
@@ -68,8 +68,9 @@ class Video:
         self.close()
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file; no more pictures come."""
         self._is_over = True
+        self._chosen.close()
         self._source.close()
 
     @property
@@ -122,7 +123,7 @@ class Video:
             yield Frame(index, picture.stamp_ns, image, after_damage=damaged, picture=picture.name)
             index, damaged = index + 1, False
 
-    def _between(self) -> Iterator[Picture]:
+    def _between(self) -> Generator[Picture]:
         damaged = False  # carried over to the next picture where one falls away
         for chosen in self._source.pictures(self.start_ns, self.counts):
             if self.end_ns is not None and chosen.stamp_ns >= self.end_ns:
