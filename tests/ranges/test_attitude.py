@@ -5,9 +5,11 @@ from hypothesis import strategies as st
 from flightdepth.flight.records import HOLD_S, MAX_GAP_S
 from flightdepth.motion import (
     quaternion_from_rotation,
+    quaternion_products,
     rotation_angle_rad,
     rotation_from_euler,
     rotation_from_quaternion,
+    rotations_from_quaternions,
     unit_quaternion,
 )
 from flightdepth.ranges.attitude import orientations
@@ -26,6 +28,14 @@ def slerp(start, end, fraction):
     angle = np.arccos(cosine)
     mixed = np.sin((1 - fraction) * angle) * a + np.sin(fraction * angle) * b
     return mixed / np.sin(angle)
+
+
+def test_products_of_quaternions_are_those_of_their_rotations() -> None:
+    first, *second = np.random.default_rng(0).normal(size=(6, 4))
+    first, second = first / np.linalg.norm(first), second / np.linalg.norm(second, axis=1, keepdims=True)
+    expected = rotation_from_quaternion(first) @ rotations_from_quaternions(second)
+    found = rotations_from_quaternions(quaternion_products(first, second))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 @given(st.floats(0, 1), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.sampled_from([1, -1]))
