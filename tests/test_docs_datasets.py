@@ -24,7 +24,7 @@ from flightdepth.motion import (
 
 TEXT = (Path(__file__).parents[1] / "docs" / "datasets.md").read_text(encoding="utf-8")
 RUN, EVALUATE = re.findall(r"^(flightdepth .*)$", TEXT, re.MULTILINE)
-(SNIPPET,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+SNIPPET, OF_A_BODY = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
 RATE_HZ, FRAMES = 30, 41
 
 
@@ -90,3 +90,40 @@ def test_poses_without_times_become_a_log(tmp_path, monkeypatch, truth, kind):
     velocity = log.velocities[1].velocity  # half-way between the first two
     assert np.linalg.norm(velocity) > 1
     np.testing.assert_allclose(velocity, (expected[0][1] - expected[0][0]) * 10, atol=0.1)
+
+
+@pytest.mark.parametrize("kind", ["euroc", "airsim"])
+def test_poses_of_a_body_become_the_cameras(tmp_path, monkeypatch, truth, kind):
+    monkeypatch.chdir(tmp_path)
+    ned, turns = truth
+    times_s = 1_400_000_000 + np.arange(FRAMES) / 10
+    if kind == "euroc":  # z up; the camera's axes and place in the IMU's
+        t_bs = np.eye(4)
+        t_bs[:3, :3] = rotation_from_quaternion(np.array([0.5, -0.5, 0.5, -0.5]))
+        t_bs[:3, 3] = 0.1, -0.2, 0.3
+        bodies = NED_FROM_ENU.T @ turns @ t_bs[:3, :3].T
+        places = ned @ NED_FROM_ENU - bodies @ t_bs[:3, 3]
+        rows = [
+            ",".join(map(str, [round(time * 1e9), *place, *quaternion_from_rotation(body), 0, 0, 0]))
+            for time, place, body in zip(times_s, places, bodies, strict=True)
+        ]
+        Path("data.csv").write_text("\n".join(["#timestamp, p_RS_R_x [m]", *rows]), encoding="utf-8")
+        call = f"euroc('data.csv', {t_bs.ravel().tolist()})"
+    else:
+        rows = [
+            "\t".join(
+                map(str, ["Drone", round(time * 1e3), *place, *quaternion_from_rotation(body), "a.png"])
+            )
+            for time, place, body in zip(times_s, ned, turns @ NED_FROM_CAMERA.T, strict=True)
+        ]
+        head = "VehicleName TimeStamp POS_X POS_Y POS_Z Q_W Q_X Q_Y Q_Z ImageFile".replace(" ", "\t")
+        Path("airsim_rec.txt").write_text("\n".join([head, *rows]), encoding="utf-8")
+        call = 'airsim("airsim_rec.txt")'
+    exec(OF_A_BODY.replace('airsim("airsim_rec.txt")', call), {})
+    log = read_telemetry(Path("trajectory.txt"))
+    assert log.utc is not None
+    assert log.utc.at(0) == pytest.approx(1_400_000_000 * 10**9, abs=10**6)
+    told = np.array([rotation_from_quaternion(sample.world_from_camera) for sample in log.attitudes])
+    np.testing.assert_allclose(told, turns, atol=1e-6)
+    way = np.sum([sample.velocity for sample in log.velocities[:1]], axis=0)
+    np.testing.assert_allclose(way, (ned[1] - ned[0]) * 10, atol=0.1)

@@ -151,7 +151,10 @@ def test_frames_without_truth_and_truth_without_frames_are_counted(evaluate, tmp
     write_truth(tmp_path / "truth", first=3)
     _, stdout, _, _ = evaluate()
     assert "3 of 6 frames have a truth, all of them with depth" in stdout
-    assert "3 files of the truth are of no frame" in stdout
+    assert (
+        "3 of the truth's files are of no frame: their numbers are 3 to 8, the frames' 0 to 5 (--first)"
+        in stdout
+    )
 
 
 def test_another_unit_is_hinted_at(evaluate, tmp_path) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.evaluation.true_depth import TrueDepth, along_axis, at_centres, truth_files
+from flightdepth.evaluation.true_depth import TrueDepth, along_axis, at_centres, matched, truth_files
 
 CAMERA = Camera(64, 48, 50.0, 40.0, 30.0, 25.0)
 INF, NAN = np.inf, np.nan
@@ -149,3 +149,63 @@ def test_a_folder_without_truth_is_refused(tmp_path: Path, name: str, got: str) 
     (tmp_path / "file").touch()
     with pytest.raises(BadInput, match=got):
         truth_files(tmp_path / name)
+
+
+# Beside a flight's pictures
+
+
+def touched(folder: Path, names: list[str]) -> Path:
+    for name in names:
+        (folder / name).touch()
+    return folder
+
+
+def names(found: dict[int, Path]) -> dict[int, str]:
+    return {index: path.name for index, path in found.items()}
+
+
+def test_frames_of_a_video_count_from_first(tmp_path: Path) -> None:
+    touched(tmp_path, ["d_1.npy", "d_2.npy", "d_9.npy"])
+    found = matched(tmp_path, {0: "", 1: "", 2: ""}, 1)
+    assert names(found.files) == {0: "d_1.npy", 1: "d_2.npy"}
+    assert (found.of_no_frame, found.first) == (1, 1)
+    assert found.spans == "their numbers are 1 to 9, the frames' 1 to 3 (--first)"
+    assert names(matched(tmp_path, {0: "", 1: "", 2: ""}).files) == {1: "d_1.npy", 2: "d_2.npy"}
+
+
+def test_numbered_pictures_have_the_truth_of_their_numbers(tmp_path: Path) -> None:
+    touched(tmp_path, [f"depth{number:04d}.exr" for number in (1, 2, 5, 6)])
+    pictures = {0: "cam1_frame0001.png", 1: "cam1_frame0002.png", 2: "cam1_frame0005.png"}
+    found = matched(tmp_path, pictures)
+    assert names(found.files) == {0: "depth0001.exr", 1: "depth0002.exr", 2: "depth0005.exr"}
+    assert (found.of_no_frame, found.first) == (1, 1)
+    assert names(matched(tmp_path, pictures, 0).files) == {1: "depth0001.exr", 2: "depth0002.exr"}
+
+
+def test_pictures_named_by_times_have_the_truth_that_is_nearest(tmp_path: Path) -> None:
+    touched(tmp_path, [f"1305031102.{ms}000.png" for ms in ("090", "214", "390")])  # 10 ms, 14 ms, 90 ms off
+    pictures = {0: "1305031102.100000.png", 1: "1305031102.200000.png", 2: "1305031102.300000.png"}
+    found = matched(tmp_path, pictures)
+    assert names(found.files) == {0: "1305031102.090000.png", 1: "1305031102.214000.png"}
+    assert (found.of_no_frame, found.first) == (1, None)
+    assert found.spans == "their times are 1305031102.090 to 1305031102.390 s, the pictures' " + (
+        "1305031102.100 to 1305031102.300 s"
+    )
+
+
+def test_numbered_truth_of_pictures_named_by_times_counts_frames(tmp_path: Path) -> None:
+    touched(tmp_path, ["000000.png", "000001.png"])
+    pictures = {0: "1305031102.1.png", 1: "1305031102.2.png"}
+    assert names(matched(tmp_path, pictures).files) == {0: "000000.png", 1: "000001.png"}
+
+
+def test_truth_of_another_day_is_refused(tmp_path: Path) -> None:
+    touched(tmp_path, ["1305031102.1.png"])
+    with pytest.raises(BadInput, match=r"half a step of the pictures'.*, got 1305031102\.100 to 1305031102"):
+        matched(tmp_path, {0: "1305131102.1.png", 1: "1305131102.2.png"})
+
+
+def test_a_flight_without_frames_has_no_truth(tmp_path: Path) -> None:
+    touched(tmp_path, ["1.png"])
+    with pytest.raises(BadInput, match="expected numbers none: no frame"):
+        matched(tmp_path, {})

@@ -35,6 +35,37 @@ def exr(path: Path, planes: list[np.ndarray], pixels: str, **options: str) -> No
             file.mux(packet)
 
 
+def renamed(path: Path, names: dict[bytes, bytes]) -> None:
+    """Other names for an EXR's channels, as Blender gives them."""
+    exr = path.read_bytes()
+    start = exr.index(b"channels\0chlist\0") + len(b"channels\0chlist\0")
+    size = int.from_bytes(exr[start : start + 4], "little")
+    listed, rest = exr[start + 4 : start + 4 + size], exr[start + 4 + size :]
+    channels = [(listed[at : at + 1], listed[at + 1 : at + 18]) for at in range(0, size - 1, 18)]
+    changed = b"".join(names[name] + after for name, after in channels) + b"\0"
+    longer, table = len(changed) - size, len(exr) - len(rest)
+    while exr[table] != 0:  # the other attributes
+        table = exr.index(b"\0", exr.index(b"\0", table) + 1) + 1
+        table += 4 + int.from_bytes(exr[table : table + 4], "little")
+    first = int.from_bytes(exr[table + 1 : table + 9], "little")
+    places = np.frombuffer(exr[table + 1 : first], "<u8") + np.uint64(longer)
+    header = exr[:start] + len(changed).to_bytes(4, "little") + changed + exr[start + 4 + size : table + 1]
+    path.write_bytes(header + places.tobytes() + exr[first:])
+
+
+def grey_exr(path: Path, name: bytes) -> None:
+    """Depth in a channel of this name alone."""
+    exr(path, [FLOATS], "grayf32le", compression="zip16")
+    renamed(path, {b"Y": name})
+
+
+def layers_exr(path: Path) -> None:
+    """Depth beside a picture, as in Blender's layers."""
+    exr(path, [FLOATS + 1, FLOATS + 2, FLOATS], "gbrpf32le", compression="zip1")  # its planes: G, B, R
+    names = {b"R": b"View Layer.Depth.Z", b"G": b"View Layer.Combined.G", b"B": b"View Layer.Combined.B"}
+    renamed(path, names)
+
+
 WRITERS = {
     "whole.png": lambda path: picture(path, WHOLE),
     "whole.PNG": lambda path: picture(path, WHOLE),
@@ -53,6 +84,11 @@ WRITERS = {
     "grey.exr": lambda path: exr(path, [FLOATS], "grayf32le"),
     "rgb.exr": lambda path: exr(path, [FLOATS] * 3, "gbrpf32le", compression="zip16"),
     "rgba.exr": lambda path: exr(path, [*[FLOATS] * 3, np.ones_like(FLOATS)], "gbrapf32le"),
+    "red_alone.exr": lambda path: exr(path, [0 * WHOLE, 0 * WHOLE, FLOATS], "gbrpf32le"),
+    "blender.exr": lambda path: grey_exr(path, b"V"),
+    "blender_z.exr": lambda path: grey_exr(path, b"Z"),
+    "blender_layer.exr": lambda path: grey_exr(path, b"View Layer.Depth.Z"),
+    "blender_layers.exr": layers_exr,
     "half.exr": lambda path: exr(path, [FLOATS], "grayf32le", format="half"),
 }
 
@@ -89,6 +125,23 @@ def test_what_tells_no_depth_is_refused_by_its_name(tmp_path: Path, name: str) -
     with pytest.raises(BadInput, match=rf"^truth .*{name}: expected a map .*, got .+") as refused:
         read_stored(tmp_path / name)
     assert len(str(refused.value).splitlines()) == 1
+
+
+def test_an_exr_without_depth_is_refused_by_its_channels(tmp_path: Path) -> None:
+    path = tmp_path / "1.exr"
+    grey_exr(path, b"View Layer.Mist.W")
+    with pytest.raises(
+        BadInput, match=r"with the channels View Layer\.Mist\.W: one of depth is called V, Z or Y"
+    ):
+        read_stored(path)
+
+
+def test_two_depths_in_an_exr_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "1.exr"
+    exr(path, [FLOATS] * 3, "gbrpf32le")
+    renamed(path, {b"R": b"Left.Depth.Z", b"G": b"Right.Depth.Z", b"B": b"B"})
+    with pytest.raises(BadInput, match=r"Left\.Depth\.Z"):
+        read_stored(path)
 
 
 @pytest.mark.parametrize("name", WRITERS)

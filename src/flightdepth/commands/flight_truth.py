@@ -17,7 +17,7 @@ from flightdepth.files import make_folder, write_atomic
 if TYPE_CHECKING:
     from flightdepth.evaluation.flight_errors import DepthRange
     from flightdepth.evaluation.flight_truth import FlightTruth
-    from flightdepth.evaluation.true_depth import TrueDepth
+    from flightdepth.evaluation.true_depth import Matched, TrueDepth
     from flightdepth.outputs import FlightFolder
 
 SHEETS, WORST_SHEETS = 16, 3
@@ -45,8 +45,12 @@ def flight_truth(
         typer.Option("--ray", help="The truth is the length of the ray, not depth along the camera's axis."),
     ] = False,
     first: Annotated[
-        int, typer.Option(metavar="N", help="Number in the names of the truth that frame 0 has.")
-    ] = 0,
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Number in the names of the truth that frame 0 has. Default: 0, or that of its picture in a folder.",
+        ),
+    ] = None,
     bins: Annotated[
         str | None,
         typer.Option(
@@ -79,7 +83,7 @@ def flight_truth(
 
       flightdepth evaluate flight out --truth lengths --ray --pictures errors
     """
-    from flightdepth.evaluation.true_depth import TrueDepth, truth_files
+    from flightdepth.evaluation.true_depth import TrueDepth, matched
 
     check_figures(json)
     for option, value in (("--unit", unit), ("--far", far)):
@@ -87,13 +91,13 @@ def flight_truth(
             raise BadInput(option, expected="a number above 0", got=f"{value:g}")
     ranges = ranges_of(bins)
     flight = opened(folder)
-    files = truth_files(truth, first)
-    true = TrueDepth(matched(flight, files, truth, first), unit, ray, far or float("inf"))
+    beside = matched(truth, {row.index: row.picture for row in flight.rows}, first)
+    true = TrueDepth(beside.files, unit, ray, far or float("inf"))
     if pictures is not None:
         make_folder("--pictures", pictures)
     found = measured(flight, true, ranges)
-    show(flight, true, found, unmatched=len(files) - len(true.files))
-    write_figures(json, figures(flight, true, found, first))
+    show(flight, true, found, beside)
+    write_figures(json, figures(flight, true, found, beside.first))
     if pictures is not None:
         say(f"pictures: {write_sheets(flight, true, found, pictures)} in {pictures}")
 
@@ -114,21 +118,6 @@ def ranges_of(bins: str | None) -> tuple[DepthRange, ...]:
     return tuple(DepthRange("", start, end) for start, end in zip(starts, ends, strict=True))
 
 
-def matched(flight: FlightFolder, files: dict[int, Path], truth: Path, first: int) -> dict[int, Path]:
-    """The files of the flight's frames, in their order."""
-    found = {row.index: files[row.index] for row in flight.rows if row.index in files}
-    if not found:
-        frames = [row.index for row in flight.rows]
-        expected = f"numbers {frames[0] + first} to {frames[-1] + first}" if frames else "none: no frame"
-        raise BadInput(
-            f"--truth {truth}",
-            expected=f"{expected}, of this flight's frames",
-            got=f"{min(files) + first} to {max(files) + first}",
-            mend="Give --first N, the number that frame 0 has there.",
-        )
-    return found
-
-
 def measured(flight: FlightFolder, true: TrueDepth, ranges: tuple[DepthRange, ...]) -> FlightTruth:
     """All errors, with a progress bar."""
     from flightdepth.evaluation.flight_truth import FlightTruth, FrameMaps
@@ -140,7 +129,7 @@ def measured(flight: FlightFolder, true: TrueDepth, ranges: tuple[DepthRange, ..
     return found
 
 
-def show(flight: FlightFolder, true: TrueDepth, found: FlightTruth, *, unmatched: int) -> None:
+def show(flight: FlightFolder, true: TrueDepth, found: FlightTruth, beside: Matched) -> None:
     """Print the table, the lines below it, and what may be wrong with the comparison itself."""
     from flightdepth.evaluation.flight_truth_text import lines, numbers_warning, truth_table, unit_warning
     from flightdepth.outputs.record import ReasonTally
@@ -152,14 +141,15 @@ def show(flight: FlightFolder, true: TrueDepth, found: FlightTruth, *, unmatched
     say(f"{len(true.files):,} of {len(flight.rows):,} frames have a truth, {lacking}")
     for line in lines(found):
         say(line)
-    if unmatched:
-        say(f"{unmatched:,} files of the truth are of no frame")
+    if beside.of_no_frame:
+        be = "is" if beside.of_no_frame == 1 else "are"
+        say(f"{beside.of_no_frame:,} of the truth's files {be} of no frame: {beside.spans}")
     for hint in (unit_warning(found, true.used), numbers_warning(flight.record.counts.dropped)):
         if hint is not None:
             warn(hint)
 
 
-def figures(flight: FlightFolder, true: TrueDepth, found: FlightTruth, first: int) -> dict[str, Any]:
+def figures(flight: FlightFolder, true: TrueDepth, found: FlightTruth, first: int | None) -> dict[str, Any]:
     """Everything that was measured, and on what."""
     record = flight.record
     return {

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.evaluation.truth_files import ENDINGS, read_stored
+from flightdepth.flight.picture_names import Named, by_number, by_time
+from flightdepth.flight.records import NS_PER_S
 from flightdepth.outputs.cloud import pixel_rays
 from flightdepth.outputs.encoding import FARTHEST, UNIT_M
 from flightdepth.runtimes.arrays import Maps
@@ -85,11 +87,95 @@ def truth_files(folder: Path, first: int = 0) -> dict[int, Path]:
         number = int(LAST_NUMBER.findall(path.stem)[0]) - first
         if number in found:
             got = f"{found[number].name} and {path.name}"
-            raise BadInput(f"--truth {folder}", expected="one file a frame", got=got)
+            mend = "Give the truth a folder of its own."
+            raise BadInput(f"--truth {folder}", expected="one file a frame", got=got, mend=mend)
         found[number] = path
     if not found:
         expected = f"files that end in {' '.join(ENDINGS)}, with a frame's number in the name"
         raise BadInput(f"--truth {folder}", expected=expected, got="none")
+    return found
+
+
+class Matched(NamedTuple):
+    """Files of true depth by their frames, and how many others there are.
+
+    spans   what the others' names tell beside the frames: numbers, or times
+    first   the number that frame 0 has in their names; None where these are times
+    """
+
+    files: dict[int, Path]
+    of_no_frame: int
+    spans: str
+    first: int | None
+
+
+def matched(folder: Path, pictures: Mapping[int, str], first: int | None = None) -> Matched:
+    """The files of true depth in a folder by a flight's frames, in the order of these.
+
+    pictures   name of each frame's file, by its index; empty of a video
+    first      the number that frame 0 has; None: the frames' own, or those that their pictures have in their names.
+               Where the pictures' names are times and so are those of the truth, the nearest counts that is not
+               farther off than half of the time between two pictures.
+
+    Raises:
+        BadInput: as of `truth_files`, or no file is of any frame.
+    """
+    named = first is None and all(pictures.values())
+    moments = by_time(list(pictures.values())) if named else None
+    if moments is not None and folder.is_dir():
+        told = by_time([path.name for path in _candidates(folder)])
+        if told is not None:
+            return _matched_by_time(folder, pictures, moments, told)
+    if named and moments is None:
+        of_names = {picture.name: picture.number for picture in by_number(folder, list(pictures.values()))}
+        numbers = {index: of_names[name] for index, name in pictures.items()}
+    else:
+        numbers = {index: index + (first or 0) for index in pictures}
+    files = truth_files(folder)
+    found = {index: files[number] for index, number in numbers.items() if number in files}
+    told_span = f"{min(files)} to {max(files)}"
+    span = f"{min(numbers.values())} to {max(numbers.values())}" if numbers else "none: no frame"
+    if not found:
+        raise BadInput(
+            f"--truth {folder}",
+            expected=f"numbers {span}, of this flight's frames",
+            got=told_span,
+            mend="Give --first N, the number that frame 0 has there.",
+        )
+    spans = f"their numbers are {told_span}, the frames' {span} (--first)"
+    return Matched(found, len(files) - len(found), spans, numbers.get(0))
+
+
+def _matched_by_time(
+    folder: Path, pictures: Mapping[int, str], moments: Sequence[Named], told: Sequence[Named]
+) -> Matched:
+    names = nearest_in_time(moments, told)
+    found = {index: folder / names[name] for index, name in pictures.items() if name in names}
+    span, told_span = (
+        f"{named[0].number / NS_PER_S:.3f} to {named[-1].number / NS_PER_S:.3f} s"
+        for named in (moments, told)
+    )
+    if not found:
+        expected = f"times within half a step of the pictures', {span} since 1970"
+        raise BadInput(f"--truth {folder}", expected=expected, got=told_span)
+    spans = f"their times are {told_span}, the pictures' {span}"
+    return Matched(found, len(told) - len(found), spans, None)
+
+
+def nearest_in_time(pictures: Sequence[Named], others: Sequence[Named]) -> dict[str, str]:
+    """Of each picture the other nearest in time, by their names; none farther off than half a usual step of them.
+
+    Both are in the order of their times, ns.
+    """
+    times_ns = np.array([other.number for other in others], np.int64)
+    steps_ns = np.diff([picture.number for picture in pictures])
+    farthest_ns = float(np.median(steps_ns)) / 2 if len(steps_ns) else 0.0
+    found: dict[str, str] = {}
+    for picture in pictures:
+        off_ns = np.abs(times_ns - picture.number)
+        nearest = int(off_ns.argmin())
+        if off_ns[nearest] <= farthest_ns:
+            found[picture.name] = others[nearest].name
     return found
 
 
