@@ -165,6 +165,14 @@ def test_a_scale_is_named_only_where_it_explains_the_errors(factor, scatter, sai
     assert said in line
 
 
+def test_ranges_so_narrow_that_none_holds_much_have_a_scale_too(frames) -> None:
+    """It ended in a traceback where none held a hundredth of the pixels."""
+    narrow = FlightTruth([DepthRange("", end - 0.5, end) for end in np.arange(2.5, 150, 0.5).tolist()])
+    narrow.add(0, *frames[0])
+    assert scale_line(narrow).startswith("no one factor explains the errors")
+    assert len([*lines(narrow)]) > 3
+
+
 def test_ranges_that_disagree_have_no_scale() -> None:
     truth_m = np.random.default_rng(0).uniform(2, 150, SHAPE).astype(np.float32)
     line = scale_line(judged((maps(np.where(truth_m < 50, truth_m, 0.8 * truth_m)), truth_m)))

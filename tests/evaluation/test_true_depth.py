@@ -10,7 +10,7 @@ import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.evaluation.true_depth import TrueDepth, along_axis, at_centres, matched, truth_files
+from flightdepth.evaluation.true_depth import TrueDepth, at_centres, lengths_of_rays, matched, truth_files
 
 CAMERA = Camera(64, 48, 50.0, 40.0, 30.0, 25.0)
 INF, NAN = np.inf, np.nan
@@ -45,9 +45,11 @@ def test_truth_from_far_on_is_sky(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found[0], [1, 99, INF, INF])
 
 
-def test_far_is_of_depth_where_rays_are_stored(tmp_path: Path) -> None:
+def test_far_is_a_length_where_rays_are_stored(tmp_path: Path) -> None:
+    """As a far plane is: by depth only the middle of its sky was one."""
     length = np.full((2, 4), 100.0)
-    assert np.isfinite(truth(tmp_path, length, far_m=100.0, is_ray=True)).all()
+    assert np.isinf(truth(tmp_path, length, far_m=100.0, is_ray=True)).all()
+    assert np.isfinite(truth(tmp_path, length - 1, far_m=100.0, is_ray=True)).all()
 
 
 def test_the_used_units_are_told(tmp_path: Path) -> None:
@@ -66,7 +68,7 @@ def test_a_pinholes_rays_are_shortened_by_hand() -> None:
     depth_m = np.random.default_rng(0).uniform(1, 100, (48, 64))
     rows, columns = np.indices((48, 64))
     length_m = depth_m * np.sqrt(1 + ((columns - 30) / 50) ** 2 + ((rows - 25) / 40) ** 2)
-    np.testing.assert_allclose(along_axis(length_m.astype(np.float32), CAMERA), depth_m, rtol=1e-5)
+    np.testing.assert_allclose(length_m / lengths_of_rays(CAMERA), depth_m, rtol=1e-5)
 
 
 def test_rays_of_a_truth_of_another_size_go_through_its_own_pixels(tmp_path: Path) -> None:
@@ -79,7 +81,7 @@ def test_rays_of_a_truth_of_another_size_go_through_its_own_pixels(tmp_path: Pat
 
 def test_a_fisheyes_rays_have_the_cosine_of_their_angle() -> None:
     camera = Camera.from_fov(65, 65, 220, model="fisheye")
-    found = along_axis(np.full((65, 65), 10, np.float32), camera)
+    found = 10 / lengths_of_rays(camera)
     degrees = np.abs(np.arange(65) - 32) * 220 / 65
     seen = degrees < 89
     np.testing.assert_allclose(found[32][seen], 10 * np.cos(np.radians(degrees[seen])), rtol=1e-3)
@@ -90,7 +92,7 @@ def test_rays_through_a_distorted_lens(tmp_path: Path) -> None:
     camera = Camera(64, 48, 50.0, 50.0, 31.5, 23.5, (-0.2, 0.05, 0.001, 0.002))
     rays = np.array([[0.0, 0.0, 1.0], [0.3, -0.2, 1.0], [-0.4, 0.3, 1.0]])
     pixels, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.distortion))
-    found = along_axis(np.ones((48, 64), np.float32), camera)
+    found = 1 / lengths_of_rays(camera)
     for ray, (x, y) in zip(rays, pixels[:, 0], strict=True):
         assert found[round(y), round(x)] == pytest.approx(1 / np.linalg.norm(ray), rel=0.01)
 

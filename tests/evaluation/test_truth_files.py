@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
 
 from flightdepth.errors import BadInput
@@ -20,50 +20,12 @@ def picture(path: Path, stored: np.ndarray) -> None:
     assert cv2.imwrite(str(path), stored)
 
 
-def exr(path: Path, planes: list[np.ndarray], pixels: str, **options: str) -> None:
-    """As FFmpeg writes it: planes [h, w] of one size, in the order of the pixel format."""
-    height, width = planes[0].shape
-    with av.open(str(path), "w", format="image2") as file:
-        stream = file.add_stream("exr", rate=1, options=options)
-        stream.width, stream.height, stream.pix_fmt = width, height, pixels
-        frame = av.VideoFrame(width, height, pixels)
-        for plane, values in zip(frame.planes, planes, strict=True):
-            lines = np.zeros((height, plane.line_size // 4), np.float32)
-            lines[:, :width] = values
-            plane.update(lines.tobytes())
-        for packet in (*stream.encode(frame), *stream.encode()):
-            file.mux(packet)
-
-
-def renamed(path: Path, names: dict[bytes, bytes]) -> None:
-    """Other names for an EXR's channels, as Blender gives them."""
-    exr = path.read_bytes()
-    start = exr.index(b"channels\0chlist\0") + len(b"channels\0chlist\0")
-    size = int.from_bytes(exr[start : start + 4], "little")
-    listed, rest = exr[start + 4 : start + 4 + size], exr[start + 4 + size :]
-    channels = [(listed[at : at + 1], listed[at + 1 : at + 18]) for at in range(0, size - 1, 18)]
-    changed = b"".join(names[name] + after for name, after in channels) + b"\0"
-    longer, table = len(changed) - size, len(exr) - len(rest)
-    while exr[table] != 0:  # the other attributes
-        table = exr.index(b"\0", exr.index(b"\0", table) + 1) + 1
-        table += 4 + int.from_bytes(exr[table : table + 4], "little")
-    first = int.from_bytes(exr[table + 1 : table + 9], "little")
-    places = np.frombuffer(exr[table + 1 : first], "<u8") + np.uint64(longer)
-    header = exr[:start] + len(changed).to_bytes(4, "little") + changed + exr[start + 4 + size : table + 1]
-    path.write_bytes(header + places.tobytes() + exr[first:])
-
-
-def grey_exr(path: Path, name: bytes) -> None:
-    """Depth in a channel of this name alone."""
-    exr(path, [FLOATS], "grayf32le", compression="zip16")
-    renamed(path, {b"Y": name})
-
-
-def layers_exr(path: Path) -> None:
-    """Depth beside a picture, as in Blender's layers."""
-    exr(path, [FLOATS + 1, FLOATS + 2, FLOATS], "gbrpf32le", compression="zip1")  # its planes: G, B, R
-    names = {b"R": b"View Layer.Depth.Z", b"G": b"View Layer.Combined.G", b"B": b"View Layer.Combined.B"}
-    renamed(path, names)
+def exr(
+    path: Path, compression: OpenEXR.Compression = OpenEXR.ZIP_COMPRESSION, **channels: np.ndarray
+) -> None:
+    header = {"compression": compression, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, channels) as file:
+        file.write(str(path))
 
 
 WRITERS = {
@@ -81,15 +43,16 @@ WRITERS = {
     "alone.npz": lambda path: np.savez(path, FLOATS),
     "packed.npz": lambda path: np.savez_compressed(path, whatever=FLOATS),
     "named.npz": lambda path: np.savez(path, sigma_m=WHOLE, depth_m=FLOATS),
-    "grey.exr": lambda path: exr(path, [FLOATS], "grayf32le"),
-    "rgb.exr": lambda path: exr(path, [FLOATS] * 3, "gbrpf32le", compression="zip16"),
-    "rgba.exr": lambda path: exr(path, [*[FLOATS] * 3, np.ones_like(FLOATS)], "gbrapf32le"),
-    "red_alone.exr": lambda path: exr(path, [0 * WHOLE, 0 * WHOLE, FLOATS], "gbrpf32le"),
-    "blender.exr": lambda path: grey_exr(path, b"V"),
-    "blender_z.exr": lambda path: grey_exr(path, b"Z"),
-    "blender_layer.exr": lambda path: grey_exr(path, b"View Layer.Depth.Z"),
-    "blender_layers.exr": layers_exr,
-    "half.exr": lambda path: exr(path, [FLOATS], "grayf32le", format="half"),
+    "grey.exr": lambda path: exr(path, OpenEXR.NO_COMPRESSION, Y=FLOATS),
+    "rgb.exr": lambda path: exr(path, R=FLOATS, G=FLOATS, B=FLOATS),
+    "rgba.exr": lambda path: exr(path, R=FLOATS, G=FLOATS, B=FLOATS, A=np.ones_like(FLOATS)),
+    "red_alone.exr": lambda path: exr(path, R=FLOATS, G=np.zeros_like(FLOATS), B=np.zeros_like(FLOATS)),
+    "only_red.exr": lambda path: exr(path, R=FLOATS),
+    "blender.exr": lambda path: exr(path, V=FLOATS),
+    "blender_z.exr": lambda path: exr(path, OpenEXR.PIZ_COMPRESSION, Z=FLOATS),
+    "blender_layer.exr": lambda path: exr(path, **{"View Layer.Depth.Z": FLOATS}),
+    "blender_layers.exr": lambda path: exr(path, **{"L.Depth.Z": FLOATS, "L.Combined.R": FLOATS + 1}),
+    "half.exr": lambda path: exr(path, Y=FLOATS.astype(np.float16)),
 }
 
 
@@ -104,8 +67,10 @@ def test_what_was_written_comes_back(tmp_path: Path, name: str) -> None:
 OTHERS = {
     "colours.png": lambda path: picture(path, np.dstack([WHOLE, WHOLE, WHOLE + 1])),
     "bytes.png": lambda path: picture(path, WHOLE.astype(np.uint8)),
-    "colours.exr": lambda path: exr(path, [FLOATS, FLOATS, FLOATS + 1], "gbrpf32le"),
+    "colours.exr": lambda path: exr(path, R=FLOATS, G=FLOATS, B=FLOATS + 1),
     "flags.npy": lambda path: np.save(path, WHOLE > 1),
+    "nothing.npy": lambda path: np.save(path, FLOATS[:0]),
+    "no_channel.npy": lambda path: np.save(path, np.zeros((3, 4, 0), np.float32)),
     "row.npy": lambda path: np.save(path, FLOATS[0]),
     "objects.npy": lambda path: np.save(path, np.array([{}, None]), allow_pickle=True),
     "several.npz": lambda path: np.savez(path, a=FLOATS, b=FLOATS),
@@ -127,9 +92,17 @@ def test_what_tells_no_depth_is_refused_by_its_name(tmp_path: Path, name: str) -
     assert len(str(refused.value).splitlines()) == 1
 
 
+@pytest.mark.parametrize("scale", [-1.0, 1.0, -0.5, 1000.0])
+def test_the_scale_in_the_head_of_a_pfm_changes_no_number(tmp_path: Path, scale: float) -> None:
+    kind = "<f4" if scale < 0 else ">f4"
+    stored = FLOATS[::-1].astype(kind).tobytes()  # from the lowest row up
+    (tmp_path / "1.pfm").write_bytes(f"Pf\n3 2\n{scale}\n".encode() + stored)
+    np.testing.assert_allclose(read_stored(tmp_path / "1.pfm"), FLOATS, rtol=1e-6)
+
+
 def test_an_exr_without_depth_is_refused_by_its_channels(tmp_path: Path) -> None:
     path = tmp_path / "1.exr"
-    grey_exr(path, b"View Layer.Mist.W")
+    exr(path, **{"View Layer.Mist.W": FLOATS})
     with pytest.raises(
         BadInput, match=r"with the channels View Layer\.Mist\.W: one of depth is called V, Z or Y"
     ):
@@ -138,8 +111,7 @@ def test_an_exr_without_depth_is_refused_by_its_channels(tmp_path: Path) -> None
 
 def test_two_depths_in_an_exr_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "1.exr"
-    exr(path, [FLOATS] * 3, "gbrpf32le")
-    renamed(path, {b"R": b"Left.Depth.Z", b"G": b"Right.Depth.Z", b"B": b"B"})
+    exr(path, **{"Left.Depth.Z": FLOATS, "Right.Depth.Z": FLOATS, "B": FLOATS})
     with pytest.raises(BadInput, match=r"Left\.Depth\.Z"):
         read_stored(path)
 

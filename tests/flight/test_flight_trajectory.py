@@ -143,6 +143,13 @@ def test_what_tells_no_way_is_refused(tmp_path, text, said):
         read(tmp_path, text)
 
 
+@pytest.mark.parametrize("count", [7, 12])
+def test_poses_without_times_are_told_as_such(tmp_path, count):
+    line = " ".join(["1.5e-01", "-2", "0"] + ["0.25"] * (count - 3))
+    with pytest.raises(BadInput, match=r"got poses without times: docs/datasets\.md tells"):
+        read(tmp_path, f"{line}\n{line}\n")
+
+
 def test_a_file_without_a_pose_is_refused_by_its_reader(tmp_path):
     path = tmp_path / "none.txt"
     path.write_text(HEAD)

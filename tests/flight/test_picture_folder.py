@@ -491,9 +491,10 @@ def test_a_table_whose_times_count_from_1970_meets_pictures_of_one_clock(tmp_pat
 
 def test_two_clocks_that_are_taken_to_agree_are_told(tmp_path):
     folder = fill(tmp_path / "rgb", [f"{EUROC_NS + t * 50 * MS}.png" for t in range(8)])
+    seconds = ("02:58", "02:59", "03:00", "03:01", "03:02")
     points = [
-        f'<trkpt lat="{47 + t * 1e-4:.6f}" lon="8"><ele>9</ele><time>2014-06-24T19:0{3 + t // 60}:{t % 60:02}Z</time></trkpt>'
-        for t in range(-2, 3)
+        f'<trkpt lat="{47 + t * 1e-4:.6f}" lon="8"><ele>9</ele><time>2014-06-24T19:{second}Z</time></trkpt>'
+        for t, second in enumerate(seconds)
     ]
     (tmp_path / "track.gpx").write_text(f"<gpx><trk><trkseg>{''.join(points)}</trkseg></trk></gpx>")
     with open_flight(folder, tmp_path / "track.gpx", hfov_deg=90) as flight:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flightdepth.commands.convert import opened
+from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.figures import JsonOption, check_figures, write_figures
 from flightdepth.commands.terminal import counted, say, show_table, warn
 from flightdepth.errors import BadInput
@@ -93,6 +94,9 @@ def flight_truth(
     flight = opened(folder)
     beside = matched(truth, {row.index: row.picture for row in flight.rows}, first)
     true = TrueDepth(beside.files, unit, ray, far or float("inf"))
+    if any(path.suffix.lower() == ".exr" for path in beside.files.values()):
+        with extra_packages("Reading OpenEXR", "exr"):
+            import OpenEXR  # noqa: F401
     if pictures is not None:
         make_folder("--pictures", pictures)
     found = measured(flight, true, ranges)

@@ -94,7 +94,8 @@ def scale_line(found: FlightTruth) -> str | None:
     whole = found.ratios[-1]
     if not whole.count:
         return None
-    told = [ratios for ratios in found.ratios[:-1] if ratios.count >= LEAST_SHARE * whole.count]
+    some = [ratios for ratios in found.ratios[:-1] if ratios.count]
+    told = [ratios for ratios in some if ratios.count >= LEAST_SHARE * whole.count] or some
     medians = [ratios.quantile(0.5) for ratios in told]
     median, least, most = whole.quantile(0.5), min(medians), max(medians)
     span = f"{least:.2f} to {most:.2f} in the ranges"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,7 +35,7 @@ class TrueDepth:
     files   of each frame
     per_m   stored numbers that make a metre; None: 100 of whole numbers, 1 of floats
     is_ray  they tell the length of the ray, not depth along the camera's axis
-    far_m   from here on it is sky
+    far_m   from here on, as it is stored, it is sky
     used    those of `per_m` that were used so far
     """
 
@@ -60,8 +61,8 @@ class TrueDepth:
             raise BadInput(f"truth {path}", expected=expected, got=f"{width}x{height}")
         truth_m = self._metres(stored)
         if self.is_ray:
-            truth_m = along_axis(truth_m, camera.resized(width, height))
-        return np.where(truth_m >= self.far_m, np.float32(np.inf), truth_m).astype(np.float32)
+            return np.asarray(truth_m / lengths_of_rays(camera.resized(width, height)), np.float32)
+        return truth_m
 
     def _metres(self, stored: NDArray[Any]) -> Maps:
         is_float = stored.dtype.kind == "f"
@@ -69,8 +70,9 @@ class TrueDepth:
         self.used.add(per_m)
         metres = stored.astype(np.float64) / per_m
         metres[~(metres > 0)] = np.nan
-        if stored.dtype == np.uint16:  # more than it can tell
+        if stored.dtype.kind == "u" and stored.dtype.itemsize == 2:  # more than it can tell
             metres[stored == FARTHEST] = np.inf
+        metres[metres >= self.far_m] = np.inf
         return metres.astype(np.float32)
 
 
@@ -186,11 +188,12 @@ def _candidates(folder: Path) -> Iterable[Path]:
             yield path
 
 
-def along_axis(lengths_m: Maps, camera: Camera) -> Maps:
-    """Depth along the camera's axis of rays' lengths, [H, W] through its lens; NaN where rays leave it sideways."""
-    longer = np.linalg.norm(pixel_rays(camera, 1), axis=-1)
+@lru_cache(2)
+def lengths_of_rays(camera: Camera) -> Maps:
+    """How many times its depth the ray through a pixel is long, [H, W]; NaN where rays leave the lens sideways."""
+    longer = np.asarray(np.linalg.norm(pixel_rays(camera, 1), axis=-1), np.float32)
     longer[longer > STEEPEST] = np.nan
-    return np.asarray(lengths_m / longer, np.float32)
+    return longer
 
 
 def at_centres(map_hw: Maps, shape: tuple[int, int]) -> Maps:

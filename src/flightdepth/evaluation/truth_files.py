@@ -5,18 +5,15 @@ ending            what it holds
 .npy .npz         an array [H, W]; of several in an .npz the one named depth_m, as `flightdepth run` writes
 .pfm              floats
 .exr              floats of 16 or 32 bits, in the channels R, G and B, in Y, or as Blender names depth: V, Z,
-                  View Layer.Depth.Z; FFmpeg reads it
+                  View Layer.Depth.Z
 """
 
 from __future__ import annotations
 
 import io
-import struct
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +22,9 @@ from flightdepth.errors import BadInput
 
 ENDINGS = (".png", ".npy", ".npz", ".tif", ".tiff", ".pfm", ".exr")
 NAMED = "depth_m"  # in an .npz
-EXR_MAGIC, HAS_PARTS = 20000630, 0x1800  # flags of files with several parts, or samples, a pixel
 COLOURS = frozenset("RGBY")
 DEPTHS = frozenset("VZ")  # last parts of the names that Blender gives
-AFTER_NAME = 16  # bytes in a list of channels: type, linearity, subsampling
+HEAD_BYTES = 256  # of a .pfm
 BROKEN = "something else, or a part of it"
 Stored = NDArray[Any]
 
@@ -44,7 +40,7 @@ def read_stored(path: Path) -> Stored:
     except Exception as error:  # NumPy, zipfile and FFmpeg raise a dozen kinds where a file is trash
         raise _unreadable(path, _short(error)) from error
     stored = one_channel(stored)
-    if stored.ndim != 2 or not _tells_depth(stored.dtype):
+    if stored.ndim != 2 or not stored.size or not _tells_depth(stored.dtype):
         raise _unreadable(path, f"{stored.dtype} {list(stored.shape)}")
     return stored
 
@@ -54,12 +50,16 @@ def one_channel(stored: Stored) -> Stored:
 
     Others as they are.
     """
-    if stored.ndim == 3:
+    if stored.ndim == 3 and stored.size:
         told = stored[..., (stored != 0).any(axis=(0, 1))]  # NaN is none
         stored = told if told.shape[2] else stored
-    if stored.ndim == 3 and all(
-        np.array_equal(stored[..., 0], stored[..., i], equal_nan=stored.dtype.kind == "f")
-        for i in range(1, stored.shape[2])
+    if (
+        stored.ndim == 3
+        and stored.size
+        and all(
+            np.array_equal(stored[..., 0], stored[..., i], equal_nan=stored.dtype.kind == "f")
+            for i in range(1, stored.shape[2])
+        )
     ):
         return np.asarray(stored[..., 0])
     return stored
@@ -77,6 +77,12 @@ def _picture(path: Path) -> Stored:
     return np.asarray(picture)
 
 
+def _pfm(path: Path) -> Stored:
+    """OpenCV divides by the scale in the file's head, after its kind, width and height."""
+    scale = abs(float(path.read_bytes()[:HEAD_BYTES].split()[3]))
+    return _picture(path) * np.float32(scale)
+
+
 def _npy(path: Path) -> Stored:
     return np.asarray(np.load(io.BytesIO(path.read_bytes()), allow_pickle=False))
 
@@ -92,84 +98,22 @@ def _npz(path: Path) -> Stored:
 
 
 def _exr(path: Path) -> Stored:
-    """[H, W, C]. OpenCV's own reader is off unless the environment says otherwise."""
-    decoder: Any = av.CodecContext.create("exr", "r")
-    data = depth_as_grey(path.read_bytes())
-    frames: list[Any] = [*decoder.decode(av.Packet(data)), *decoder.decode(None)]
-    (frame,) = frames
-    name = frame.format.name
-    if not name.endswith(("f32le", "f16le")):
-        raise ValueError(f"numbers of the kind {name}")
-    kind = np.dtype("<f4" if name.endswith("f32le") else "<f2")
-    colours = [
-        plane for plane, of in zip(frame.planes, frame.format.components, strict=True) if not of.is_alpha
-    ]
-    planes = [
-        np.frombuffer(bytes(plane), kind).reshape(plane.height, -1)[:, : plane.width] for plane in colours
-    ]
-    return np.stack(planes, axis=-1)
+    """[H, W] of the channel that has the name of depth, else [H, W, C] of the colours."""
+    from flightdepth.renderers.exr import read_exr
+
+    channels = read_exr(path)
+    depths = [name for name in channels if name.rpartition(".")[2] in DEPTHS]
+    chosen = depths or [name for name in channels if name in COLOURS]
+    if len(depths) > 1 or not chosen:
+        raise ValueError(
+            f"an EXR with the channels {', '.join(sorted(channels))}: one of depth is called V, Z or Y"
+        )
+    stored = [channels[name] for name in chosen]
+    return stored[0] if depths else np.stack(stored, axis=-1)
 
 
-def depth_as_grey(exr: bytes) -> bytes:
-    """A file whose depth has a name that FFmpeg does not know, with depth called Y, and all else by no known name.
-
-    One with the channels R, G and B or Y alone comes back as it is.
-
-    Raises:
-        ValueError: no channel tells depth, or several do, or it has several parts.
-    """
-    magic, version = struct.unpack_from("<II", exr)
-    if magic != EXR_MAGIC:
-        raise ValueError(BROKEN)
-    if version & HAS_PARTS:
-        raise ValueError("an EXR of several parts or samples")
-    at, size, end = _exr_header(exr)
-    entries = [*_channels(exr[at : at + size])]
-    names = [name for name, _ in entries]
-    depths = [name for name in names if name.rpartition(".")[2] in DEPTHS]
-    if not depths and COLOURS & {*names}:
-        return exr
-    if len(depths) != 1:
-        raise ValueError(f"an EXR with the channels {', '.join(names)}: one of depth is called V, Z or Y")
-    listed = b"".join(
-        (b"Y" if name == depths[0] else b"-" * len(name)) + b"\0" + rest for name, rest in entries
-    )
-    listed += b"\0"
-    shorter = size - len(listed)
-    (first,) = struct.unpack_from("<Q", exr, end)
-    offsets = np.frombuffer(exr[end:first], "<u8") - np.uint64(shorter)
-    head = exr[: at - 4] + struct.pack("<i", len(listed)) + listed + exr[at + size : end]
-    return head + offsets.tobytes() + exr[first:]
-
-
-def _exr_header(exr: bytes) -> tuple[int, int, int]:
-    """Where its list of channels begins, how many bytes that has, and where the header ends."""
-    at, found = 8, None
-    while exr[at] != 0:
-        name_end = exr.index(b"\0", at)
-        type_end = exr.index(b"\0", name_end + 1)
-        (size,) = struct.unpack_from("<i", exr, type_end + 1)
-        if size < 0:
-            raise ValueError(BROKEN)
-        if exr[at:name_end] == b"channels":
-            found = type_end + 5, size
-        at = type_end + 5 + size
-    if found is None:
-        raise ValueError(BROKEN)
-    return (*found, at + 1)
-
-
-def _channels(listed: bytes) -> Iterator[tuple[str, bytes]]:
-    """Names, and what follows each."""
-    at = 0
-    while listed[at] != 0:
-        end = listed.index(b"\0", at)
-        yield listed[at:end].decode("ascii", "replace"), listed[end + 1 : end + 1 + AFTER_NAME]
-        at = end + 1 + AFTER_NAME
-
-
-_READERS = {".npy": _npy, ".npz": _npz, ".exr": _exr}
-_READERS |= dict.fromkeys((".png", ".tif", ".tiff", ".pfm"), _picture)
+_READERS = {".npy": _npy, ".npz": _npz, ".exr": _exr, ".pfm": _pfm}
+_READERS |= dict.fromkeys((".png", ".tif", ".tiff"), _picture)
 
 
 def _short(error: Exception) -> str:

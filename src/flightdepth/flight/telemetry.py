@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -30,6 +31,9 @@ UNREAD = {
     b"\xff\xfe": UTF_16,
     b"\xfe\xff": UTF_16,
 }
+# Seven or twelve numbers a line, as TartanAir and KITTI have them.
+NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
+POSES_ALONE = re.compile(rf"{NUMBER}(?:\s+{NUMBER}){{6}}(?:(?:\s+{NUMBER}){{5}})?")
 LISTED = 10  # of the logs in a folder
 
 
@@ -96,10 +100,17 @@ def _described(head: bytes, file_name: str) -> str:
     if head[4:8] == b"ftyp":
         return "a video without telemetry inside that is known"
     line = head.split(b"\n", 1)[0].strip().decode("utf-8-sig", "replace")
+    return _table(line) or "something else"
+
+
+def _table(line: str) -> str | None:
+    """What a text that begins with this line seems to be; None where that tells nothing."""
+    if POSES_ALONE.fullmatch(line):
+        return "poses without times: docs/datasets.md tells how they become a log"
     for separator, name in ((";", "semicolons"), ("\t", "tabs")):
         if separator in line and line.replace("\t", " ").isprintable():
             return f"a table with {name}: a CSV log has commas between its columns, and points in its numbers"
-    return "something else"
+    return None
 
 
 def is_log(path: Path) -> bool:
