@@ -145,10 +145,118 @@ def test_a_camchain_of_kalibr_is_read(tmp_path):
     assert read(tmp_path, KALIBR.replace("equidistant", "radtan")) == replace(fisheye, model="pinhole")
 
 
+EUROC = """# General sensor definitions.
+sensor_type: camera
+comment: VI-Sensor cam0 (MT9M034)
+
+# Sensor extrinsics wrt. the body-frame.
+T_BS:
+  cols: 4
+  rows: 4
+  data: [0.0148655429818, -0.999880929698, 0.00414029679422, -0.0216401454975,
+         0.999557249008, 0.0149672133247, 0.025715529948, -0.064676986768,
+        -0.0257744366974, 0.00375618835797, 0.999660727178, 0.00981073058949,
+         0.0, 0.0, 0.0, 1.0]
+
+# Camera specific definitions.
+rate_hz: 20
+resolution: [752, 480]
+camera_model: pinhole
+intrinsics: [458.654, 457.296, 367.215, 248.375] #fu, fv, cu, cv
+distortion_model: radial-tangential
+distortion_coefficients: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]
+"""
+EUROC_CAMERA = Camera(
+    752, 480, 458.654, 457.296, 367.215, 248.375, (-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05)
+)
+
+
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"])
+def test_a_sensor_yaml_of_euroc_is_read(tmp_path, line_end):
+    path = tmp_path / "sensor.yaml"
+    path.write_bytes(EUROC.replace("\n", line_end).encode())
+    assert read_camera(path) == EUROC_CAMERA
+
+
+def test_a_sensor_yaml_of_tum_vi_is_a_fisheye(tmp_path):
+    text = EUROC.replace("radial-tangential", "equidistant")
+    assert read(tmp_path, text) == replace(EUROC_CAMERA, model="fisheye")
+
+
+KITTI = "".join(
+    f"P{index}: 7.188560000000e+02 0.000000000000e+00 6.071928000000e+02 {shift} 0.000000000000e+00 "
+    "7.188560000000e+02 1.852157000000e+02 0.000000000000e+00 0.000000000000e+00 0.000000000000e+00 "
+    "1.000000000000e+00 0.000000000000e+00\n"
+    for index, shift in enumerate(
+        ["0.000000000000e+00", "-3.861448000000e+02", "4.538225000000e+01", "-3.372877000000e+02"]
+    )
+)
+KITTI += "Tr: 0 -1 0 0 0 0 -1 0 1 0 0 0\n"
+KITTI_SIZE = (1241, 376)
+
+
+def read_kitti(tmp_path, text, size=KITTI_SIZE):
+    path = tmp_path / "calib.txt"
+    path.write_text(text)
+    return read_camera(path, size)
+
+
+def test_a_calib_txt_of_kitti_is_read_at_the_size_of_the_pictures(tmp_path):
+    expected = Camera(*KITTI_SIZE, 718.856, 718.856, 607.1928, 185.2157)
+    assert read_kitti(tmp_path, KITTI) == expected
+    assert expected.horizontal_fov_deg == pytest.approx(81.6, abs=0.05)
+
+
+def test_of_kitti_any_of_the_cameras_will_do(tmp_path):
+    alone = KITTI.splitlines()[0]
+    assert read_kitti(tmp_path, alone) == read_kitti(tmp_path, KITTI)
+
+
+@pytest.mark.parametrize(
+    ("text", "size", "said"),
+    [
+        (KITTI, None, "size.*JSON"),
+        (KITTI, (620, 188), "middle of 620x188"),
+        (KITTI, (1241, 300), "middle of 1241x300"),
+        (KITTI.replace("P3: 7.1", "P3: 9.1"), KITTI_SIZE, "one focal length"),
+        (KITTI.replace("1.000000000000e+00", "2"), KITTI_SIZE, "rectified"),
+        (KITTI.replace("7.188560000000e+02", "0"), KITTI_SIZE, "focal length"),
+        (KITTI.replace("7.188560000000e+02", "nan"), KITTI_SIZE, "rectified"),
+        (KITTI.replace("6.071928000000e+02", "wide"), KITTI_SIZE, "12 numbers"),
+        (KITTI[:300], KITTI_SIZE, "12 numbers"),
+        ("P0:", KITTI_SIZE, "12 numbers"),
+    ],
+)
+def test_a_calib_txt_that_is_not_of_these_pictures_is_refused(tmp_path, text, size, said):
+    with pytest.raises(BadInput, match=said):
+        read_kitti(tmp_path, text, size)
+
+
+def test_other_files_keep_their_own_size(tmp_path):
+    path = tmp_path / "camera.yaml"
+    path.write_text(ROS)
+    assert read_camera(path, (1280, 960)) == CAMERA
+
+
+@pytest.mark.parametrize("text", [EUROC, KITTI], ids=["euroc", "kitti"])
+def test_cut_and_trashed_files_of_data_sets_read_or_refuse(tmp_path, text, capfd):
+    rng = random.Random(0)
+    for size in range(len(text)):
+        trashed = list(text[: size + 1])
+        trashed[rng.randrange(len(trashed))] = chr(rng.randrange(32, 127))
+        try:
+            assert read_kitti(tmp_path, "".join(trashed)).width > 0
+        except BadInput:
+            continue
+
+
 @pytest.mark.parametrize(
     "text",
     [
         ROS.replace("plumb_bob", "double_sphere"),
+        EUROC.replace("radial-tangential", "fov"),
+        EUROC.replace("camera_model: pinhole", "camera_model: omni"),
+        EUROC.replace("resolution:", "resolutions:"),
         KALIBR.replace("equidistant", "fov"),
         KALIBR.replace("camera_model: pinhole", "camera_model: omni"),
         KALIBR.replace("[640, 480]", "[640]"),

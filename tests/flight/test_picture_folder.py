@@ -518,6 +518,16 @@ def test_what_exif_tags_tell_of_the_lens_is_named_not_taken(tmp_path):
         choose_camera(video, None, None)
 
 
+def test_a_calibration_without_a_size_is_of_the_pictures(tmp_path):
+    fill(tmp_path, ["1.png"])
+    matrix = "718.856 0 {} 0 0 718.856 {} 0 0 0 1 0"
+    with Video(tmp_path, rate_hz=10) as video:
+        width, height = video.size
+        (tmp_path / "calib.txt").write_text(f"P0: {matrix.format(width / 2, height / 2)}\n")
+        camera = choose_camera(video, tmp_path / "calib.txt", None).camera
+    assert (camera.width, camera.height, camera.fx) == (width, height, 718.856)
+
+
 def test_a_folder_read_by_itself_counts_what_it_leaves_out(tmp_path):
     fill(tmp_path, ["1.png", "2.png", "4.png"])
     counts = Counter()

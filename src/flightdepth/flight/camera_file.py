@@ -2,7 +2,8 @@
 
 Supported: OpenCV's calibration files (YAML, XML or JSON, as cv2.FileStorage writes them), ROS camera_info
 YAML (the calibrator's file or a message as `topic echo` prints it), Kalibr's camchain YAML (its first camera),
-and JSON with this package's own names: width, height, fx, fy, cx, cy, distortion, model.
+sensor.yaml of a camera of EuRoC or TUM VI, calib.txt of KITTI's odometry, and JSON with this package's own
+names: width, height, fx, fy, cx, cy, distortion, model.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ from flightdepth.camera import Camera, Model
 from flightdepth.errors import BadInput
 from flightdepth.motion import Vector
 
-EXPECTED = "an OpenCV calibration, a Kalibr camchain, a ROS camera_info YAML or JSON with width, height, fx, fy, cx, cy"
+EXPECTED = (
+    "an OpenCV calibration, a Kalibr camchain, a ROS camera_info YAML, EuRoC's sensor.yaml, KITTI's calib.txt "
+    "or JSON with width, height, fx, fy, cx, cy"
+)
 MATRIX_NAMES = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "k")
 DISTORTION_NAMES = (
     "distortion_coefficients",
@@ -35,23 +39,36 @@ MODELS: dict[str, Model] = {
     "none": "pinhole",
     "pinhole": "pinhole",
     "radtan": "pinhole",
+    "radial-tangential": "pinhole",
     "plumb_bob": "pinhole",
     "rational_polynomial": "pinhole",
     "equidistant": "fisheye",
     "fisheye": "fisheye",
 }
-INTRINSICS, SIZE = ("intrinsics",), ("resolution",)  # Kalibr's
+INTRINSICS, SIZE = ("intrinsics",), ("resolution",)  # Kalibr's and EuRoC's
+KITTI_CAMERAS = ("P0", "P1", "P2", "P3")
+KITTI_MEND = (
+    "KITTI's file does not tell the size: it fits a video or folder of its pictures in full size; "
+    "for others write JSON with width, height, fx, fy, cx, cy."
+)
+KITTI_OFF_CENTRE = 0.1  # of a side; its sequences have up to 0.04, pictures made smaller or cropped more
 OWN_FIELDS = {"width", "height", "fx", "fy", "cx", "cy", "distortion", "model"}
 
 
-def read_camera(path: Path) -> Camera:
-    """Read a calibration; a file without a focal length is refused."""
+def read_camera(path: Path, size: tuple[int, int] | None = None) -> Camera:
+    """Read a calibration; a file without a focal length is refused (BadInput), as is one that is broken.
+
+    `size` is (width, height) of the pictures as they are stored, in pixels. It matters to KITTI's calib.txt alone,
+    which does not tell its own: without a size, or with one of other pictures, it is refused.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise BadInput(f"camera {path}", expected=EXPECTED, got="a binary file") from error
     except OSError as error:
         raise BadInput(f"camera {path}", expected=EXPECTED, got=error.strerror or str(error)) from error
+    if text.lstrip().startswith("P0:"):
+        return _from_kitti(path, text, size)
     own = _own_fields(path, text)
     return _from_own(path, own) if own is not None else _from_storage(path, text)
 
@@ -90,6 +107,32 @@ def _whole(pixels: Any) -> int:
     return int(number)
 
 
+def _from_kitti(path: Path, text: str, size: tuple[int, int] | None) -> Camera:
+    """Lines of `P0: ` and the 12 numbers of a 3x4 matrix: rectified cameras, all with the same first 3x3."""
+    lines = (line.strip().partition(":") for line in text.splitlines())
+    try:
+        rows = [
+            [float(number) for number in rest.split()] for name, _, rest in lines if name in KITTI_CAMERAS
+        ]
+        if wrong := [len(row) for row in rows if len(row) != 12]:
+            raise ValueError(f"{wrong[0]} numbers")
+    except ValueError as error:
+        raise BadInput(f"camera {path}", expected="12 numbers a matrix", got=str(error)) from error
+    matrices = np.array(rows).reshape(-1, 3, 4)[:, :, :3]
+    fx, fy, cx, cy = (float(matrices[0, row, column]) for row, column in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    if (matrices != np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])).any():
+        raise BadInput(f"camera {path}", expected="rectified cameras of one focal length", got="others")
+    if size is None:
+        raise BadInput(f"camera {path}", expected="the size of its pictures", got="none", mend=KITTI_MEND)
+    width, height = size
+    camera = Camera(width, height, fx, fy, cx, cy)
+    off = max(abs((cx + 0.5) / width - 0.5), abs((cy + 0.5) / height - 0.5))
+    if off > KITTI_OFF_CENTRE:
+        expected = f"its principal point near the middle of {width}x{height}"
+        raise BadInput(f"camera {path}", expected=expected, got=f"{cx:g}, {cy:g}", mend=KITTI_MEND)
+    return camera
+
+
 def _from_storage(path: Path, text: str) -> Camera:
     # ROS writes plain YAML; OpenCV reads it once it carries OpenCV's first line.
     marked = text if text.lstrip().startswith(("%YAML", "<?xml", "{")) else f"%YAML:1.0\n---\n{text}"
@@ -104,6 +147,8 @@ def _from_storage(path: Path, text: str) -> Camera:
 
 def _from_nodes(path: Path, root: Any) -> Camera:
     matrix = _numbers(root, MATRIX_NAMES)
+    if matrix is None and not root.getNode(INTRINSICS[0]).empty():
+        return _from_kalibr(path, root)  # EuRoC's sensor.yaml: the fields of Kalibr's cam0 by themselves
     if matrix is None:
         raise _no_focal_length(path)
     names = SIZE_NAMES[1] if root.getNode(SIZE_NAMES[0][0]).empty() else SIZE_NAMES[0]

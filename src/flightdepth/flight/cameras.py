@@ -70,7 +70,8 @@ def from_user(evidence: CameraEvidence, given: Camera | str | Path) -> ChosenCam
         photograph = read_photograph(path)
         camera = upright_calibration(photograph.camera, evidence, evidence.shown)
         return ChosenCamera(camera, f"{photograph.source}, if the video is not cropped")
-    return ChosenCamera(upright_calibration(read_camera(path), evidence), by_calibration(path))
+    calibrated = read_camera(path, evidence.video.size)
+    return ChosenCamera(upright_calibration(calibrated, evidence), by_calibration(path))
 
 
 def by_hfov(hfov_deg: float) -> str:

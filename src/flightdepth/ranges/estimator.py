@@ -53,7 +53,7 @@ FALLEN_BACK = "frames without a direction of motion: depth by {}, rough, its con
 DENIED = (
     "the pictures deny the log's direction of motion, and are followed: it is {:.0f} degrees off;"
     " are its velocities in the axes that it says, is it of this clock (of a log, `run --telemetry-offset auto` seeks"
-    " it), and is the camera mounted as it says?"
+    " it), and are its attitudes the camera's, mounted as it says?"
 )
 VIGNETTING = "pictures are darker towards their corners; depth is of pictures that are evened out"
 NON_ROTATING = "camera-frame velocity without attitude: the camera is taken not to turn"
