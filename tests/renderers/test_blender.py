@@ -62,7 +62,7 @@ def test_a_lamp_twice_as_strong_is_twice_as_bright(blender):
 def test_textures_of_scenes_one_after_the_other_do_not_mix(blender):
     """Cycles once took the second scene's textures for the first's."""
     colours = np.random.default_rng(1).integers(0, 256, (6, 1, 1, 3), dtype=np.uint8)
-    textures = Textures.from_images(np.broadcast_to(colour, (8, 8, 3)) for colour in colours)
+    textures = Textures.from_images([np.broadcast_to(colour, (8, 8, 3)) for colour in colours])
     camera = Camera.from_fov(32, 32, 90)
     for number in range(3):
         scene = draw_scene(StillBoxConfig(texture_ratio=1.0, meshes=(3, 3)), 6, 5, number)
