@@ -11,8 +11,8 @@ TelemetryOption = Annotated[
     Path | None,
     typer.Option(
         metavar="LOG",
-        help="Flight log of PX4, ArduPilot, MAVLink, DJI, Parrot, ROS, GPX, or CSV: told by what is in it. Without it, "
-        "the video's own track (GoPro), or a log of its name beside it.",
+        help="Flight log of PX4, ArduPilot, MAVLink, DJI, Parrot, ROS, GPX, CSV, or a trajectory (TUM): told by what "
+        "is in it. Without it, the video's own track (GoPro), or a log of its name beside it.",
     ),
 ]
 CameraOption = Annotated[
