@@ -93,4 +93,5 @@ def with_fixed_camera(telemetry: Telemetry, body_from_camera: Vector) -> Telemet
         )
         for body in telemetry.body_attitudes
     ]
-    return replace(telemetry, samples=by_time(telemetry.velocities, cameras))
+    motion = [sample for sample in telemetry.samples if not isinstance(sample, AttitudeSample)]
+    return replace(telemetry, samples=by_time(motion, cameras))
