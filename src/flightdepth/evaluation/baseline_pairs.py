@@ -13,7 +13,8 @@ import numpy as np
 
 from flightdepth.camera import Camera
 from flightdepth.evaluation.tracked_points import PathLength
-from flightdepth.flight import AttitudeSample, Flight, Frame, PositionSample, Steadiness, VelocitySample
+from flightdepth.flight import Flight, Frame, Steadiness, VelocitySample
+from flightdepth.flight.records import give
 from flightdepth.flight.steadiness import TurnRate
 from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector
@@ -87,15 +88,12 @@ class BaselinePairs:
         steadiness = Steadiness(self._flight.camera, self._flight.gyroscope)
         for event in self._flight:
             match event:
-                case VelocitySample(stamp_ns=at, velocity=velocity):
-                    self._trajectory.add_velocity(at, velocity, frame=event.frame, sigma=event.sigma)
-                    self._path.add(at, float(np.linalg.norm(velocity)))
-                case PositionSample():
-                    self._trajectory.add_position(event.stamp_ns, event.position_ned)
-                case AttitudeSample():
-                    self._trajectory.add_attitude(event.stamp_ns, event.world_from_camera)
                 case Frame():
                     yield self._moment(event, steadiness.add(event.stamp_ns, event.image))
+                case sample:
+                    give(sample, self._trajectory)
+                    if isinstance(sample, VelocitySample):
+                        self._path.add(sample.stamp_ns, float(np.linalg.norm(sample.velocity)))
 
     def _moment(self, frame: Frame, turn: TurnRate) -> Moment:
         prepared = self._grid.image(frame.image)

@@ -11,10 +11,10 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
@@ -142,6 +142,32 @@ def numbers_of(sample: Sample) -> Vector:
             return sample.position_ned
         case AttitudeSample():
             return sample.world_from_camera
+
+
+class MotionTaker(Protocol):
+    """What samples are given to: the estimator, or a trajectory."""
+
+    def add_velocity(
+        self, stamp_ns: int, velocity: ArrayLike, *, frame: VelocityFrame, sigma: float | None
+    ) -> None:
+        """Velocity (3,) in `frame`, with its standard deviation per axis."""
+
+    def add_position(self, stamp_ns: int, position: ArrayLike) -> None:
+        """Position (3,), north, east, down."""
+
+    def add_attitude(self, stamp_ns: int, world_from_camera: ArrayLike, /) -> None:
+        """Quaternion (w, x, y, z)."""
+
+
+def give(sample: Sample, taker: MotionTaker) -> None:
+    """Give a sample to who takes its kind."""
+    match sample:
+        case VelocitySample():
+            taker.add_velocity(sample.stamp_ns, sample.velocity, frame=sample.frame, sigma=sample.sigma)
+        case PositionSample():
+            taker.add_position(sample.stamp_ns, sample.position_ned)
+        case AttitudeSample():
+            taker.add_attitude(sample.stamp_ns, sample.world_from_camera)
 
 
 def by_time(*kinds: Sequence[Sample]) -> tuple[Sample, ...]:

@@ -18,7 +18,7 @@ from flightdepth.flight.cameras import NO_CAMERA, by_calibration, by_hfov, by_ta
 from flightdepth.flight.lenses import Lens as KnownLens
 from flightdepth.flight.lenses import find_lens
 from flightdepth.flight.mask import PictureMask
-from flightdepth.flight.records import NS_PER_S, AttitudeSample, VelocitySample
+from flightdepth.flight.records import NS_PER_S, give
 from flightdepth.flight.steadiness import MAX_TURN_RAD, PAIR_NS, Steadiness
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.ranges.estimator import MultiRangeEstimator, check_ranges
@@ -186,13 +186,7 @@ class DepthStage:
 
     def _feed_motion(self) -> None:
         for sample in self._store.take_new():
-            match sample:
-                case VelocitySample():
-                    self._estimator.add_velocity(
-                        sample.stamp_ns, sample.velocity, frame=sample.frame, sigma=sample.sigma
-                    )
-                case AttitudeSample():
-                    self._estimator.add_attitude(sample.stamp_ns, sample.world_from_camera)
+            give(sample, self._estimator)
 
     def _turning(self, stamp_ns: int, image: Image) -> str | None:
         """Why this picture turns too fast for depth, None where it does not."""

@@ -17,9 +17,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from flightdepth.flight import AttitudeSample, Frame, PositionSample, VelocitySample
+from flightdepth.flight import Frame
 from flightdepth.flight.places import PlaceTrack
-from flightdepth.flight.records import Sample
+from flightdepth.flight.records import Sample, give
 from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.motion import NED_FROM_CAMERA, Vector, quaternion_from_rotation, rotation_from_quaternion
 from flightdepth.outputs.level import LevelCamera
@@ -78,15 +78,7 @@ class PoseTrack:
 
     def add(self, sample: Sample) -> None:
         """Take a sample; those needed at a frame come before it."""
-        match sample:
-            case VelocitySample():
-                self._trajectory.add_velocity(
-                    sample.stamp_ns, sample.velocity, frame=sample.frame, sigma=sample.sigma
-                )
-            case PositionSample():
-                self._trajectory.add_position(sample.stamp_ns, sample.position_ned)
-            case AttitudeSample():
-                self._trajectory.add_attitude(sample.stamp_ns, sample.world_from_camera)
+        give(sample, self._trajectory)
 
     def at(self, frame: Frame, result: RangedDepth) -> FramePose | None:
         """The pose at a frame, whose result tells which way the camera moved; None where no log says where it is."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 
-from flightdepth.flight import AttitudeSample, Flight, Frame, PositionSample, Steadiness, VelocitySample
-from flightdepth.flight.records import Sample
+from flightdepth.flight import Flight, Frame, Steadiness
+from flightdepth.flight.records import Sample, give
 from flightdepth.outputs.poses import PoseTrack
 from flightdepth.outputs.writer import FlightWriter
 from flightdepth.ranges import MultiRangeEstimator, RangedDepth
@@ -52,15 +52,6 @@ def depths(
     )
     for event in flight:
         match event:
-            case VelocitySample():
-                estimator.add_velocity(event.stamp_ns, event.velocity, frame=event.frame, sigma=event.sigma)
-                on_sample(event)
-            case PositionSample():
-                estimator.add_position(event.stamp_ns, event.position_ned)
-                on_sample(event)
-            case AttitudeSample():
-                estimator.add_attitude(event.stamp_ns, event.world_from_camera)
-                on_sample(event)
             case Frame():
                 turn = steadiness.add(event.stamp_ns, event.image)
                 unusable = None if turn.usable else turn.reason
@@ -69,3 +60,6 @@ def depths(
                 if event.after_damage:
                     estimator.forget_frames()
                 yield event, estimator.add_frame(event.stamp_ns, event.image, unusable=unusable)
+            case sample:
+                give(sample, estimator)
+                on_sample(sample)
