@@ -32,8 +32,8 @@ test-slow: lint
 	$(BIN)/python -m pytest -m slow --timeout 3600
 
 lint: .venv/installed
-	$(BIN)/ruff check src tests benchmarks
-	$(BIN)/ruff format --check src tests benchmarks
+	$(BIN)/ruff check src tests benchmarks ros2
+	$(BIN)/ruff format --check src tests benchmarks ros2
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 

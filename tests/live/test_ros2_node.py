@@ -9,13 +9,15 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from xml.etree import ElementTree
 
+import cv2
 import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.motion import rotation_from_quaternion
+from flightdepth.flight.steadiness import Steadiness
+from flightdepth.motion import rotation_from_euler, rotation_from_quaternion
 from flightdepth.outputs.ros_fields import camera_fields, image_fields
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.runtimes.network import load_network
@@ -132,7 +134,7 @@ class Logged:
     """As much of rclpy's Node as DepthNode uses after its start."""
 
     def __init__(self):
-        self.lines = []
+        self.lines, self.published = [], []
 
     def get_logger(self):
         return SimpleNamespace(warning=lambda text, **how: self.lines.append(text))
@@ -140,6 +142,10 @@ class Logged:
     def get_parameter(self, name):
         return SimpleNamespace(value=math.nan)
 
+    def publish(self, publisher, made, source, fields):
+        self.published.append(fields)
+
+    depth = info = None
     now_ns = START_NS
 
 
@@ -162,10 +168,13 @@ def node(conversion, monkeypatch):
     from flightdepth_ros.node import DepthNode
 
     made = type(
-        "Node", (Logged,), dict(vars(DepthNode)) | {"__init__": Logged.__init__, "now_ns": START_NS}
+        "Node",
+        (Logged,),
+        dict(vars(DepthNode)) | {"__init__": Logged.__init__, "publish": Logged.publish, "now_ns": START_NS},
     )()
     made.camera = Camera.from_fov(64, 48, 75)
     made.estimator = MultiRangeEstimator(load_network("tiny-clamped-256"), made.camera, ranges=1)
+    made.steadiness = Steadiness(made.camera, max_turn_rad=made.estimator.max_turn_rad)
     yield made
     sys.modules.pop("flightdepth_ros.node", None)
 
@@ -177,6 +186,22 @@ def test_a_message_that_cannot_be_used_does_not_end_the_node(node):
     assert [line.split(":")[0] for line in node.lines] == ["odometry left out", "image left out"]
     node.on_odometry(MADE.odometry(0.1, (1.0, 0.0, 0.0))[1])
     assert len(node.lines) == 2
+
+
+def test_pictures_that_turn_have_no_depth(node):
+    """They had a wrong one: only `run` and `live` asked whether they turn."""
+    rng = np.random.default_rng(5)
+    seen = cv2.resize(rng.integers(0, 256, (12, 16), np.uint8), (64, 48), interpolation=cv2.INTER_CUBIC)
+    matrix = node.camera.matrix
+    for k in range(6):
+        node.on_odometry(MADE.odometry(k / 30, (1.0, 0.0, 0.0))[1])
+        turn = matrix @ rotation_from_euler(0.0, math.radians(2 * k), 0.0) @ np.linalg.inv(matrix)
+        turned = cv2.warpPerspective(seen, turn, (64, 48), borderMode=cv2.BORDER_REFLECT)
+        node.on_image(MADE.image(k / 30, np.repeat(turned[..., None], 3, axis=2), "bgr8")[1])
+    assert "turns" in node.lines[-1]
+    assert {fields["encoding"] for fields in node.published[::2]} == {"32FC1"}
+    depth_m = np.frombuffer(node.published[-2]["data"], np.float32)
+    assert np.isnan(depth_m).all()
 
 
 def test_odometry_is_heard_from_publishers_that_promise_no_delivery(node):

@@ -20,6 +20,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.ros_records import DamagedError
+from flightdepth.flight.steadiness import Steadiness
 from flightdepth.motion import rotation_from_euler
 from flightdepth.outputs.ros_fields import camera_fields, image_fields
 from flightdepth.ranges import MultiRangeEstimator
@@ -43,6 +44,7 @@ class DepthNode(Node):
         self.declare_parameter("ranges", 2)
         self.declare_parameter("mount_pitch_deg", math.nan)
         self.estimator: MultiRangeEstimator | None = None
+        self.steadiness: Steadiness | None = None  # of a stabilised camera, whose turns no message tells
         self.camera = None
         self.depth = self.create_publisher(Image, "depth", NEWEST)
         self.info = self.create_publisher(CameraInfo, "depth/camera_info", NEWEST)
@@ -59,6 +61,8 @@ class DepthNode(Node):
         network, ranges = load_network(name), self.get_parameter("ranges").value
         network.warm_up(network.grid(self.camera).camera, ranges)
         self.estimator = MultiRangeEstimator(network, self.camera, ranges=ranges)
+        if math.isnan(self.get_parameter("mount_pitch_deg").value):
+            self.steadiness = Steadiness(self.camera, max_turn_rad=self.estimator.max_turn_rad)
         self.get_logger().info(f"{network.card.name}, {self.camera.width}x{self.camera.height}")
 
     def on_odometry(self, message: Odometry) -> None:
@@ -80,11 +84,20 @@ class DepthNode(Node):
             return
         with self.left_out_if_bad("image"):
             stamp_ns, image = image_of(message, self.now_ns)
-            result = self.estimator.add_frame(stamp_ns, image)
+            result = self.estimator.add_frame(stamp_ns, image, unusable=self.turning(stamp_ns, image))
             if result.reason is not None:
                 self.get_logger().warning(f"no depth: {result.reason}", throttle_duration_sec=2.0)
+            if result.doubt is not None:
+                self.get_logger().warning(result.doubt, throttle_duration_sec=10.0)
             self.publish(self.depth, Image(), message, image_fields(result.depth_m, "32FC1"))
             self.publish(self.info, CameraInfo(), message, camera_fields(self.camera))
+
+    def turning(self, stamp_ns: int, image: np.ndarray) -> str | None:
+        """Why the picture turns too fast for depth; None where it does not, or a mounted camera's odometry tells."""
+        if self.steadiness is None:
+            return None
+        turn = self.steadiness.add(stamp_ns, image)
+        return None if turn.usable else turn.reason
 
     @contextmanager
     def left_out_if_bad(self, what: str) -> Iterator[None]:

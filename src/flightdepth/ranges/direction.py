@@ -88,7 +88,7 @@ def rays_of(pair: Pair, current: Frame, tracker: Tracker) -> tuple[Vector, Vecto
 
 
 def estimate_direction(previous: AnyImage, current: AnyImage, camera: Camera) -> Direction | None:
-    """Direction of (position at `current`) - (position at `previous`); uint8 RGB [H, W, 3] of an ideal pinhole.
+    """Direction of (position at `current`) - (position at `previous`); RGB [H, W, 3], 0 to 255, of an ideal pinhole.
 
     None where too few points moved, or their motion says too little.
     """

@@ -40,7 +40,7 @@ class Tracker:
         self._found: list[tuple[AnyImage, Rays]] = []
 
     def rays(self, previous: AnyImage, current: AnyImage) -> Rays:
-        """Rays (x, y, 1) of corners of `current` and of the same points in `previous`; uint8, RGB or grey."""
+        """Rays (x, y, 1) of corners of `current` and of the same points in `previous`; RGB or grey, 0 to 255."""
         if self._corners is None or self._current is not current:
             corners = Corners(current, self._camera, self._shown)
             self._current, self._corners, self._found = current, corners, []

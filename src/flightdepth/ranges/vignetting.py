@@ -67,7 +67,7 @@ class Vignetting:
         self.learn(earlier[-BACK].image, current.image)
 
     def learn(self, previous: AnyImage, current: AnyImage) -> None:
-        """Take in a pair, uint8 RGB [H, W, 3] as they come from the camera.
+        """Take in a pair, RGB [H, W, 3], 0 to 255, on the grid and as bright as the camera made them.
 
         Of a point at rest log(before / now) = strength (fall now - fall before) + the change of exposure, with fall =
         log(1 + tan^2): a line through what corners tell, with Cauchy's weights.

@@ -113,7 +113,7 @@ class Network:
     ) -> Prediction:
         """One batch of n pairs that share `current`: maps on the output grid, padding included (see `valid`).
 
-        previous_n     n pictures uint8 RGB [H, W, 3]; float32, 0 to 255, will do for a grid's own camera
+        previous_n     n pictures RGB [H, W, 3], 0 to 255: uint8, or float32 for a grid's own camera
         displacements  metres, (n, 3) in `current`'s frame; or bare lengths (n,), if the network needs no direction
         """
         return self._predict(previous_n, current, displacements, camera)[0]
