@@ -103,6 +103,22 @@ def test_fault_8_a_repeated_picture_is_of_the_time_when_it_was_new(network):
     assert checked > 100
 
 
+@pytest.mark.parametrize(
+    "shown", [(0, 0), (0, 0, 0, 1, 1), (0, 1, 1)], ids=["25 in 50", "24 in 60", "40 in 60"]
+)
+def test_fault_8_pictures_that_always_repeat_do_not_hang(network, shown):
+    """Each repeat lost its depth as soon as 0.05 m were flown: half of the frames at 4 m/s, and all after a hang."""
+    estimator, reasons, most = MultiRangeEstimator(load_network(network), CAMERA), [], max(shown) + 1
+    for index in range(100):
+        number = index // len(shown) * most + shown[index % len(shown)]
+        hangs = 60 <= index < 80
+        picture = np.full((128, 128, 3), 2 * (number % 100 if not hangs else 101), np.uint8)
+        estimator.add_velocity(index * 20_000_000, (4.0, 0, 0))
+        reasons.append(estimator.add_frame(index * 20_000_000, picture).reason)
+    assert set(reasons[20:60]) == {None} == set(reasons[90:])
+    assert all(str(reason).startswith("frozen picture") for reason in reasons[60 + len(shown) : 80])
+
+
 def test_fault_8_a_repeated_picture_that_an_encoder_mends_is_no_new_one():
     """By 0.2 grey levels where the new one changed by 3: each counted as new, at a time that was not its own."""
     repeats, repeated = Repeats(), []

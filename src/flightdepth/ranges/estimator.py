@@ -323,11 +323,12 @@ class MultiRangeEstimator:
 
     def _is_frozen(self, current: Frame, now_ns: int) -> bool:
         """Whether the camera moved while it showed this picture; then that holds until it shows another."""
-        if self._repeats.repeated and not self._repeats.frozen:
-            shown = replace(current, stamp_ns=self._repeats.shown_ns)
+        repeats = self._repeats
+        if repeats.repeated and not repeats.frozen and not repeats.is_usual(now_ns - repeats.shown_ns):
+            shown = replace(current, stamp_ns=repeats.shown_ns)
             since = baselines(self._trajectory, (shown,), now_ns, self._max_turn_rad)
-            self._repeats.frozen = bool(since.usable[0])
-        return self._repeats.frozen
+            repeats.frozen = bool(since.usable[0])
+        return repeats.frozen
 
     def _predict(self, pairs: tuple[Pair, ...], current: Frame, network: DepthNetwork) -> Prediction:
         """One batch through the network; earlier frames first turned into the current orientation."""

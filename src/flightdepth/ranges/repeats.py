@@ -5,6 +5,8 @@ A drone that flies on would get "infinitely far" from them: known displacement, 
 
 from __future__ import annotations
 
+from collections import deque
+
 import cv2
 
 from flightdepth.levels import Image
@@ -15,8 +17,10 @@ SAME_LEVELS = 0.1
 # An encoder mends a repeated picture bit by bit: up to this share of what new ones change (median of three: a cut
 # changes more), and so many levels.
 MENDED_SHARE, MENDED_LEVELS = 0.1, 0.5
-# After so long the same, one other picture is a key frame that shows the old one anew: two in a row are needed.
+# After so long the same, one other picture is a key frame that shows the old one anew: it takes another, when due.
 HANGS_NS = 300_000_000
+# New pictures come as seldom as the second longest of so many waits; a repeat in less than this share of it is usual.
+WAITS, USUAL_SHARE = 5, 0.9
 FROZEN = "frozen picture"  # how `Repeats.told` begins
 
 
@@ -29,8 +33,9 @@ class Repeats:
     def __init__(self) -> None:
         self._image: Image | None = None
         self.shown_ns = 0
-        self._changed_once = False
+        self._changed_ns: int | None = None  # when one other picture came, and the next is not overdue
         self._changes = 0.0, 0.0, 0.0  # that the last new pictures made, grey levels
+        self._waits_ns: deque[int] = deque([0] * WAITS, maxlen=WAITS)  # for the last new pictures
         self.repeated = False
         self.frozen = False  # set by who knows that the camera moved meanwhile; until a new picture comes
 
@@ -40,6 +45,13 @@ class Repeats:
         Video of 25 or 30 pictures a second in a file or link of more holds each several times.
         """
         return self.shown_ns if self.repeated and stamp_ns - self.shown_ns < HANGS_NS else stamp_ns
+
+    def is_usual(self, wait_ns: int) -> bool:
+        """Whether new pictures are as far apart as that: 25 pictures a second in a file of 50 do not hang.
+
+        One of the last waits may have been as long as it liked: that was a picture that hung.
+        """
+        return wait_ns < min(HANGS_NS, USUAL_SHARE * sorted(self._waits_ns)[-2])
 
     def told(self, now_ns: int) -> str:
         """For people: that the picture shown now is frozen, and for how long."""
@@ -53,12 +65,16 @@ class Repeats:
         mended = min(MENDED_SHARE * sorted(self._changes)[1], MENDED_LEVELS)
         same = alike and change < max(SAME_LEVELS, mended)
         hangs = self.repeated and stamp_ns - self.shown_ns >= HANGS_NS
-        refreshed = hangs and not same and not self._changed_once
-        self._changed_once = refreshed
+        refreshed = hangs and not same and self._changed_ns is None
+        if refreshed:
+            self._changed_ns = stamp_ns
+        elif self._changed_ns is not None and not (same and self.is_usual(stamp_ns - self._changed_ns)):
+            self._changed_ns = None
         self.repeated = same or refreshed
         if not same:
             self._image, self._changes = image, (*self._changes[1:], change)
         if not self.repeated:
+            self._waits_ns.append(stamp_ns - self.shown_ns)
             self.shown_ns, self.frozen = stamp_ns, False
 
 
