@@ -120,6 +120,32 @@ def test_what_comes_in_place_of_velocities_is_told(feed):
     assert feed.instead(now_ns + 2 * S).startswith("the autopilot of vehicle 1 tells none")
 
 
+def test_of_an_autopilot_that_falls_silent_no_velocity_is_said_to_be_left_out(vehicle, feed):
+    """Half a second after one that came twice it was told that such are left out."""
+    vehicle.velocity(100)
+    vehicle.velocity(100)
+    assert feed.instead(round(100.1 * S)) == "velocities not later than the one before are left out"
+    vehicle.velocity(100.1)
+    assert feed.instead(round(100.7 * S)).startswith("the autopilot of vehicle 1 tells none")
+
+
+def test_another_vehicle_whose_velocities_come_instead_is_named(vehicle, feed):
+    """An autopilot with a new number, or a second drone's, was not to be told from one that says nothing."""
+    other = Vehicle(feed, system=9)
+    other.velocity(101)
+    told = feed.instead(round(101.5 * S))
+    assert told.startswith("the autopilot of vehicle 1 tells none (")
+    assert told.endswith("); those of vehicle 9 are left out")
+    assert "vehicle 9" not in feed.instead(103 * S)
+
+
+def test_what_a_vehicle_told_before_its_heartbeat_is_not_another_s(feed):
+    vehicle = Vehicle(feed)
+    vehicle.velocity(100)
+    vehicle.heartbeat(100.1)
+    assert "left out" not in feed.instead(round(100.5 * S))
+
+
 def test_nothing_counts_before_an_autopilot_is_known(feed, store, heard):
     vehicle = Vehicle(feed)
     vehicle.velocity(100)

@@ -42,6 +42,9 @@ class Stage:
     def __init__(self, counts: Counter[str], errors: tuple[Exception, ...] = ()) -> None:
         self.counts, self.errors = counts, list(errors)
 
+    def is_prepared(self, width, height):
+        return not self.compiles
+
     def take(self, stamp_ns, image):
         if self.errors:
             raise self.errors.pop(0)
@@ -267,6 +270,34 @@ def test_each_refusal_is_counted_by_its_own_reason_and_the_next_picture_counts()
     assert frames.dropped == {"size without a calibration": 2, "refused: velocity frame": 3}
     assert frames.used == 1
     assert said == [str(UNCALIBRATED), str(DAMAGED)]
+
+
+def test_pictures_of_another_size_are_told_with_the_focal_length_that_is_taken():
+    """With --hfov a crop passed in silence, with all depths wrong by as much."""
+    said = []
+    run = engine(say=said.append)
+    for width, fx in ((6, 3.0), (6, 3.0), (4, 2.0), (4, 2.0)):
+        run._look_at_size(Camera(width, 4, fx, fx, 1.5, 1.5))
+    assert said == ["video: the pictures are 4x4 now; their focal length is taken to be 2 px"]
+
+
+def test_while_the_network_is_prepared_for_another_size_the_state_says_so():
+    """It was `pictures come, but no results`, as of an estimator that hangs."""
+
+    class Compiling(Stage):
+        compiles = True
+
+        def take(self, stamp_ns, image):
+            told.append(run._monitor.preparing)
+            return super().take(stamp_ns, image)
+
+    told = []
+    run = LiveEngine(
+        Parts(Compiling(Counter()), MotionStore(), lambda listener: Video(), lambda engine: Motion())
+    )
+    run._work(PICTURE)
+    assert told == [True]
+    assert not run._monitor.preparing
 
 
 def test_why_no_picture_can_be_used_is_the_state():

@@ -249,6 +249,14 @@ def test_pictures_that_never_could_be_used_are_no_preparation():
     assert flight.fly(1, results=False)[-1].reason == f"{STUCK}: camera: expected its shape, got 100x100"
 
 
+def test_a_network_that_is_prepared_for_another_size_is_not_stuck(flight):
+    """It was told that there are no results, as of an estimator that hangs."""
+    flight.monitor.preparing = True
+    assert flight.fly(3, results=False)[-1].reason == PREPARING
+    flight.monitor.preparing = False
+    assert flight.fly(1, results=False)[-1].reason == STUCK
+
+
 def test_why_pictures_cannot_be_used_is_told(flight):
     flight.monitor.refused("camera: expected its shape, got 100x100")
     assert flight.fly(3, results=False)[-1].reason.startswith(f"{STUCK}: camera")

@@ -40,6 +40,7 @@ class LiveSettings:
     duration: float | None
 
     def __post_init__(self) -> None:
+        self._check_addresses()
         if self.mavlink is not None and self.telemetry is not None:
             raise BadInput(
                 "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="both"
@@ -67,6 +68,22 @@ class LiveSettings:
 
             check_parent("--dry-run", self.dry_run)
             refuse_to_replace("--dry-run", self.dry_run, is_own_log)
+
+    def _check_addresses(self) -> None:
+        """Refuse those that nobody can open, before a network is loaded, which takes seconds on a small computer."""
+        if self.mavlink is not None:
+            from flightdepth.live.mavlink_link import check_address
+
+            check_address(self.mavlink)
+        if self.serve is not None:
+            from flightdepth.live.page.server import parsed
+
+            parsed(self.serve)
+
+    @property
+    def sends_obstacles(self) -> bool:
+        """To the autopilot, or to a log."""
+        return self.obstacles or self.dry_run is not None
 
     @property
     def for_record(self) -> dict[str, bool | int | float | str | None]:

@@ -32,6 +32,7 @@ from flightdepth.live.motion_store import MotionStore
 PREFERRED_FOR_NS = NS_PER_S
 DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270: a range finder that looks down
 INVALID = 1  # a DISTANCE_SENSOR's `signal_quality`: 0 is unknown, 100 perfect
+NOTHING = "", -NS_PER_S
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,8 @@ class AutopilotFeed:
         self._newest_boot_ns = 0
         self._newest_live_ns = 0
         self._held_until_ns = 0
-        self._left_out = "", -NS_PER_S  # why a velocity did not count last, and when
+        self._left_out = NOTHING  # why a velocity did not count last, and when; until one does
+        self._other = 0, -NS_PER_S  # the last other vehicle that told a velocity, and when
 
     def instead(self, now_ns: int) -> str:
         """What the autopilot does in place of telling velocities that count; any thread may ask."""
@@ -72,7 +74,9 @@ class AutopilotFeed:
         why, left_out_ns = self._left_out
         if now_ns - left_out_ns < NS_PER_S:
             return f"{why} are left out"
-        return f"the autopilot of vehicle {self.vehicle.system} tells none ({', '.join(VELOCITIES)})"
+        system, told_ns = self._other
+        other = f"; those of vehicle {system} are left out" if now_ns - told_ns < NS_PER_S else ""
+        return f"the autopilot of vehicle {self.vehicle.system} tells none ({', '.join(VELOCITIES)}){other}"
 
     def take(self, message: Message, now_ns: int) -> None:
         """One message, received at `now_ns`."""
@@ -83,6 +87,8 @@ class AutopilotFeed:
                 self.vehicle = source
         elif self.vehicle is None or source.system != self.vehicle.system:
             self.counts["messages of other vehicles"] += name in KINDS and self.vehicle is not None
+            if name in VELOCITIES and self.vehicle is not None:
+                self._other = source.system, now_ns
         elif name == GIMBAL:
             self._take_gimbal(message, source, now_ns)
         elif source == self.vehicle:
@@ -174,6 +180,7 @@ class AutopilotFeed:
         for sample in newly_kept(self._gate, stamp_ns, value):
             self._store.add(sample, now_ns)
             if isinstance(sample, VelocitySample):
+                self._left_out = NOTHING
                 self._listener.on_velocity(now_ns)
 
 

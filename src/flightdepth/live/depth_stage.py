@@ -142,6 +142,10 @@ class DepthStage:
             ways.append(f"--network {lightest}")
         return " or ".join(ways)
 
+    def is_prepared(self, width: int, height: int) -> bool:
+        """Whether pictures of this size need not wait until the network is compiled for them."""
+        return self._camera is not None and (self._camera.width, self._camera.height) == (width, height)
+
     def take(self, stamp_ns: int, image: Image) -> Staged | None:
         """Depth of a picture uint8 RGB [H, W, 3]; None where it is left out, which is counted."""
         if stamp_ns < self._newest_ns - BACK_NS:
@@ -151,7 +155,7 @@ class DepthStage:
             self.counts["not later than the one before"] += 1
             return None
         height, width = image.shape[:2]
-        compiled = self._camera is None or (self._camera.width, self._camera.height) != (width, height)
+        compiled = not self.is_prepared(width, height)
         if compiled:
             self.prepare(width, height)
         assert self._camera is not None

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol
 
+from flightdepth.camera import Camera
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.live.depth_stage import DepthStage, NoCalibration, Staged
 from flightdepth.live.health import HealthMonitor, Limits
@@ -78,6 +79,7 @@ class LiveEngine:
         self._control = RangeControl(parts.stage.ranges)
         self._pictures, self._taken, self._results, self._ages = Rate(), Rate(), Rate(), Ages()
         self._used = 0
+        self._size: tuple[int, int] | None = None  # of the last picture used
         self._refused: Counter[str] = Counter()
         self._age_from: AgeFrom = "reception"
         self._shifts: tuple[int, ...] = ()
@@ -199,18 +201,25 @@ class LiveEngine:
     def _work(self, picture: Picture) -> None:
         """One picture from the slot to the sinks."""
         began_ns = time.monotonic_ns()
+        image = picture.rgb()
+        height, width, _ = image.shape
         with self._lock:
             self._taken.add(began_ns)
+            self._monitor.preparing = not self._stage.is_prepared(width, height)
         try:
-            staged = self._stage.take(picture.stamp_ns, picture.rgb())
+            staged = self._stage.take(picture.stamp_ns, image)
         except NoCalibration as error:  # the stream's size changed
             self._refuse("size without a calibration", str(error))
             return
         except BadInput as error:  # counted by what is wrong, without its figures
             self._refuse(f"refused: {str(error).split(':', maxsplit=1)[0]}", str(error))
             return
+        finally:
+            with self._lock:
+                self._monitor.preparing = False
         if staged is None:
             return
+        self._look_at_size(staged.camera)
         ready_ns = time.monotonic_ns()
         self._note(staged, picture, ready_ns)
         self._publish(staged, picture, ready_ns)
@@ -220,6 +229,15 @@ class LiveEngine:
         with self._lock:
             pictures_hz = self._pictures.hz(ready_ns) or NOMINAL_HZ
         self._stage.ranges = self._control.add(ready_ns, busy_ms, 1000 / pictures_hz)
+
+    def _look_at_size(self, camera: Camera) -> None:
+        """Say what is taken for the lens of pictures of another size: nobody knows whether they were cropped."""
+        size = camera.width, camera.height
+        if self._size not in (None, size):
+            self._say(
+                f"video: the pictures are {size[0]}x{size[1]} now; their focal length is taken to be {camera.fx:.0f} px"
+            )
+        self._size = size
 
     def _note(self, staged: Staged, picture: Picture, ready_ns: int) -> None:
         age_ms = (ready_ns - picture.stamp_ns) / 1e6

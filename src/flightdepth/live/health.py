@@ -44,6 +44,7 @@ class HealthMonitor:
     lens_doubt             what the camera's turns say against its focal length
     untold                 what telemetry tells in place of velocities
     lacking                what somebody who needs the results can't do, and for want of what
+    preparing              whether the network is being compiled for pictures of another size
     pictures_hz, taken_hz  how many came, and were looked at, a second
     """
 
@@ -53,6 +54,7 @@ class HealthMonitor:
         self.lens_doubt: str | None = None
         self.untold: str | None = None
         self.lacking: str | None = None
+        self.preparing = False
         self.pictures_hz = self.taken_hz = 0.0
         self._health = Health(State.LOST, STARTING, start_ns)
         self._trouble_ns = start_ns
@@ -138,7 +140,7 @@ class HealthMonitor:
         if self._result_ns is None:
             return STUCK + refused if refused else PREPARING
         if now_ns - max(self._result_ns, self._resumed_ns) > self._limits.stuck_ns:
-            return STUCK + refused
+            return PREPARING if self.preparing else STUCK + refused
         return None
 
     def _degraded(self, now_ns: int) -> str | None:
