@@ -1,6 +1,9 @@
 """A file that is played as if it were live, and cannot be read to its end."""
 
+import threading
 import time
+from collections import Counter
+from contextlib import closing
 
 import av
 import pytest
@@ -11,6 +14,7 @@ from flightdepth.flight.decoding import GAP, READ_ERROR
 from flightdepth.live import video_stream
 from flightdepth.live.video_address import video_address
 from flightdepth.live.video_input import VideoInput, VideoListener
+from flightdepth.live.video_stream import VideoStream
 
 SECONDS = 4.0
 
@@ -82,3 +86,23 @@ def test_one_that_cannot_be_read_at_all_is_an_error_of_one_line(clip, played, mo
     video, _ = played(clip)
     assert isinstance(video.error, FlightDepthError)
     assert str(video.error) == f"video {clip}: Invalid data found when processing input"
+
+
+def test_a_file_that_decodes_too_slowly_goes_on_from_key_frames(tmp_path, monkeypatch):
+    """Once late it was late for ever: no picture any more, to the end of the file."""
+    monkeypatch.setattr("flightdepth.live.video_stream.LATE_NS", 200_000_000)
+    path = encode(tmp_path / "flight.ts", size=(320, 240), seconds=6.0)
+    stream = VideoStream(video_address(str(path)), Counter())
+    decode, begun_ns, came_s = stream._decoder.decode, time.monotonic_ns(), []
+
+    def slow(packet):
+        if packet.is_keyframe or not stream._decoder._skipping:
+            time.sleep(2 / RATE_HZ)
+        return decode(packet)
+
+    monkeypatch.setattr(stream._decoder, "decode", slow)
+    with closing(stream):
+        for picture in stream.paced(begun_ns, 0, threading.Event()):
+            came_s.append((time.monotonic_ns() - begun_ns) / 1e9)
+            assert time.monotonic_ns() - picture.stamp_ns < 1_000_000_000
+    assert came_s[-1] > 4

@@ -6,7 +6,7 @@ import pytest
 from live_peers import sample_pictures
 
 from flightdepth.camera import Camera
-from flightdepth.flight.records import BodyAttitudeSample, VelocitySample
+from flightdepth.flight.records import BodyAttitudeSample, PositionSample, VelocitySample
 from flightdepth.live.depth_stage import DepthStage, Lens
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.motion import NED_FROM_CAMERA
@@ -80,3 +80,33 @@ def test_one_picture_from_the_future_does_not_blind_the_estimator_until_then(wid
         assert staged is not None
     assert stage.counts == {"steps back of the pictures' times": 1}
     assert staged.depth.reason is None
+
+
+def test_positions_of_a_played_log_reach_the_estimator(wide, save_difference_network):
+    """They were dropped without a word; all that was left of them were velocities too rough for a slow drone."""
+    store = MotionStore(NED_FROM_CAMERA)
+    network = load_network(save_difference_network(), device="cpu", threads=1)
+    stage = DepthStage(network, Lens(CAMERA), store, ranges=1, fixed=False)
+    for i in range(6):
+        stamp_ns = 10**9 + i * FRAME_NS
+        store.add(PositionSample(stamp_ns, np.array([0.0, 0.1 * i, 0.0])), stamp_ns)
+        staged = stage.take(stamp_ns, seen(wide, i * 0.002))
+    assert staged.depth.reason is None
+    np.testing.assert_allclose(staged.depth.displacements_m, [0.1 * shift for shift in staged.depth.shifts])
+
+
+def test_what_the_estimators_leave_out_is_told(wide, save_difference_network):
+    """Glitches and late samples were counted by nobody, and those of an estimator that is gone went with it."""
+    store = MotionStore(NED_FROM_CAMERA)
+    network = load_network(save_difference_network(), device="cpu", threads=1)
+    stage = DepthStage(network, Lens(CAMERA), store, ranges=1, fixed=False)
+    assert not stage.telemetry_dropped
+    for i in range(12):
+        stamp_ns = 10**9 + i * FRAME_NS
+        north_m_s = 300.0 if i == 4 else 3.0
+        store.add(VelocitySample(stamp_ns, np.array([north_m_s, 0, 0])), stamp_ns)
+        stage.take(stamp_ns, seen(wide, i * 0.002))
+    told = stage.telemetry_dropped
+    assert told.total() == 1
+    stage.prepare(160, 90)
+    assert stage.telemetry_dropped == told

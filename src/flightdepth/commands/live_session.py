@@ -84,7 +84,7 @@ class Session:
         self.store = MotionStore(looking(settings.mount_pitch or 0.0) if fixed else None)
         # Obstacles join two results in a row, so with one range these look near and far in turn.
         turns = 2 if settings.sends_obstacles else 1
-        stage = DepthStage(
+        self.stage = DepthStage(
             self.network,
             self.lens,
             self.store,
@@ -95,7 +95,7 @@ class Session:
             mask=self.mask,
         )
         if chosen is not None:  # a file must not run on while the network is prepared
-            stage.prepare(chosen.camera.width, chosen.camera.height)
+            self.stage.prepare(chosen.camera.width, chosen.camera.height)
         self.epoch_ns = time.monotonic_ns() + LEAD_NS
         self.feed: AutopilotFeed | None = None
         self.link: MavlinkLink | None = None
@@ -103,7 +103,7 @@ class Session:
         self.obstacles: ObstacleFeed | None = None
         self.engine = LiveEngine(
             Parts(
-                stage=stage,
+                stage=self.stage,
                 store=self.store,
                 video=self._video,
                 motion=self._motion,
@@ -199,10 +199,10 @@ class Session:
         return Sight.of(self.network.card, self.network.focal_px(camera))
 
     def _telemetry_dropped(self) -> dict[str, int]:
-        """What did not come in over MAVLink, or did not go out."""
-        dropped: Counter[str] = Counter()
+        """What did not come in, was of no use, or did not go out."""
+        dropped = self.stage.telemetry_dropped
         if self.feed is not None and self.link is not None:
-            dropped = Counter(self.feed.counts) + Counter(self.link.counts)
+            dropped += Counter(self.feed.counts) + Counter(self.link.counts)
         if self.sender is not None and self.sender.failed:
             dropped["obstacle messages that could not be made or written"] = self.sender.failed
         return dict(dropped)

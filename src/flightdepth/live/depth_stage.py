@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -114,6 +114,8 @@ class DepthStage:
     ) -> None:
         check_ranges(ranges)
         self.counts: Counter[str] = Counter()
+        self._left_out: Counter[str] = Counter()  # of telemetry, by estimators that are gone
+        self._leaves_out: Callable[[], Mapping[str, int]] = dict
         self._network, self._lens, self._store, self._fixed = network, lens, store, fixed
         self._ranges = self._most = ranges
         self._turns, self._zoom, self._mask = turns, zoom, mask
@@ -141,6 +143,11 @@ class DepthStage:
         if (lightest := lightest_network(self._network.card)) is not None:
             ways.append(f"--network {lightest}")
         return " or ".join(ways)
+
+    @property
+    def telemetry_dropped(self) -> Counter[str]:
+        """Samples that the estimators left out, by reason; any thread may ask."""
+        return self._left_out + Counter(self._leaves_out())
 
     def is_prepared(self, width: int, height: int) -> bool:
         """Whether pictures of this size need not wait until the network is compiled for them."""
@@ -182,10 +189,12 @@ class DepthStage:
             raise NoCalibration(str(error)) from error
         grid = self._network.grid(camera)
         self._network.warm_up(grid.camera, self._most + 1)  # one more for a scout
-        self._estimator = MultiRangeEstimator(
+        estimator = MultiRangeEstimator(
             self._network, camera, ranges=self._ranges, turns=self._turns, mask=shown
         )
-        self._steadiness = Steadiness(camera, max_turn_rad=self._estimator.max_turn_rad, shown=shown)
+        self._left_out, self._leaves_out = self.telemetry_dropped, lambda: estimator.dropped
+        self._steadiness = Steadiness(camera, max_turn_rad=estimator.max_turn_rad, shown=shown)
+        self._estimator = estimator
         self._camera = camera
 
     def _feed_motion(self) -> None:

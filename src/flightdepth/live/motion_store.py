@@ -9,7 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flightdepth.flight.records import NS_PER_S, AttitudeSample, BodyAttitudeSample, Sample, VelocitySample
+from flightdepth.flight.records import (
+    NS_PER_S,
+    AttitudeSample,
+    BodyAttitudeSample,
+    PositionSample,
+    Sample,
+    VelocitySample,
+)
 from flightdepth.live.meters import Rate
 from flightdepth.motion import (
     Vector,
@@ -69,6 +76,8 @@ class MotionStore:
                     self._new.append(sample)
                     self._rate.add(now_ns)
                     self._received_ns = now_ns
+                case PositionSample():
+                    self._new.append(sample)
                 case AttitudeSample():
                     if self._body_from_camera is None or not len(self._bodies):
                         self._add_camera(sample)
@@ -83,7 +92,7 @@ class MotionStore:
             self._height = stamp_ns, height_m
 
     def take_new(self) -> list[Sample]:
-        """The velocities and camera attitudes since the last call, in the order of their coming."""
+        """The velocities, positions and camera attitudes since the last call, in the order of their coming."""
         with self._lock:
             taken = list(self._new)
             self._new.clear()

@@ -17,6 +17,7 @@ CLOCK_HZ = 90_000
 NTP_UNIX_S = 2_208_988_800  # from 1900, where NTP begins, to 1970
 START_CODE = b"\x00\x00\x00\x01"
 MOST_HELD = 16  # packets that wait for one before them
+MOST_BYTES = 64 << 20  # of one picture; a sender that marks no picture's end would fill the memory
 LONGEST_HELD_NS = 40_000_000
 MAX_DROPOUT, MAX_MISORDER = 3000, 100  # packets lost, and late, of one sender: RFC 3550, A.1
 MAX_STEP_NS = 2 * NS_PER_S  # a stream's time that steps back, or ahead of our clock, by more is another's
@@ -146,6 +147,7 @@ class Units:
     def __init__(self, *, h265: bool = False) -> None:
         self._split, self._h265 = h265_parts if h265 else h264_parts, h265
         self._parts: list[bytes] = []
+        self._bytes = 0  # of the picture so far
         self._whole = True
         self._ticks: int | None = None
         self._came_ns = 0
@@ -167,6 +169,9 @@ class Units:
         # A fragment that continues nothing: its first one was lost, or never heard.
         self._whole &= bool(parts) and (parts[0] is START_CODE or bool(self._parts))
         self._parts += parts
+        self._bytes += sum(map(len, parts))
+        if self._bytes > MOST_BYTES:
+            self._whole, self._parts = False, []
         if packet.marker and self._shows():
             yield self._close()
 
@@ -186,7 +191,7 @@ class Units:
     def _close(self) -> Unit:
         assert self._ticks is not None
         unit = Unit(b"".join(self._parts) if self._whole else None, self._ticks, self._came_ns)
-        self._parts, self._open = [], False
+        self._parts, self._bytes, self._open = [], 0, False
         return unit
 
 

@@ -89,7 +89,7 @@ class LiveStatus:
     uptime_s          since the engine began
     reconnects        times that the video stream was opened again
     sinks             by name: results taken, missed, failed on
-    telemetry_dropped MAVLink messages left out or not sent, and jumps of the autopilot's clock, by reason
+    telemetry_dropped samples and MAVLink messages left out or not sent, and jumps of the autopilot's clock, by reason
     lens              what the camera's turns say of its focal length; None before they were judged
     """
 

@@ -36,7 +36,7 @@ SILENT = logging.NullHandler()  # one for all connections: a second time a logge
 Told = list[tuple[int, str, str]]  # level, who, what
 _listeners, _listening = 0, threading.Lock()
 BEHIND = "packets thrown away because decoding fell behind"
-LATE_NS = 2 * NS_PER_S  # a file's picture that is due so long ago is passed over: the machine slept
+LATE_NS = NS_PER_S  # a file's picture that is due so long ago is passed over: the machine slept, or is too slow
 
 
 class StreamEnded(FlightDepthError):
@@ -120,6 +120,7 @@ class VideoStream:
                     return
                 if ahead_ns < -LATE_NS:
                     self._counts["pictures of a file that could not be read in time"] += 1
+                    self._decoder.skip_to_key_frame()  # decoded one by one they would be late for ever
                     continue
                 yield Picture(decoded, due_ns - delay_ns, "reception")
 
