@@ -5,7 +5,7 @@ import pytest
 from sideways_flight import CAMERA, FRAME_NS, picture
 
 from flightdepth.ranges import MultiRangeEstimator, derotation, direction
-from flightdepth.ranges.estimator import NO_DIRECTION
+from flightdepth.ranges.choice import NO_DIRECTION
 from flightdepth.runtimes.network import Network
 from tests_networks import BestHypothesis, difference_card, swept_card
 

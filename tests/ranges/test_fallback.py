@@ -7,7 +7,7 @@ from sideways_flight import CAMERA, FRAME_NS, picture
 from flightdepth.errors import BadInput
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.ranges.direction import SeenDirections
-from flightdepth.ranges.estimator import NO_DIRECTION
+from flightdepth.ranges.choice import NO_DIRECTION
 from flightdepth.ranges.fallback import OnGridOf
 from flightdepth.runtimes.network import Network
 from tests_networks import BestHypothesis, difference_card, swept_card

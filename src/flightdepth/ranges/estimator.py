@@ -6,7 +6,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import get_args
 
@@ -18,17 +18,15 @@ from flightdepth.errors import BadInput
 from flightdepth.flight.records import VelocityFrame
 from flightdepth.flight.steadiness import MAX_DEROTATED_RAD, MAX_TURN_RAD
 from flightdepth.levels import AnyImage, Image, rounded
+from flightdepth.ranges.choice import PairChoice, Seer
 from flightdepth.ranges.derotation import Derotation
-from flightdepth.ranges.direction import SeenDirections
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.exposure import ExposedFrames
-from flightdepth.ranges.fallback import OnGridOf
 from flightdepth.ranges.fusion import Fused, Fusion, fuse, within_reach
-from flightdepth.ranges.log_check import LogCheck
 from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.motion_error import widened
 from flightdepth.ranges.network import AtSource, DepthNetwork, Map
-from flightdepth.ranges.pairs import Baselines, Frame, FrameBuffer, Pair, baselines, pick, seen_from
+from flightdepth.ranges.pairs import Frame, FrameBuffer, Pair, baselines
 from flightdepth.ranges.plan import Planner
 from flightdepth.ranges.repeats import Repeats
 from flightdepth.ranges.result import RangedDepth
@@ -44,28 +42,13 @@ from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
 MAX_RANGES = 4
-NO_DIRECTION = "direction of motion unknown: no log tells it, and too few tracked points do"
 NOT_RIGID = (
     "turned too far, or what is seen moves by itself:"
     " no rotation of a few degrees and no direction near the one told explain the pictures"
 )
 FALLEN_BACK = "frames without a direction of motion: depth by {}, rough, its confidence is no chance"
-DENIED = (
-    "the pictures deny the log's direction of motion, and are followed: it is {:.0f} degrees off;"
-    " are its velocities in the axes that it says, is it of this clock (of a log, `run --telemetry-offset auto` seeks"
-    " it), and are its attitudes the camera's, mounted as it says?"
-)
 VIGNETTING = "pictures are darker towards their corners; depth is of pictures that are evened out"
 NON_ROTATING = "camera-frame velocity without attitude: the camera is taken not to turn"
-
-
-@dataclass(frozen=True, eq=False)
-class Seer:
-    """A network, its card at the focal length of the pictures, and what it wants to look at next."""
-
-    network: DepthNetwork
-    card: NetworkCard
-    planner: Planner
 
 
 class MultiRangeEstimator:
@@ -127,14 +110,12 @@ class MultiRangeEstimator:
             saturation=self._fusion == "saturation",
             turns=turns,
         )
-        card = network.card.at_focal(self._grid.camera.fx)
-        self._first = Seer(network, card, planner(card, sides=sides_of(camera)))
-        self._open_fallback, self._planner_of = fallback, planner
-        self._fallback: Seer | None = None
+        self._choice = PairChoice(
+            network, camera, self._tracker, planner=planner, derotate=derotate, fallback=fallback
+        )
         self._span_ns = round(buffer_s * 1e9)
         self._last_ns: int | None = None
         self._frames_given = 0
-        self._denied = False  # the log's direction, by the pictures of the last frame
 
     @property
     def ranges(self) -> int:
@@ -194,10 +175,7 @@ class MultiRangeEstimator:
         if camera == self._camera:
             return
         self._look_through(camera)
-        self._first = replace(self._first, card=self._network.card.at_focal(self._grid.camera.fx))
-        for seer in (self._first, self._fallback):
-            if seer is not None:
-                seer.planner.look_through(seer.card, sides_of(camera))
+        self._choice.look_through(camera, self._tracker)
         self.forget_frames()
 
     def _look_through(self, camera: Camera) -> None:
@@ -212,9 +190,8 @@ class MultiRangeEstimator:
         ideal = self._grid.camera
         self._average = TemporalAverage(ideal, self._grid.valid.shape)
         self._averaged_ns: int | None = None  # stamp of the last depth that the average holds
-        tracker = Tracker(ideal, self._shown)
-        self._directions, self._derotation = SeenDirections(ideal, tracker), Derotation(ideal, tracker)
-        self._log_check = LogCheck(ideal, tracker)
+        self._tracker = Tracker(ideal, self._shown)
+        self._derotation = Derotation(ideal, self._tracker)
         self._vignetting = Vignetting(ideal, self._shown)
 
     def forget_frames(self) -> None:
@@ -264,7 +241,7 @@ class MultiRangeEstimator:
         pairs, prediction = self._memory.predicted(pairs, seer.network, predict)
         fused = self._fuse(pairs, prediction, seer.card)
         seer.planner.learn(stamp_ns, fused, self._grid.valid)
-        if seer is self._first:  # depths of two networks are not averaged
+        if not seer.is_fallback:  # depths of two networks are not averaged
             fused = self._held_still(current.stamp_ns, pairs, fused)
         if self._fusion == "saturation":
             fused = within_reach(fused)
@@ -295,31 +272,7 @@ class MultiRangeEstimator:
             lines, current.image, self._grid.camera, self._shown, evened=self._vignetting.evened
         )
         lines = replace(lines, frames=exposed)
-        if pairs := self._picked(lines, current, self._first):
-            return pairs, self._first
-        if self._open_fallback is None:
-            return NO_DIRECTION
-        self._fallback = self._fallback or self._opened(self._open_fallback())
-        return self._picked(lines, current, self._fallback), self._fallback
-
-    def _opened(self, fallback: DepthNetwork) -> Seer:
-        network, card = OnGridOf(fallback), fallback.card
-        if card.knows_direction:
-            raise BadInput("fallback", expected="a network that needs no direction", got=card.name)
-        return Seer(network, card, self._planner_of(card, ranges=self.ranges, sides=sides_of(self._camera)))
-
-    def _picked(self, lines: Baselines, current: Frame, seer: Seer) -> tuple[Pair, ...]:
-        """The pairs that `seer` wants, of directions that the log or the pictures tell; none where it needs one."""
-        seer.planner.ranges, most = self.ranges, self._memory.most_pairs
-        wanted_m, depths_m = seer.planner.wanted(current.stamp_ns, lines.length_m[lines.usable])
-        pairs = pick(lines, wanted_m[:most], depths_m[:most])
-        through = seen_from(lines, pairs)
-        told, asks = all(pair.directed for pair in pairs), seer.card.knows_direction
-        if seer is self._first:
-            self._denied = self._derotate and told and self._log_check.denies(through[0][0][0], current)
-        if (self._denied or not told) and (asks or self._derotate):
-            pairs = self._directions.of(through, current)
-        return tuple(pair for pair in pairs if pair.directed or pair.seen or not asks)
+        return self._choice.of(lines, current, ranges=self.ranges, most=self._memory.most_pairs)
 
     def _is_frozen(self, current: Frame, now_ns: int) -> bool:
         """Whether the camera moved while it showed this picture; then that holds until it shows another."""
@@ -387,14 +340,14 @@ class MultiRangeEstimator:
             nearer_than_m=_bound(fused.nearer_than_m, at_source),
             latency_ms=_since_ms(started),
             notes=self._notes(seer),
-            doubt=DENIED.format(math.degrees(self._log_check.off_rad)) if self._denied else None,
+            doubt=self._choice.doubt,
             moved_m=self._moved(pairs, seer.card),
             network=seer.card.name,
         )
 
     def _notes(self, seer: Seer) -> tuple[str, ...]:
         non_rotating = (NON_ROTATING,) if self._trajectory.non_rotating else ()
-        told = () if seer is self._first else (FALLEN_BACK.format(seer.card.name),)
+        told = (FALLEN_BACK.format(seer.card.name),) if seer.is_fallback else ()
         darker = (VIGNETTING,) if self._vignetting.strength else ()
         return non_rotating + self._memory.notes + told + darker
 
@@ -411,11 +364,6 @@ def _bound(bound_m: Map, at_source: AtSource) -> Map:
     if not np.isfinite(bound_m).any():
         return np.full_like(at_source.depth_m, np.nan)
     return np.where(np.isfinite(at_source.depth_m), np.float32(np.nan), at_source.marks(bound_m))
-
-
-def sides_of(camera: Camera) -> float:
-    """Smaller side of a camera's pictures over its focal length."""
-    return min(camera.width / camera.fx, camera.height / camera.fy)
 
 
 def check_ranges(ranges: int) -> None:

@@ -30,11 +30,11 @@ TURNS_PATCHES_RAD = np.radians(1)
 
 
 class Tracker:
-    """Tracks of pairs that share their current picture, of an ideal pinhole."""
+    """Tracks of pairs that share their current picture, of `camera`, an ideal pinhole."""
 
     def __init__(self, camera: Camera, shown: Flags | None = None) -> None:
         """`shown` [h, w], a quarter of the size, is False where no corners are to be tracked."""
-        self._camera, self._shown = camera, shown
+        self.camera, self._shown = camera, shown
         self._current: AnyImage | None = None
         self._corners: Corners | None = None
         self._found: list[tuple[AnyImage, Rays]] = []
@@ -42,7 +42,7 @@ class Tracker:
     def rays(self, previous: AnyImage, current: AnyImage) -> Rays:
         """Rays (x, y, 1) of corners of `current` and of the same points in `previous`; RGB or grey, 0 to 255."""
         if self._corners is None or self._current is not current:
-            corners = Corners(current, self._camera, self._shown)
+            corners = Corners(current, self.camera, self._shown)
             self._current, self._corners, self._found = current, corners, []
         known = next((rays for image, rays in self._found if image is previous), None)
         if known is None:
@@ -53,7 +53,7 @@ class Tracker:
     def rays_turned(self, previous: AnyImage, current: AnyImage, turn: Vector, turn_rad: float) -> Rays:
         """The same, those of `previous` in the current orientation as far as that is known; `turn` (3, 3)."""
         if turn_rad > TURNS_PATCHES_RAD:
-            return self.rays(turned(in_grey(previous), turn, self._camera), current)
+            return self.rays(turned(in_grey(previous), turn, self.camera), current)
         now, before = self.rays(previous, current)
         before = before @ turn.T
         return now, before / before[:, 2:]
@@ -63,7 +63,7 @@ class Corners:
     """Corners of one picture."""
 
     def __init__(self, image: AnyImage, camera: Camera, shown: Flags | None = None) -> None:
-        self._camera = camera
+        self.camera = camera
         self._grey = in_grey(image)
         # Corners of half the size are found in a third of the time, and are as good to follow.
         half = cv2.resize(self._grey, (camera.width // 2, camera.height // 2), interpolation=cv2.INTER_AREA)
@@ -83,7 +83,7 @@ class Corners:
         missed_px = (back - self._points)[:, 0]
         returned = (missed_px * missed_px).sum(axis=1) < LARGEST_RETURN_PX**2
         kept = found & found_back & returned
-        return _rays(self._points[kept, 0], self._camera), _rays(there[kept, 0], self._camera)
+        return _rays(self._points[kept, 0], self.camera), _rays(there[kept, 0], self.camera)
 
 
 def tracked_rays(previous: AnyImage, current: AnyImage, camera: Camera) -> Rays:
