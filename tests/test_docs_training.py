@@ -8,11 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from flightdepth import cli
+from flightdepth.architectures import DepthNet
 from flightdepth.evaluation import int8_ranges
 from flightdepth.training import loop, recipe_files
 from flightdepth.training.run_folder import stages_behind
+from flightdepth.training.start import start_of
 from flightdepth.weights.store import find_network, read_card
 from tests_recipes import recipe_text, stage_text
 
@@ -51,6 +54,22 @@ def test_every_command_runs(monkeypatch, tmp_path, capsys):
         assert cli.main(small(command)) == 0, capsys.readouterr().err
     made = ["runs/mine", "short/tiny-clamped-256", "networks/tiny-clamped-128.onnx", "figures.json"]
     assert all((tmp_path / path).exists() for path in made)
+
+
+def test_a_network_from_elsewhere_is_measured_and_gone_on_from(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "networks").mkdir()
+    (snippet,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+    few = snippet.replace("base_width=32", "base_width=4")
+    torch.manual_seed(2)
+    weights = DepthNet(4).state_dict()
+    torch.save({"epoch": 1, "state_dict": weights}, "authors.pth.tar")
+    exec(few, {})
+    assert cli.main(["evaluate", "network", "networks/authors.onnx", "--scenes", "1"]) == 0
+    text = recipe_text(stage_text("64", 4), name="child")
+    (tmp_path / "child.toml").write_text('starts_from = "networks/authors.onnx"\n' + text)
+    start = start_of(recipe_files.load_recipe("child.toml"), tmp_path / "runs")
+    assert all(torch.equal(start.weights[key], weights[key]) for key in weights)
 
 
 def as_toml(recipe):

@@ -323,3 +323,12 @@ def test_evaluate_noise_writes_what_it_takes_to_repeat_it(exported):
     card = read_network(exported / "small.onnx").card
     assert [each["weights_sha256"] for each in figures["networks"]] == [card.sha256]
     assert {row["size"] for row in figures["rows"]} >= {0.0, 0.05, 10.0}
+
+
+def test_going_on_from_a_shipped_network_takes_its_name(capsys):
+    """It said that a path to an ONNX file was expected."""
+    assert cli.main([*TRAIN, "--shipped"]) == 2
+    message = capsys.readouterr().err
+    assert "--shipped: expected a recipe by the name of a network that ships: " in message
+    assert "got small. Keep that name, or write starts_from" in message
+    assert not Path("runs").exists()

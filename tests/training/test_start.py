@@ -1,13 +1,19 @@
 """What a run begins from, and what of it the recipe's network has no place for."""
 
 import pytest
+import torch
 from training_runs import small_recipe, stage
 
 from flightdepth.architectures.motionnet import RESIDUAL
+from flightdepth.commands.export import card_stage
 from flightdepth.commands.train import introduce
+from flightdepth.errors import BadInput
 from flightdepth.training import load_recipe
+from flightdepth.training.export import deployed, to_onnx
 from flightdepth.training.network import network_of
 from flightdepth.training.start import Start, start_of
+from flightdepth.weights.card import NetworkCard
+from flightdepth.weights.store import save_network
 
 DEEPER = {"looks": 2, "thorough_last_look": True, "residual_blocks": True}
 BLOCKS = {"conv4_1.3", "conv5_1.3", "conv6_1.3", "deconv5.4", "deconv4.4", "deconv3.4"}
@@ -61,3 +67,43 @@ def test_training_says_nothing_of_the_kind_where_all_is_taken_over(tmp_path, cap
     out = capsys.readouterr().out
     assert "goes on from tiny-clamped-256, which ships" in out
     assert "left behind" not in out
+
+
+@pytest.fixture
+def network_file(tmp_path):
+    """A network of the small recipe's size, as `flightdepth export` leaves it, that has seen 8 pairs in stage a."""
+    recipe = small_recipe(stages=[stage("a", 1)])
+    torch.manual_seed(3)
+    weights = network_of(recipe).state_dict()
+    card = NetworkCard(
+        **recipe.model_dump(include={"name", "base_width", "activation", "nominal_shift"}),
+        architecture="DepthNet",
+        D0_m=0.3,
+        depth_min_m=0,
+        depth_max_m=100,
+        focal_px=32,
+        width=64,
+        height=64,
+        samples=8,
+        stages=(card_stage(recipe, recipe.stages[0], recipe.stages[0].samples),),
+    )
+    return save_network(tmp_path, card, to_onnx(deployed(recipe, weights))), weights
+
+
+def test_a_recipe_starts_from_a_network_file(network_file, tmp_path):
+    path, weights = network_file
+    start = start_of(small_recipe(name="child", starts_from=str(path)), tmp_path)
+    assert (start.origin, start.stage, start.seen) == (f"{path}: 8 pairs", 0, 8)
+    assert start.weights.keys() == weights.keys()
+    assert all(torch.equal(start.weights[key], weights[key]) for key in weights)
+
+
+def test_a_network_file_of_the_recipes_own_name_and_stages_is_no_start(network_file, tmp_path):
+    path, _ = network_file
+    with pytest.raises(BadInput, match=f"another name, since it starts from a network of that name, {path}"):
+        start_of(small_recipe(stages=[stage("a", 1)], starts_from=str(path)), tmp_path)
+
+
+def test_a_network_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(BadInput, match=r"expected a path to an ONNX file .*, got 'none.onnx'"):
+        start_of(small_recipe(name="child", starts_from="none.onnx"), tmp_path)

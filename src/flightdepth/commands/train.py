@@ -88,10 +88,17 @@ def train(
         from flightdepth.scenes import Textures
         from flightdepth.training import load_recipe
         from flightdepth.training.processes import this_process
-    from flightdepth.weights.store import read_network
+    from flightdepth.weights.store import read_network, shipped_networks
 
     wanted = load_recipe(recipe)
     wanted = wanted if samples is None else wanted.scaled_to(samples)
+    if shipped and wanted.name not in shipped_networks():
+        raise BadInput(
+            "--shipped",
+            expected=f"a recipe by the name of a network that ships: {', '.join(shipped_networks())}",
+            got=wanted.name,
+            mend='Keep that name, or write starts_from = "NETWORK" into the recipe.',
+        )
     folder, first = runs / wanted.name, this_process().is_main_process
     with nullcontext() if first else redirect_stdout(io.StringIO()):  # one of several processes speaks
         if first:  # before long there are files of this run

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -50,7 +50,7 @@ def start_of(recipe: Recipe, runs: Path, shipped: StoredNetwork | None = None) -
     """What a fresh run in the folder `runs` begins from; None means random weights.
 
     That is `shipped`, where it is given, after the stages that its card lists; else what the recipe starts from: its
-    run among `runs`, or the network of that name that ships.
+    run among `runs`, or the network of that name that ships, or the ONNX file of that path, beside its card.
 
     Raises:
         BadInput: there is neither, or it is a network of another size.
@@ -64,6 +64,8 @@ def start_of(recipe: Recipe, runs: Path, shipped: StoredNetwork | None = None) -
         return _run(recipe, parent)
     if recipe.starts_from in shipped_networks():
         return _shipped(recipe, read_network(recipe.starts_from), stage=0)
+    if Path(recipe.starts_from).suffix == ".onnx":
+        return _file(recipe, recipe.starts_from)
     raise BadInput(
         f"recipe {recipe.name}",
         expected=f"{parent} to start from",
@@ -97,6 +99,19 @@ def _shipped(recipe: Recipe, shipped: StoredNetwork, *, stage: int) -> Start:
     card = shipped.card
     _check_same_size(recipe, card.name, card.architecture, card.base_width)
     return Start(f"{card.name}, which ships", weights_of(shipped.onnx), card.samples, stage, card)
+
+
+def _file(recipe: Recipe, path: str) -> Start:
+    """A network file of the user's own, which every stage of the recipe goes on from."""
+    start = _shipped(recipe, read_network(path), stage=0)
+    assert start.card is not None
+    if stages_behind(start.card, recipe):  # they would be taken for what the file has been through
+        raise BadInput(
+            f"recipe {recipe.name}",
+            expected=f"another name, since it starts from a network of that name, {path}",
+            got=recipe.name,
+        )
+    return replace(start, origin=f"{path}: {start.seen:,} pairs")
 
 
 def _check_same_size(recipe: Recipe, name: str, architecture: str, base_width: int) -> None:

@@ -108,5 +108,5 @@ def refuse_pickle(path: Path, start: bytes = b"") -> None:
             f"network {path}",
             expected="an ONNX file with its card",
             got="a pickle (a PyTorch checkpoint), which can run any code when opened",
-            mend="Convert it with: flightdepth export.",
+            mend="Of a run of `flightdepth train`, export it; any other: docs/training.md, A network from elsewhere.",
         )
