@@ -6,7 +6,7 @@ import pytest
 from flight_files import make_video
 
 from flightdepth.cli import main
-from flightdepth.commands.live_session import recorded
+from flightdepth.commands.live_sources import recorded
 from flightdepth.errors import BadInput
 from flightdepth.flight import open_flight
 from tests_dji_records import airdata, record

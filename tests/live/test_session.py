@@ -1,5 +1,6 @@
 """What `flightdepth live` puts together; nothing is opened."""
 
+import re
 import shutil
 import signal
 import socket
@@ -17,8 +18,10 @@ from live_peers import Autopilot, free_port, live_command, until
 
 from flightdepth.commands import live_session
 from flightdepth.commands.demo import LOG, VIDEO
-from flightdepth.commands.live_session import NOMINAL_SIZE, Session, missing, recorded, summary
+from flightdepth.commands.live_report import missing, summary
+from flightdepth.commands.live_session import NOMINAL_SIZE, Session
 from flightdepth.commands.live_settings import LiveSettings
+from flightdepth.commands.live_sources import doubt_of_obstacles, recorded
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight import Frame, flight_log, open_flight
 from flightdepth.flight.camera_evidence import CameraEvidence
@@ -138,6 +141,7 @@ def test_no_obstacle_message_goes_before_there_is_anybody_to_send_to(session):
         said, _ = process.communicate(timeout=60)
     assert "0 of 0 pictures used" in said
     assert "not sent" not in said
+    assert re.search(r"obstacles: [1-9]\d* messages sent", said)
     assert heard() == {7}
 
 
@@ -145,7 +149,7 @@ def test_one_lost_message_is_told_in_words_that_fit_one(session):
     """It was `1 messages not sent`."""
     session.link, session.feed = SimpleNamespace(counts={"damaged messages": 1}), SimpleNamespace(counts={})
     session.link.instead = lambda: None
-    assert "  MAVLink: damaged messages (1)" in summary(session.engine.status()).splitlines()
+    assert "  telemetry: damaged messages (1)" in summary(session.engine.status()).splitlines()
 
 
 @pytest.mark.parametrize("size", [(320, 240), (1280, 720)])
@@ -297,7 +301,7 @@ def test_options_that_would_do_nothing_are_refused(session, changes, said):
 )
 def test_of_a_network_without_near_things_obstacles_are_doubted(name, floor):
     """On the sample flight, with four results a second, it missed 22 of 35 obstacles, and nothing said why."""
-    doubt = live_session.doubt_of_obstacles(read_card(find_network(name)))
+    doubt = doubt_of_obstacles(read_card(find_network(name)))
     assert (doubt is None) if floor is None else (f"{name} tells what is nearer than {floor}" in doubt)
 
 

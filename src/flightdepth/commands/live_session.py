@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
+from collections.abc import Callable
+from contextlib import ExitStack
 
 from flightdepth.camera import Camera
+from flightdepth.commands.live_report import missing, summary, told
 from flightdepth.commands.live_settings import LiveSettings
-from flightdepth.commands.network_options import check_align, precision_of
+from flightdepth.commands.live_sources import doubt_of_obstacles, recorded, refuse_idle
+from flightdepth.commands.network_options import precision_of
 from flightdepth.commands.signals import stop_request
-from flightdepth.commands.terminal import mention, say, warn
-from flightdepth.errors import BadInput, FlightDepthError
+from flightdepth.commands.terminal import say, warn
+from flightdepth.errors import FlightDepthError
 from flightdepth.flight.camera_evidence import ChosenCamera
-from flightdepth.flight.cameras import choose_camera
-from flightdepth.flight.flight_log import choose_telemetry
 from flightdepth.flight.gimbal import looking
 from flightdepth.flight.mask import PictureMask
-from flightdepth.flight.recordings import doubted_length
-from flightdepth.flight.records import Telemetry
-from flightdepth.flight.untold import untold
-from flightdepth.flight.video import Video
 from flightdepth.live.autopilot_feed import AutopilotFeed, AutopilotListener
 from flightdepth.live.depth_stage import DepthStage, Lens
 from flightdepth.live.engine import LiveEngine, MotionSource, Parts
@@ -37,17 +31,13 @@ from flightdepth.live.obstacle_sender import ObstacleFeed, ObstacleSender, Write
 from flightdepth.live.obstacles import ObstacleSettings, Sight
 from flightdepth.live.page import Page, PageServer
 from flightdepth.live.recorder import Recorder
-from flightdepth.live.status import LiveStatus, SinkCounts
-from flightdepth.live.video_address import VideoAddress, video_address
+from flightdepth.live.video_address import video_address
 from flightdepth.live.video_input import VideoInput, VideoListener
 from flightdepth.outputs.interrupted import keep_interrupted
 from flightdepth.runtimes.network import Network, load_network, nearest_network
-from flightdepth.weights.card import NetworkCard
 
 # A file and a log begin so long after the start, so that both are open by then.
 LEAD_NS = 300_000_000
-LINE_EVERY_S = 5.0
-LOOK_S = 0.2
 NOMINAL_SIZE = (640, 360)  # stands for the pictures before the first has come
 
 
@@ -132,6 +122,8 @@ class Session:
             engine.run(stop, settings.duration)
         status = engine.status()
         say(summary(status))
+        if self.sender is not None:
+            say(f"  obstacles: {self.sender.sent} messages sent")
         if not (stop.is_set() or status.frames.received):  # nobody stopped it
             raise FlightDepthError(f"video {self.address.name}: no picture came")
 
@@ -222,107 +214,3 @@ class Session:
             return lambda message: tlog.write(in_tlog(time.time_ns() // 1000, message))
         assert self.link is not None
         return self.link.write
-
-
-def recorded(
-    settings: LiveSettings, address: VideoAddress, mask: PictureMask | None = None
-) -> tuple[Telemetry | None, ChosenCamera | None]:
-    """The log that is played, and a video file's camera as `flightdepth run` chooses it; a stream tells neither."""
-    if not address.paced:
-        refuse_log_of_stream(settings, address)
-        return None, None
-    given, offset_s = settings.telemetry, settings.telemetry_offset
-    with Video(Path(address.target), mask=mask) as video:
-        log = None
-        if settings.mavlink is None:
-            log, _ = choose_telemetry(
-                video, given, None, offset_s, mend="Give --telemetry LOG or --mavlink LINK."
-            )
-        if log is not None:
-            for doubt in untold(video, log) + (() if offset_s else doubted_length(log, video.duration_ns)):
-                warn(doubt)
-        return log, choose_camera(video, settings.camera, settings.hfov, log)
-
-
-def refuse_log_of_stream(settings: LiveSettings, address: VideoAddress) -> None:
-    """A stream's velocity comes from an autopilot."""
-    if settings.mavlink is not None:
-        return
-    if settings.telemetry is not None:
-        raise BadInput(
-            "--telemetry",
-            expected="a video file beside it",
-            got=address.name,
-            mend="A stream's velocity comes by --mavlink.",
-        )
-    raise BadInput(
-        "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="neither"
-    )
-
-
-def refuse_idle(settings: LiveSettings, address: VideoAddress, card: NetworkCard) -> None:
-    """Refuse options that would do nothing with this stream or network."""
-    if settings.sender_clock and not address.reports_wall_clock:
-        expected = "RTSP or RTP, whose sender reports its clock"
-        raise BadInput("--sender-clock", expected=expected, got=address.name)
-    check_align(card, align=settings.align)
-
-
-def doubt_of_obstacles(card: NetworkCard) -> str | None:
-    """What speaks against a network that was trained without near things: it tells them at its nearest depth."""
-    if card.depth_min_m == 0:
-        return None
-    floor_m = Sight.of(card, card.focal_px).least_depth_per_m
-    return (
-        f"--obstacles: {card.name} tells what is nearer than {floor_m:.0f} m for each metre flown between two pictures"
-        " as that far: obstacles at hand are missed where results are few. motion-tiny has no such floor."
-    )
-
-
-@contextmanager
-def told(engine: LiveEngine) -> Iterator[None]:
-    """A line when the health changes, and one each LINE_EVERY_S, from a thread of its own."""
-    over = threading.Event()
-
-    def watch() -> None:
-        said, line_at = None, 0.0
-        while not over.wait(LOOK_S):
-            status = engine.status()
-            if status.health.kind != said or time.monotonic() >= line_at:
-                said, line_at = status.health.kind, time.monotonic() + LINE_EVERY_S
-                mention(line(status))
-
-    thread = threading.Thread(target=watch, name="status", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
-
-
-def missing(status: LiveStatus) -> dict[str, int]:
-    """Pictures that are not in the recording, by reason."""
-    missed = status.sinks.get("recorder", SinkCounts()).missed
-    return dict(status.frames.dropped) | ({"the disk was busy": missed} if missed else {})
-
-
-def line(status: LiveStatus) -> str:
-    """The engine in one line."""
-    health = status.health.state.upper() + (f" ({status.health.reason})" if status.health.reason else "")
-    age = "-" if status.age_p95_ms is None else f"{status.age_ms:.0f} ms (p95 {status.age_p95_ms:.0f})"
-    return (
-        f"{status.uptime_s:7.1f} s  {health}; {status.fps:.1f} of {status.fps_in:.1f} frames/s, n = {status.ranges},"
-        f" age {age} since {status.age_from}, telemetry {status.telemetry_hz:.0f} Hz"
-    )
-
-
-def summary(status: LiveStatus) -> str:
-    """What came of it, a line for each thing."""
-    lines = [f"{status.frames.used} of {status.frames.received} pictures used in {status.uptime_s:.1f} s"]
-    lines += [f"  {count} dropped: {reason}" for reason, count in status.frames.dropped.items()]
-    lines += [f"  MAVLink: {why} ({count})" for why, count in status.telemetry_dropped.items()]
-    lines += [f"  lens: {status.lens}"] if status.lens is not None and status.lens.decided else []
-    for name, counts in status.sinks.items():
-        lines.append(f"  {name}: {counts.taken} results, {counts.missed} missed, {counts.failed} failed")
-    return "\n".join(lines)
