@@ -100,7 +100,7 @@ class Shot:
 
 
 def _linear(picture: Image) -> Linear:
-    """By sRGB's curve (IEC 61966-2-1), which the renderer writes."""
+    """By sRGB's curve (IEC 61966-2-1); the renderer's x^(1/2.2) gives bytes up to 18 less than half as much."""
     value = np.arange(256) / 255
     curve = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
     return curve.astype(np.float32)[picture]

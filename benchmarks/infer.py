@@ -30,6 +30,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flightdepth.camera import Camera
+from flightdepth.evaluation.network_tables import laid_out
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.files import write_json
 from flightdepth.processor import cpu_name, cpu_runs_bf16
@@ -238,15 +239,12 @@ def peak_table(timings: list[Timing]) -> Table:
 
 def by_runtime(title: str, keys: tuple[str, ...], cells: list[tuple[str, ...]]) -> Table:
     """A row for all cells (keys, runtime, text) of the same keys, and a column for each runtime."""
-    shown, rows = Table(title=title, box=None), defaultdict(dict)
+    texts: dict[tuple[str, ...], dict[str, str]] = defaultdict(dict)
     for *row, runtime, text in cells:
-        rows[tuple(row)][runtime] = text
+        texts[tuple(row)][runtime] = text
     columns = list(dict.fromkeys(runtime for *_, runtime, _ in cells))
-    for heading in (*keys, *columns):
-        shown.add_column(heading, justify="left" if heading == "network" else "right")
-    for row, texts in rows.items():
-        shown.add_row(*row, *(texts.get(runtime, "") for runtime in columns))
-    return shown
+    rows = ([*row, *(found.get(runtime, "") for runtime in columns)] for row, found in texts.items())
+    return laid_out(title, (*keys, *columns), rows, names="network")
 
 
 def main() -> None:

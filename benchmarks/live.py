@@ -29,6 +29,7 @@ from typing import Any, get_args
 import av
 import cv2
 import numpy as np
+from slopes import resident_mib, slope_an_hour
 
 import flightdepth
 from flightdepth.evaluation.provenance import network_facts, origin_of, source_commit
@@ -64,7 +65,6 @@ GROUP = 30  # pictures from one key frame to the next
 WARM_UP_S = 5.0
 SPEED_M_S = 5.7
 FOV_DEG = 75.0
-PAGE_MIB = os.sysconf("SC_PAGE_SIZE") / 2**20
 MOST_A_MINUTE = 70 * RATE_HZ
 # What a picture goes through, in order; a stage that is part of another stands below it.
 STAGES: tuple[tuple[str, Any, str], ...] = (
@@ -186,7 +186,7 @@ class Watch:
         if not len(rows):
             raise SystemExit("no result came: is the port free?")
         p50, p95, p99 = np.percentile(rows[:, 0], [50, 95, 99])
-        rss_mib = int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_MIB
+        rss_mib = resident_mib()
         self.begin(received)
         return Minute(
             len(rows) / seconds,
@@ -200,14 +200,6 @@ class Watch:
             float(rows[:, 2].mean()),
             others_s / (seconds * usable_cores()),
         )
-
-
-def slope_an_hour(minutes: np.ndarray[Any, Any], values: np.ndarray[Any, Any]) -> tuple[float, float]:
-    """Least squares: by how much `values` rise in an hour, and the standard error of that; NaN for fewer than three."""
-    if len(minutes) < 3:
-        return float("nan"), float("nan")
-    (slope, _), covariance = np.polyfit(minutes / 60, values, 1, cov=True)
-    return float(slope), float(np.sqrt(covariance[0, 0]))
 
 
 class StageTimes:

@@ -24,6 +24,7 @@ from rich.table import Table
 
 from flightdepth.commands.export import card_of, running
 from flightdepth.evaluation.network import evaluate_network
+from flightdepth.evaluation.network_tables import laid_out
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.evaluation.table import parameters, whole_set
 from flightdepth.files import write_json
@@ -132,9 +133,8 @@ def kept_or_measured(recipe: Recipe, folder: Path, textures: Textures, scenes: i
 
 def table(rows: Sequence[dict[str, Any]], title: str) -> Table:
     base = next((row for row in rows if row["choice"] == "base"), rows[0])
-    shown = Table(title=title, box=None)
-    for heading in ("one change", "L1 m", "of the base's", "RMSE m", "abs rel", "processor s"):
-        shown.add_column(heading, justify="left" if heading == "one change" else "right")
+    headings = ("one change", "L1 m", "of the base's", "RMSE m", "abs rel", "processor s")
+    shown = laid_out(title, headings, (), names="one change")
     for row in rows:
         l1_m = statistics.mean(run["l1_m"] for run in row["runs"])
         of_base = l1_m / statistics.mean(run["l1_m"] for run in base["runs"])

@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import gc
 import math
-import os
 import sys
 import time
 from collections.abc import Iterator
@@ -22,10 +21,11 @@ from tempfile import TemporaryDirectory
 import av
 import cv2
 import numpy as np
+from slopes import resident_mib, slope_an_hour
 
 from flightdepth.evaluation.provenance import network_facts, source_commit
 from flightdepth.files import write_json
-from flightdepth.flight import AttitudeSample, Flight, Frame, VelocitySample, open_flight
+from flightdepth.flight import Flight, Frame, open_flight
 from flightdepth.flight.telemetry_csv import read_csv, write_csv
 from flightdepth.outputs import FlightWriter, Preview, Source
 from flightdepth.outputs.run import depths
@@ -37,14 +37,8 @@ SAMPLE = Path(sys.modules["flightdepth"].__file__ or "").parent / "sample"
 SAMPLE_FRAMES = 300
 PASS_NS = 13_000_000_000  # from one beginning of the sample to the next: nothing is integrated across the cut
 FASTEST = 40.0  # frames/s that the film must be long enough for
-PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 FLAT_MIB_AN_HOUR = 20.0
 WARM_UP = 300  # frames: the buffer holds those of four seconds
-
-
-def resident_mib() -> float:
-    """Memory of this process that is in RAM."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_BYTES / 2**20
 
 
 def write_long_flight(folder: Path, passes: int) -> tuple[Path, Path]:
@@ -67,24 +61,21 @@ def write_long_flight(folder: Path, passes: int) -> tuple[Path, Path]:
     return film, log
 
 
-class Shrunk:
+class Shrunk(Flight):
     """A flight with smaller pictures, for `seconds`."""
 
     def __init__(self, flight: Flight, shrink: int, seconds: float) -> None:
-        camera = flight.camera
-        self._flight, self._until = flight, time.monotonic() + seconds
-        self.camera = camera.resized(camera.width // shrink, camera.height // shrink)
-        self.gyroscope = flight.gyroscope
+        vars(self).update(vars(flight))  # that one in all else
+        self.camera = self.camera.resized(self.camera.width // shrink, self.camera.height // shrink)
+        self._until = time.monotonic() + seconds
 
-    def __iter__(self) -> Iterator[Frame | VelocitySample | AttitudeSample]:
-        for event in self._flight:
+    def _frames(self) -> Iterator[Frame]:
+        size = (self.camera.width, self.camera.height)
+        for frame in super()._frames():
             if time.monotonic() >= self._until:
                 return
-            if isinstance(event, Frame):
-                size = (self.camera.width, self.camera.height)
-                yield replace(event, image=cv2.resize(event.image, size, interpolation=cv2.INTER_AREA))
-            else:
-                yield event
+            image = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
+            yield replace(frame, image=image.astype(np.uint8, copy=False))
 
 
 def soak(
@@ -101,7 +92,7 @@ def soak(
             source = Source(flight="sample", telemetry="sample", camera=camera, network=network.card)
             estimator = MultiRangeEstimator(network, camera)
             with FlightWriter(Path(name) / "out", source, Preview(camera.width, camera.height)) as writer:
-                for frames, (frame, result) in enumerate(depths(flight, estimator), start=1):  # type: ignore[arg-type]
+                for frames, (frame, result) in enumerate(depths(flight, estimator), start=1):
                     writer.add(frame, result)
                     throw_away(Path(name), frame.index)
                     if time.monotonic() >= next_look:
@@ -119,13 +110,6 @@ def throw_away(folder: Path, index: int) -> None:
         path.unlink()
 
 
-def slope(taken: list[tuple[float, float]]) -> tuple[float, float]:
-    """MiB an hour, and its standard error."""
-    seconds, mib = np.array(taken).T
-    (per_hour, _), covariance = np.polyfit(seconds / 3600, mib, 1, cov=True)
-    return float(per_hour), float(np.sqrt(covariance[0, 0]))
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=30.0)
@@ -140,7 +124,8 @@ def main() -> None:
     taken, frames = soak(network, arguments.minutes, arguments.every, arguments.shrink)
     if len(taken) < 4:
         raise SystemExit(f"{frames} frames are too few: {WARM_UP} are warm-up; give more --minutes")
-    per_hour, error = slope(taken)
+    seconds, mib = np.array(taken).T
+    per_hour, error = slope_an_hour(seconds / 60, mib)
     per_frame = per_hour * 2**20 / (3600 * frames / taken[-1][0])
     print(f"{network.card.name}, {network.runtime.description}, {cpu_name()}")
     print(f"{frames} frames in {taken[-1][0]:.0f} s, {taken[0][1]:.0f} to {taken[-1][1]:.0f} MiB")

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.commands.demo import CALIBRATION, LOG, TRUTH, TRUTH_OFFSET_PX, TRUTH_STEP_PX, VIDEO
+from flightdepth.commands.demo import AT_TRUTH, CALIBRATION, LOG, TRUTH, VIDEO
 from flightdepth.flight import Flight, Frame, open_flight
 from flightdepth.outputs import read_depth
 from flightdepth.outputs.run import depths
@@ -34,7 +34,6 @@ LINES = {
     "HOME 182m  SPD 5.4": (12, 342),
     "REC 00:12": (460, 342),
 }
-AT_TRUTH = np.s_[TRUTH_OFFSET_PX::TRUTH_STEP_PX, TRUTH_OFFSET_PX::TRUTH_STEP_PX]
 
 Flags = NDArray[np.bool_]
 

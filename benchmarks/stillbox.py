@@ -17,6 +17,7 @@ from contact_sheet import GAP, contact_sheet
 
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.files import write_atomic, write_json
+from flightdepth.outputs.encoding import jpeg, rgb_png
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures
 from flightdepth.stillbox.sets import SceneSet, named_set
@@ -152,9 +153,8 @@ def histogram(depth_m: np.ndarray) -> np.ndarray:
 
 
 def save(path: Path, rgb: np.ndarray) -> None:
-    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if path.suffix == ".jpg" else []
-    _, data = cv2.imencode(path.suffix, rgb[..., ::-1], options)
-    write_atomic(path, data.tobytes())
+    data = jpeg(rgb, JPEG_QUALITY) if path.suffix == ".jpg" else rgb_png(rgb)
+    write_atomic(path, data)
     print(f"{path}: {rgb.shape[1]} x {rgb.shape[0]} px, {len(data) / 1e3:.0f} kB")
 
 

@@ -16,7 +16,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from flightdepth.commands.demo import CALIBRATION, LOG, TRUTH, TRUTH_OFFSET_PX, TRUTH_STEP_PX, VIDEO
+from flightdepth.commands.demo import AT_TRUTH, CALIBRATION, LOG, TRUTH, VIDEO
 from flightdepth.flight.cameras import choose_camera
 from flightdepth.flight.open import Flight
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, Telemetry, VelocitySample
@@ -90,14 +90,13 @@ def flown(log: Telemetry) -> Row:
             path = TRUTH / f"{frame.index:06d}.png"
             if not path.exists():
                 continue
-            step = slice(TRUTH_OFFSET_PX, None, TRUTH_STEP_PX)
-            truth_m, depth_m = read_depth(path), result.depth_m[step, step]
+            truth_m, depth_m = read_depth(path), result.depth_m[AT_TRUTH]
             wanted = truth_m < FARTHEST_M
             known = wanted & np.isfinite(depth_m)
             row.known.append(float(known.sum() / wanted.sum()))
             if known.any():
                 row.error.append(float(np.mean(np.abs(depth_m[known] / truth_m[known] - 1))))
-                row.confidence.append(float(np.median(result.confidence[step, step][known])))
+                row.confidence.append(float(np.median(result.confidence[AT_TRUTH][known])))
     return row
 
 

@@ -14,6 +14,7 @@ from command_flights import FRAMES, make_video
 
 from flightdepth.cli import main
 from flightdepth.commands.batch import Job, here, jobs_of
+from flightdepth.commands.run_settings import RunSettings
 from flightdepth.commands.signals import heed_interrupt, stopped_as_by_ctrl_c
 from flightdepth.errors import FlightDepthError
 from flightdepth.outputs import FlightFolder
@@ -235,6 +236,16 @@ def test_the_process_keeps_its_own_handlers_of_signals(run):
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
     assert run(flights=("two.mp4",))[0] == 0
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+
+
+@pytest.mark.parametrize("option", ["network", "fallback"])
+def test_a_folder_of_a_network_s_name_is_not_that_network(tmp_path, monkeypatch, option):
+    """That of `--out motion` was taken for it, and several flights ended."""
+    monkeypatch.chdir(tmp_path)
+    Path("motion").mkdir()
+    assert getattr(RunSettings(**{option: "motion"}).anywhere(), option) == "motion"
+    Path("own.onnx").touch()
+    assert getattr(RunSettings(**{option: "own.onnx"}).anywhere(), option) == str(tmp_path / "own.onnx")
 
 
 def test_an_address_without_ray(run):

@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("plotly", reason="needs flightdepth[report]")
 
 from flightdepth import cli
+from flightdepth.commands.ranges import table
 from flightdepth.evaluation import ranges_study, ranges_trials
 from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Telemetry, Trial
 from flightdepth.scenes import Textures
@@ -49,6 +50,15 @@ def test_figures_and_page(tmp_path, capsys):
     assert 'id="plot-time"' in page
     assert 'id="plot-noise"' not in page
     assert "data:image/jpeg" in page
+
+
+def test_a_time_that_is_not_defined_is_a_dash():
+    """Of no predicted frame there is none; the table ended in a TypeError."""
+    trial, nothing = Trial(FLOW, 1), {"abs_rel": {"mean": None}}
+    errors = dict.fromkeys(("all", "near", "middle", "far"), nothing)
+    row = {"trial": trial.facts, "label": trial.label, "errors": errors, "predict_ms": None}
+    shown = table({"trials": [row]})
+    assert [list(column.cells) for column in shown.columns] == [[trial.label], *[["-"]] * 5]
 
 
 @pytest.mark.slow

@@ -24,6 +24,7 @@ from tests_networks import difference_card
 RATE_HZ, FRAMES = 15, 36
 BASELINES = (0.8, 2.0)
 CAMERA = Camera.from_fov(256, 192, 64.0)
+ZOOMED = Camera.from_fov(256, 192, 32.0)
 
 
 @dataclass
@@ -37,12 +38,20 @@ class Flown:
     camera: Camera = CAMERA
     gyroscope: None = None
     turning: frozenset[int] = field(default_factory=frozenset)
+    damaged: frozenset[int] = field(default_factory=frozenset)
+    zoomed: frozenset[int] = field(default_factory=frozenset)
 
     def __iter__(self):
         for i, image in enumerate(self.images):
             at = i * 10**9 // RATE_HZ
             yield VelocitySample(at, self.velocity[i], self.frame)
-            yield Frame(i, at, rolled(image) if i in self.turning else image)
+            yield Frame(
+                i,
+                at,
+                rolled(image) if i in self.turning else image,
+                after_damage=i in self.damaged,
+                camera=ZOOMED if i in self.zoomed else None,
+            )
 
 
 def rolled(image: np.ndarray) -> np.ndarray:
@@ -265,6 +274,42 @@ def test_a_turn_leaves_out_its_frames_and_the_pairs_across_it(rendered):
     assert found[18:22] == [[], [], [], []]
     assert found[24] == [0.8]
     assert found[30] == [0.8, 2.0]
+
+
+def test_nothing_is_paired_across_damage(rendered):
+    """It was: `run` forgets the frames before damaged ones, this did not."""
+    flown = flight_of(rendered, damaged=frozenset({18}))
+    pairs = BaselinePairs(flown, NetworkGrid(CAMERA, CAMERA.fx), BASELINES, every=1)
+    found = [[pair.wanted_m for pair in moment.pairs] for moment in pairs]
+    assert found[17] == [0.8, 2.0]
+    assert found[18:20] == [[], []]
+    assert found[21] == [0.8]
+    assert found[30] == [0.8, 2.0]
+
+
+def test_damage_counts_before_a_frame_that_is_not_sampled_too(rendered):
+    flown = flight_of(rendered, damaged=frozenset({19}))
+    pairs = BaselinePairs(flown, NetworkGrid(CAMERA, CAMERA.fx), BASELINES, every=2)
+    assert not list(pairs)[20].pairs
+
+
+def test_what_is_seen_through_another_lens_is_left_out(rendered):
+    """A flight that zoomed was measured with its first focal length."""
+    flown = flight_of(rendered, zoomed=frozenset(range(18, 36)))
+    pairs = BaselinePairs(flown, NetworkGrid(CAMERA, CAMERA.fx), BASELINES, every=2)
+    moments = list(pairs)
+    assert len(moments[16].pairs) == 2
+    assert not any(moment.pairs for moment in moments[18:])
+    assert {moment.flown_m for moment in moments[18:]} == {None}
+    assert pairs.left_out["frame zoomed or cropped otherwise than the first"] == 9
+
+
+def test_what_comes_after_a_zoom_is_paired_with_what_was_before(rendered):
+    flown = flight_of(rendered, zoomed=frozenset({18}))
+    pairs = BaselinePairs(flown, NetworkGrid(CAMERA, CAMERA.fx), BASELINES, every=1)
+    found = [[pair.wanted_m for pair in moment.pairs] for moment in pairs]
+    assert found[18] == []
+    assert found[19] == [0.8, 2.0]
 
 
 def test_the_sheet_holds_a_row_for_each_pair(measured):

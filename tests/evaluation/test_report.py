@@ -9,7 +9,7 @@ pytest.importorskip("plotly", reason="needs flightdepth[report]")
 from range_parts import Flown
 
 from flightdepth.evaluation.ranges_result import result
-from flightdepth.evaluation.ranges_trials import DEPTHNET, SWEEPS, Trial, all_trials
+from flightdepth.evaluation.ranges_trials import CONSTANT, DEPTHNET, SWEEPS, Trial, all_trials
 from flightdepth.evaluation.report import page
 from flightdepth.evaluation.report_figures import plots
 from flightdepth.evaluation.report_text import PLOT_TEXTS, name_of
@@ -46,6 +46,25 @@ def test_the_legend_tells_the_numbers_of_ranges_apart(found):
 
 def _plain(row):
     return Trial(row["trial"]["method"], row["trial"]["ranges"]).facts
+
+
+def test_times_and_errors_that_are_not_defined_are_left_out(found):
+    """A trial without a predicted frame has neither; the plots ended in a TypeError."""
+    row = next(row for row in found["trials"] if row["trial"] == Trial(DEPTHNET, 2).facts)
+    nothing = {key: {"mean": None, "low": None, "high": None} for key in ("abs_rel", "delta", "known")}
+    empty = row | {"predict_ms": None, "errors": dict.fromkeys(row["errors"], nothing)}
+    drawn = plots(found | {"trials": [empty if each is row else each for each in found["trials"]]})
+    line = next(trace for trace in drawn["time"].data if trace.name == DEPTHNET)
+    assert list(line.x) == [10.0, None]
+    constant = next(trace for trace in drawn["time"].data if trace.name == Trial(CONSTANT, 0).label)
+    assert constant.x[1] > 10
+
+
+def test_without_any_time_the_constant_has_no_line(found):
+    timeless = [row | {"predict_ms": None} for row in found["trials"]]
+    names = [trace.name for trace in plots(found | {"trials": timeless})["time"].data]
+    assert DEPTHNET in names
+    assert Trial(CONSTANT, 0).label not in names
 
 
 def test_a_study_without_sweeps_has_the_plots_it_has_figures_for(found):

@@ -135,8 +135,8 @@ def test_a_name_tells_the_frame_by_its_last_number(tmp_path: Path) -> None:
     for name in names:
         (tmp_path / name).touch()
     (tmp_path / "100.png").mkdir()
-    found = truth_files(tmp_path, first=3)
-    assert {index: path.name for index, path in found.items()} == {9: names[0], 0: names[1], 4: names[2]}
+    found = truth_files(tmp_path)
+    assert {index: path.name for index, path in found.items()} == {12: names[0], 3: names[1], 7: names[2]}
 
 
 def test_two_files_of_one_frame_are_refused(tmp_path: Path) -> None:

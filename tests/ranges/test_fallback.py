@@ -6,8 +6,8 @@ from sideways_flight import CAMERA, FRAME_NS, picture
 
 from flightdepth.errors import BadInput
 from flightdepth.ranges import MultiRangeEstimator
-from flightdepth.ranges.direction import SeenDirections
 from flightdepth.ranges.choice import NO_DIRECTION
+from flightdepth.ranges.direction import SeenDirections
 from flightdepth.ranges.fallback import OnGridOf
 from flightdepth.runtimes.network import Network
 from tests_networks import BestHypothesis, difference_card, swept_card

@@ -74,6 +74,7 @@ def test_a_width_alone_keeps_the_picture_square(change, size):
         ("64", {"meshes": [1, 2, 3]}, r"set, meshes: expected at most 2 items .*, got \[1, 2, 3\]$"),
         ("64", {"speed_m_s": "fast"}, r"set, speed_m_s: expected a valid number.*, got fast$"),
         ("64", {"meshes": [9, 3]}, r"meshes: expected 0 <= low <= high, got 9, 3"),
+        ("outdoor", {"speed_m_s": (3, 1)}, r"set, speed_m_s: expected 0 <= low <= high, got 3\.0, 1\.0$"),
         ("64", {"meshes": [1, "x"]}, r"set, meshes\.1: expected .*integer.*, got x"),
         ("64", {"frames": 900}, r"room_half_m: expected at least .* 46\.15 m"),
         ("64", {"legs": "any"}, r"set, legs: expected keys from .*, got legs$"),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from flightdepth.commands.network_options import NetworkOption
 from flightdepth.commands.run_settings import RunSettings
 from flightdepth.commands.single_flight import conclude, introduce, source_of, write_depth
 from flightdepth.commands.terminal import counted, say, show_table
@@ -33,18 +34,14 @@ VIDEO, LOG, CALIBRATION = SAMPLE / "flight.mp4", SAMPLE / "telemetry.csv", SAMPL
 POSES, TRUTH = SAMPLE / "poses.csv", SAMPLE / "truth"
 # The truth holds the depth at the centre of each fifth pixel of each fifth row, from number 2 on.
 TRUTH_STEP_PX, TRUTH_OFFSET_PX = 5, 2
+AT_TRUTH = (slice(TRUTH_OFFSET_PX, None, TRUTH_STEP_PX),) * 2  # its pixels in a map [H, W]
 SKY_M = 655.0  # what lies farther in the truth is sky
 NETWORK, PEER = "network", "classical"
 
 
 def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Output folder.")] = Path("flightdepth-demo"),
-    network: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="See `flightdepth networks`. Default: motion; motion-tiny is faster."
-        ),
-    ] = None,
+    network: NetworkOption = None,
 ) -> None:
     """Run the sample flight that ships with the package: ten rendered seconds whose true depth is known.
 
@@ -114,7 +111,7 @@ def compare(moments: list[Moment], camera: Camera, card: NetworkCard) -> tuple[F
         truth_m = read_depth(TRUTH / f"{moment.index:06d}.png")
         depths = {NETWORK: moment.depth_m, PEER: peer_depth(moment, poses, camera, card)}
         for name, depth_m in depths.items():
-            at_truth_m = depth_m[TRUTH_OFFSET_PX::TRUTH_STEP_PX, TRUTH_OFFSET_PX::TRUTH_STEP_PX]
+            at_truth_m = depth_m[AT_TRUTH]
             errors.add(name, at_truth_m, truth_m)
             sky_shares[name].append(float(np.isfinite(at_truth_m[truth_m > SKY_M]).mean()))
     sky = ", ".join(f"{name} {percent(float(np.mean(shares)))}" for name, shares in sky_shares.items())

@@ -9,7 +9,7 @@ import typer
 
 from flightdepth.commands.flight_options import MaskOption
 from flightdepth.commands.live_settings import LiveSettings, Mount
-from flightdepth.commands.network_options import METHOD, AlignOption, PrecisionOption
+from flightdepth.commands.network_options import METHOD, AlignOption, NetworkOption, PrecisionOption
 
 RESULTS = "Results"  # a panel of --help
 
@@ -66,12 +66,7 @@ def live(
     sender_clock: Annotated[
         bool, typer.Option("--sender-clock", help="Camera and this machine are set by NTP or PTP: use RTCP.")
     ] = False,
-    network: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="See `flightdepth networks`. Default: motion; motion-tiny is faster."
-        ),
-    ] = None,
+    network: NetworkOption = None,
     precision: PrecisionOption = "auto",
     align: AlignOption = True,
     ranges: Annotated[

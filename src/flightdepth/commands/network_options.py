@@ -1,4 +1,4 @@
-"""`--precision` and `--no-align`, of the commands that fly."""
+"""`--network`, `--precision` and `--no-align`, of the commands that fly."""
 
 from __future__ import annotations
 
@@ -15,6 +15,13 @@ if TYPE_CHECKING:
 METHOD = "Method"  # a panel of --help
 
 
+NetworkOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="See `flightdepth networks`; or an ONNX file. Default: motion; motion-tiny is faster.",
+    ),
+]
 NetworkPrecision: TypeAlias = Literal["auto", "f32", "bf16", "int8"]
 PrecisionOption = Annotated[
     NetworkPrecision,

@@ -58,12 +58,8 @@ def noise(
 
 def table(rows: list[dict[str, Any]], title: str) -> Table:
     """L1 in metres: a row for each kind and size of error, a column for each network."""
-    from rich.table import Table
+    from flightdepth.evaluation.network_tables import laid_out
 
-    names = [key for key in rows[0] if key not in ("kind", "size")]
-    grid = Table(title=f"L1 in metres on {title}", box=None)
-    for heading in ("reported motion", "", *names):
-        grid.add_column(heading, justify="left" if heading == "reported motion" else "right")
-    for row in rows:
-        grid.add_row(row["kind"], f"{row['size']:g}", *(f"{row[name]:.2f}" for name in names))
-    return grid
+    reported, networks = "reported motion", [key for key in rows[0] if key not in ("kind", "size")]
+    cells = ([row["kind"], f"{row['size']:g}", *(f"{row[name]:.2f}" for name in networks)] for row in rows)
+    return laid_out(f"L1 in metres on {title}", (reported, "", *networks), cells, names=reported)

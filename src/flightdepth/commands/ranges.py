@@ -107,38 +107,29 @@ def _minutes(seconds: float) -> str:
 
 def show(found: dict[str, Any]) -> None:
     """Print the figure as a table, and the verdicts."""
+    from flightdepth.evaluation.report_text import points, versus
+
     show_table(table(found))
     for claim in found["claims"]:
         ends = claim["difference"]
-        span = "" if claim["span"] == "all" else f", {claim['span']} depths"
-        noise = "" if claim["noise_rad"] == 0.001 else f", N0 = {claim['noise_rad']:g}"
         say(
-            f"{claim['verdict']:>13}: {claim['better']} over {claim['worse']}{span}{noise}: "
-            f"error {_times(claim['ratio'])}, difference {_points(ends['low'])} to {_points(ends['high'])}"
+            f"{claim['verdict']:>13}: {versus(claim, 'over')}: "
+            f"error {_times(claim['ratio'])}, difference {points(ends['low'])} to {points(ends['high'])}"
         )
 
 
 def table(found: dict[str, Any]) -> Table:
     """The paper's figure: error and processor time of each method under the paper's noise."""
-    from rich.table import Table
-
-    from flightdepth.evaluation.ranges_trials import figure, peers, trial_of
+    from flightdepth.evaluation.network_tables import laid_out, number
+    from flightdepth.evaluation.ranges_trials import NOISE_RAD, figure, peers, trial_of
 
     wanted, spans = {*figure(), *peers()}, ("all", "near", "middle", "far")
-    grid = Table(title="relative error, %, N0 = 0.001", box=None, pad_edge=False)
-    grid.add_column("", no_wrap=True)
-    for heading in (*spans, "ms"):
-        grid.add_column(heading, justify="right")
-    for row in found["trials"]:
-        if trial_of(row["trial"]) in wanted:
-            errors = [row["errors"][span]["abs_rel"]["mean"] for span in spans]
-            cells = ["-" if error is None else f"{100 * error:.1f}" for error in errors]
-            grid.add_row(row["label"], *cells, f"{row['predict_ms']:.1f}")
-    return grid
-
-
-def _points(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.1f} %"
+    rows = []
+    for row in (row for row in found["trials"] if trial_of(row["trial"]) in wanted):
+        errors = [row["errors"][span]["abs_rel"]["mean"] for span in spans]
+        cells = ["-" if error is None else f"{100 * error:.1f}" for error in errors]
+        rows.append([row["label"], *cells, number(row["predict_ms"], 1)])
+    return laid_out(f"relative error, %, N0 = {NOISE_RAD:g}", ("", *spans, "ms"), rows)
 
 
 def _times(ratio: float | None) -> str:

@@ -97,16 +97,13 @@ def show(result: dict[str, Any]) -> None:
 
 def keep(result: dict[str, Any], frames: list[Frame], json: Path | None, picture: Path | None) -> None:
     """Write what was asked for."""
-    import cv2
-
     from flightdepth.evaluation.provenance import source_commit
     from flightdepth.evaluation.renderer import picture as drawn
+    from flightdepth.outputs.encoding import jpeg, rgb_png
     from flightdepth.renderers.raycast import VERSION
 
     write_figures(json, {"commit": source_commit(), "renderer": VERSION, "seed": SEED} | result)
     if picture is not None:
-        pixels = cv2.cvtColor(drawn(frames[:PICTURED]), cv2.COLOR_RGB2BGR)
-        quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if picture.suffix == ".jpg" else []
-        data = cv2.imencode(picture.suffix, pixels, quality)[1]
-        write_atomic(picture, data.tobytes())
+        pixels = drawn(frames[:PICTURED])
+        write_atomic(picture, jpeg(pixels, JPEG_QUALITY) if picture.suffix == ".jpg" else rgb_png(pixels))
         say(f"picture: {picture}")

@@ -18,7 +18,7 @@ from flightdepth.commands.flight_options import (
     StartOption,
     TelemetryOption,
 )
-from flightdepth.commands.network_options import METHOD, AlignOption, PrecisionOption
+from flightdepth.commands.network_options import METHOD, AlignOption, NetworkOption, PrecisionOption
 from flightdepth.commands.ray_option import check_engine
 from flightdepth.commands.run_settings import RunSettings, offset_of
 from flightdepth.commands.signals import stopped_as_by_ctrl_c
@@ -63,13 +63,7 @@ def run(
     start: StartOption = None,
     end: EndOption = None,
     rate: RateOption = None,
-    network: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="See `flightdepth networks`; or an ONNX file. Default: motion; motion-tiny is faster.",
-        ),
-    ] = None,
+    network: NetworkOption = None,
     ranges: Annotated[
         int,
         typer.Option(

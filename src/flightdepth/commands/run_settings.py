@@ -46,7 +46,8 @@ class RunSettings:
         }
         for name in ("network", "fallback"):
             given = getattr(self, name)
-            if given is not None and Path(given).exists():
+            # A folder may bear a network's name: that of `--out motion`.
+            if given is not None and Path(given).is_file():
                 found[name] = str(Path(given).absolute())
         return replace(self, **found)
 

@@ -60,7 +60,7 @@ class BaselinePair:
 class Moment:
     """A frame on the network's grid, its pairs (none where it was left out or not sampled), metres flown so far.
 
-    flown_m is None where the log does not reach.
+    flown_m is None where the log does not reach, and of a frame whose camera is not the flight's.
     """
 
     index: int
@@ -101,6 +101,11 @@ class BaselinePairs:
             frame.index, frame.stamp_ns, prepared.copy() if prepared is frame.image else prepared
         )
         sampled = frame.index % self._every == 0
+        if frame.camera not in (None, self._flight.camera):  # the grid is the first one's
+            self.left_out["frame zoomed or cropped otherwise than the first"] += sampled
+            return Moment(frame.index, current.image, (), None)
+        if frame.after_damage:
+            self._buffer.clear()  # as in the estimator: some of them may be damaged
         pairs = self._pairs(current, turn) if sampled else ()
         if turn.usable:
             self._buffer.add(current)

@@ -112,11 +112,13 @@ def tables(result: Mapping[str, Any]) -> Sequence[Table]:
     return (*first, spread_table(result)) if "spread" in result else first
 
 
-def laid_out(title: str | None, headings: Iterable[str], rows: Iterable[Sequence[str]]) -> Table:
-    """A table of figures; a column without a heading holds names."""
+def laid_out(
+    title: str | None, headings: Iterable[str], rows: Iterable[Sequence[str]], *, names: str = ""
+) -> Table:
+    """A table of figures; the column headed `names` holds names."""
     table = Table(title=title, box=None)
     for heading in headings:
-        table.add_column(heading, justify="right" if heading else "left")
+        table.add_column(heading, justify="left" if heading == names else "right")
     for cells in rows:
         table.add_row(*cells)
     return table

@@ -29,13 +29,9 @@ DEROTATED = "{} derotated"  # heading of the errors after what the pictures show
 
 
 def noise_rows(
-    networks: Sequence[Network],
-    pairs: Iterable[TruePair],
-    kinds: Mapping[str, tuple[float, ...]] = KINDS,
-    *,
-    derotate: bool = False,
+    networks: Sequence[Network], pairs: Iterable[TruePair], *, derotate: bool = False
 ) -> list[dict[str, Any]]:
-    """Rows {kind, size, L1 in metres per network}: one for each kind of error and size, over all pairs.
+    """Rows {kind, size, L1 in metres per network}: one for each size of each of the KINDS of error, over all pairs.
 
     Every network is asked about the same wrong pairs; the truth stays what it is. `derotate` adds the L1 of
     each after the rotation and the direction seen in the pictures have mended the pair.
@@ -45,7 +41,7 @@ def noise_rows(
     """
     refuse_namesakes("networks", networks)
     rows: dict[tuple[str, float], dict[str, list[float]]] = {
-        (kind, size): {} for kind, sizes in kinds.items() for size in sizes
+        (kind, size): {} for kind, sizes in KINDS.items() for size in sizes
     }
     for number, pair in enumerate(pairs):
         networks = [network.at_focal(pair.focal_px) for network in networks]

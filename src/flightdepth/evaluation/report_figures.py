@@ -73,10 +73,11 @@ def time_plot(rows: Rows) -> go.Figure:
         drawn.update(hovertemplate="n = %{text}: %{y:.1f} %<br>%{x:.1f} ms")
         plot.add_trace(drawn)
     constant = Trial(CONSTANT, 0)
-    if constant in rows and lines:
-        longest = max(rows[trial]["predict_ms"] for trials in lines.values() for trial in trials)
-        level = rows[constant]["errors"]["all"]["abs_rel"]["mean"]
-        across = go.Scatter(name=rows[constant]["label"], x=[0, longest], y=[100 * level] * 2, mode="lines")
+    times_ms = [rows[trial]["predict_ms"] for trials in lines.values() for trial in trials]
+    longest_ms = max((ms for ms in times_ms if ms is not None), default=None)
+    if constant in rows and longest_ms is not None:
+        level = percent([rows[constant]["errors"]["all"]["abs_rel"]])
+        across = go.Scatter(name=rows[constant]["label"], x=[0, longest_ms], y=level * 2, mode="lines")
         plot.add_trace(across.update(line={"dash": "dot", "color": COLOURS[CONSTANT]}))
     plot.update_xaxes(title="network, ms of processor time a frame (one core)", rangemode="tozero")
     plot.update_yaxes(title="|error| / true depth, %", rangemode="tozero")
@@ -170,8 +171,7 @@ def fusion_plot(rows: Rows) -> go.Figure:
 def known_and_error(rows: Rows, trials: Sequence[Trial], told: Sequence[str], *, name: str) -> go.Scatter:
     """A line through some trials: error over the share of pixels that have a depth."""
     errors = [rows[trial]["errors"]["all"] for trial in trials]
-    known = [100 * each["known"]["mean"] for each in errors]
-    error = [100 * each["abs_rel"]["mean"] for each in errors]
+    known, error = (percent(each[key] for each in errors) for key in ("known", "abs_rel"))
     points = go.Scatter(name=name, mode="lines+markers", x=known, y=error, text=told)
     return points.update(hovertemplate="%{text}: %{y:.1f} % on %{x:.0f} % of pixels")
 

@@ -125,8 +125,8 @@ def tally(rows: Sequence[Mapping[str, Any]]) -> str:
 def _comparisons(rows: list[Mapping[str, Any]]) -> str:
     cells = "".join(
         f"<tr><td><span class='chip {CHIPS[row['verdict']]}'>{row['verdict']}</span></td>"
-        f"<td style='text-align:left'>{escape(_versus(row))}</td><td>{number(row['ratio'], 2)}</td>"
-        f"<td>{_points(row['difference']['low'])} to {_points(row['difference']['high'])}</td>"
+        f"<td style='text-align:left'>{escape(versus(row, 'against'))}</td><td>{number(row['ratio'], 2)}</td>"
+        f"<td>{points(row['difference']['low'])} to {points(row['difference']['high'])}</td>"
         f"<td>{row['scenes_better']} of {row['scenes']}</td></tr>"
         for row in rows
     )
@@ -136,10 +136,11 @@ def _comparisons(rows: list[Mapping[str, Any]]) -> str:
     )
 
 
-def _versus(row: Mapping[str, Any]) -> str:
+def versus(row: Mapping[str, Any], joint: str) -> str:
+    """The two sides of a comparison, and under what they were compared where it is not all depths and NOISE_RAD."""
     span = "" if row["span"] == "all" else f", {row['span']} depths"
     noise = "" if row["noise_rad"] == NOISE_RAD else f", N0 = {row['noise_rad']:g}"
-    return f"{row['better']} against {row['worse']}{span}{noise}"
+    return f"{row['better']} {joint} {row['worse']}{span}{noise}"
 
 
 COLUMNS = (
@@ -181,11 +182,11 @@ def name_of(row: Mapping[str, Any]) -> str:
 def _cells(row: Mapping[str, Any]) -> str:
     errors, whole = row["errors"], row["errors"]["all"]
     shifts = [f"{middle:.0f}" for _, middle, _ in row["shifts"]["quartiles"]]
-    interval = f"{_points(whole['abs_rel']['low'])} to {_points(whole['abs_rel']['high'])}"
-    cells = [_points(whole["abs_rel"]["mean"]), interval]
-    cells += [_points(errors[span]["abs_rel"]["mean"]) for span in ("near", "middle", "far")]
-    cells += [_points(whole[key]["mean"]) for key in ("delta", "known")]
-    cells += [_points(row["flicker"]["mean"]), ", ".join(shifts) or "-", _points(row["shifts"]["coincide"])]
+    interval = f"{points(whole['abs_rel']['low'])} to {points(whole['abs_rel']['high'])}"
+    cells = [points(whole["abs_rel"]["mean"]), interval]
+    cells += [points(errors[span]["abs_rel"]["mean"]) for span in ("near", "middle", "far")]
+    cells += [points(whole[key]["mean"]) for key in ("delta", "known")]
+    cells += [points(row["flicker"]["mean"]), ", ".join(shifts) or "-", points(row["shifts"]["coincide"])]
     cells += [number(row["predict_ms"], 1), number(row["whole_ms"], 1)]
     return "".join(f"<td>{cell}</td>" for cell in cells)
 
@@ -209,5 +210,6 @@ def settings(found: Mapping[str, Any]) -> str:
     )
 
 
-def _points(share: float | None) -> str:
+def points(share: float | None) -> str:
+    """A share in per cent; a dash where there is none."""
     return "-" if share is None else f"{100 * share:.1f} %"

@@ -76,8 +76,8 @@ class TrueDepth:
         return metres.astype(np.float32)
 
 
-def truth_files(folder: Path, first: int = 0) -> dict[int, Path]:
-    """The files of true depth in a folder by their frames: the last number of a name, counted from `first`.
+def truth_files(folder: Path) -> dict[int, Path]:
+    """The files of true depth in a folder by the last number of their names.
 
     Raises:
         BadInput: no such folder, no such file in it, or two of one number.
@@ -86,7 +86,7 @@ def truth_files(folder: Path, first: int = 0) -> dict[int, Path]:
         raise BadInput(f"--truth {folder}", expected="a folder", got="a file" if folder.exists() else "none")
     found: dict[int, Path] = {}
     for path in sorted(_candidates(folder)):
-        number = int(LAST_NUMBER.findall(path.stem)[0]) - first
+        number = int(LAST_NUMBER.findall(path.stem)[0])
         if number in found:
             got = f"{found[number].name} and {path.name}"
             mend = "Give the truth a folder of its own."

@@ -13,7 +13,7 @@ from flightdepth.scenes.textures import EDGE, LEVELS
 
 # First texel of each mip level in a texture's block.
 LEVEL_OFFSET = np.cumsum([0] + [(EDGE >> level) ** 2 for level in range(LEVELS)])[:LEVELS].astype(np.int64)
-LINEAR = ((np.arange(256) / 255.0) ** 2.2).astype(np.float32).astype(np.float64)  # sRGB byte -> linear light
+LINEAR = ((np.arange(256) / 255.0) ** 2.2).astype(np.float32).astype(np.float64)  # byte -> linear light
 # Texels in a pixel -> level.
 FINER = np.array([0] + [n.bit_length() - 1 for n in range(1, EDGE)] + [LEVELS - 2])
 SHRINK = 0.5 ** np.arange(LEVELS)
@@ -116,7 +116,7 @@ def texture_colour(texels: NDArray[np.uint8], texture: int, u: float, v: float, 
 
 @compiled
 def encoded(linear: float) -> int:
-    """The sRGB byte of a linear value, 0..255; what is no number, as beside a lamp that touches a wall, is black."""
+    """A linear value as a byte of gamma 2.2, 0..255; what is no number, as beside a lamp at a wall, is black."""
     if linear >= 1.0:
         return 255
     level: int = ENCODED[int(linear * ENCODE_STEPS + 0.5)] if linear > 0.0 else 0

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from flightdepth.camera import Camera
 
-Range = tuple[float, float]
 SET_VERSION = "2"
+
+
+def _rising(ends: tuple[float, float]) -> tuple[float, float]:
+    low, high = ends
+    if not 0 <= low <= high:
+        raise ValueError(f"expected 0 <= low <= high, got {low}, {high}")
+    return ends
+
+
+Range = Annotated[tuple[float, float], AfterValidator(_rising)]
+Counts = Annotated[tuple[int, int], AfterValidator(_rising)]
 
 
 class StillBoxConfig(BaseModel):
@@ -29,7 +39,7 @@ class StillBoxConfig(BaseModel):
         le=0.5,
         description="N0: each frame is turned by this angle about a fresh random axis; the paper's noisy scenes: 0.001",
     )
-    meshes: tuple[int, int] = Field(default=(8, 26), description="fewest and most objects")
+    meshes: Counts = Field(default=(8, 26), description="fewest and most objects")
     texture_ratio: float = Field(default=0.5, ge=0, le=1, description="share of textured objects and walls")
     room_half_m: Range = Field(default=(24.0, 74.0), description="half the room's edge, per axis")
     distance_m: Range = Field(default=(3.6, 44.0), description="camera to object centre, log-uniform")
@@ -40,14 +50,10 @@ class StillBoxConfig(BaseModel):
     )
     clearance_m: float = Field(default=1.2, ge=0, description="least room between the path and any surface")
     open_share: float = Field(default=0.0, ge=0, le=1, description="share of scenes in the open, under a sky")
-    lamps: tuple[int, int] = Field(default=(1, 3), description="fewest and most lamps")
+    lamps: Counts = Field(default=(1, 3), description="fewest and most lamps")
 
     @model_validator(mode="after")
     def _ordered(self) -> StillBoxConfig:
-        for name in ("meshes", "room_half_m", "distance_m", "angular_size", "lamps"):
-            low, high = getattr(self, name)
-            if not 0 <= low <= high:
-                raise ValueError(f"{name}: expected 0 <= low <= high, got {low}, {high}")
         if self.distance_m[0] <= 0:
             raise ValueError(f"distance_m: expected more than 0, got {self.distance_m[0]}")
         if self.angular_size[1] <= 0:

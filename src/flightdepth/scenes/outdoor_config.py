@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from flightdepth.scenes import chance
-from flightdepth.scenes.config import Range
+from flightdepth.scenes.config import Counts, Range
 from flightdepth.scenes.scene import Floats
 
 OUTDOOR_VERSION = "1"
@@ -50,25 +50,16 @@ class OutdoorConfig(BaseModel):
         ge=0,
         description="least room between the path and any surface; up to a third less beside eaves, crowns and bushes",
     )
-    mounds: tuple[int, int] = Field(default=(4, 7), description="rises in the ground, 0.9 to 2.5 m high")
-    houses: tuple[int, int] = Field(default=(7, 11), description="fewest and most houses")
-    near_trees: tuple[int, int] = Field(
-        default=(5, 8), description="6 to 18 m ahead of some point of the path"
-    )
-    trees: tuple[int, int] = Field(default=(28, 42), description="farther than that, up to 200 m")
-    woods: tuple[int, int] = Field(default=(5, 9), description="groups of a dozen trees, 60 to 220 m away")
-    bushes: tuple[int, int] = Field(default=(60, 100), description="bushes and rocks")
-    hills: tuple[int, int] = Field(
-        default=(12, 17), description="hills 260 to 620 m away, all round the view"
-    )
+    mounds: Counts = Field(default=(4, 7), description="rises in the ground, 0.9 to 2.5 m high")
+    houses: Counts = Field(default=(7, 11), description="fewest and most houses")
+    near_trees: Counts = Field(default=(5, 8), description="6 to 18 m ahead of some point of the path")
+    trees: Counts = Field(default=(28, 42), description="farther than that, up to 200 m")
+    woods: Counts = Field(default=(5, 9), description="groups of a dozen trees, 60 to 220 m away")
+    bushes: Counts = Field(default=(60, 100), description="bushes and rocks")
+    hills: Counts = Field(default=(12, 17), description="hills 260 to 620 m away, all round the view")
 
     @model_validator(mode="after")
     def _ordered(self) -> OutdoorConfig:
-        names = ("speed_m_s", "height_m", "pitch_down", "mounds", "houses", "near_trees", "trees")
-        for name in (*names, "woods", "bushes", "hills"):
-            low, high = getattr(self, name)
-            if not 0 <= low <= high:
-                raise ValueError(f"{name}: expected 0 <= low <= high, got {low}, {high}")
         if self.height_m[0] < self.clearance_m + HIGHEST_MOUND_M:
             raise ValueError(
                 f"height_m: expected at least clearance + mounds = "

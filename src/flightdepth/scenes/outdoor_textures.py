@@ -46,7 +46,7 @@ def outdoor_textures(seed: int) -> Textures:
 
 
 def picture(surface: Surface, rng: np.random.Generator) -> Image:
-    """One surface, uint8 sRGB [EDGE, EDGE, 3]."""
+    """One surface, uint8 RGB [EDGE, EDGE, 3] of gamma 2.2."""
     makers: dict[Surface, Callable[[np.random.Generator], Floats]] = {
         Surface.GRASS: grass,
         Surface.CROP: crop,

@@ -22,8 +22,10 @@ def refusal(what: str, error: ValidationError, keys: Mapping[str, Iterable[str]]
     kind, where, got = first["type"], first["loc"], first["input"]
     said = PYDANTIC.sub("", first["msg"])
     what = ", ".join([what, *([".".join(map(str, where))] if where else [])])
-    if kind == "value_error" and isinstance(got, dict):  # of a table as a whole, which would fill the line
-        return BadInput(f"{what}, {said}") if "expected" in said else BadInput(what, expected=said)
+    if kind == "value_error" and "expected" in said:  # of a table as a whole it begins with the key
+        return BadInput(f"{what}{', ' if isinstance(got, dict) else ': '}{said}")
+    if kind == "value_error" and isinstance(got, dict):  # which would fill the line
+        return BadInput(what, expected=said)
     if kind == "missing":
         return BadInput(what, expected="a value", got="none")
     if kind == "extra_forbidden":

@@ -28,7 +28,7 @@ IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}
 
 @dataclass(frozen=True)
 class Textures:
-    """`texels` uint8 [T, PYRAMID_TEXELS, 3] sRGB: for each texture its mip levels, finest first, row by row."""
+    """`texels` uint8 [T, PYRAMID_TEXELS, 3] RGB, gamma 2.2: each texture's mip levels, finest first, row by row."""
 
     texels: NDArray[np.uint8]
 
