@@ -11,7 +11,7 @@ pytest.importorskip("plotly", reason="needs flightdepth[report]")
 from flightdepth import cli
 from flightdepth.commands.ranges import table
 from flightdepth.evaluation import ranges_study, ranges_trials
-from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Telemetry, Trial
+from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Telemetry, Trial, named
 from flightdepth.scenes import Textures
 
 TEXT = (Path(__file__).parents[2] / "docs" / "ranges.md").read_text(encoding="utf-8")
@@ -19,10 +19,10 @@ COMMANDS = [line for line in TEXT.splitlines() if line.startswith("flightdepth "
 TRIALS = (Trial(FLOW, 1), Trial(FLOW, 2), Trial(CONSTANT, 0))
 
 
-def few_trials(sweeps=(), *, quick=False):
+def few_trials(sweeps=(), *, quick=False, networks=()):
     """One more where a sweep is asked for, and the figure alone where time is short."""
     swept = tuple(Trial(FLOW, 1, telemetry=Telemetry(bias=0.1)) for name in sweeps if name == "speed")
-    return (TRIALS[:1] if quick else TRIALS) + swept
+    return (TRIALS[:1] if quick else TRIALS) + swept + named(networks)
 
 
 @pytest.fixture(autouse=True)
@@ -50,6 +50,24 @@ def test_figures_and_page(tmp_path, capsys):
     assert 'id="plot-time"' in page
     assert 'id="plot-noise"' not in page
     assert "data:image/jpeg" in page
+
+
+def test_a_network_of_ones_own_flies_beside_the_others(tmp_path, save_difference_network, capsys):
+    """It had to be written into the installed package's weights."""
+    path = save_difference_network(name="mine", focal_px=128.0)
+    few = ("--out", tmp_path, "--scenes", 1, "--frames", 34)
+    assert call(*few, "--network", path) == 0
+    said = capsys.readouterr().out.replace("\n", "")
+    assert "6 flights of 34 frames" in said
+    figures = json.loads((tmp_path / "ranges.json").read_text())
+    assert [row["trial"]["ranges"] for row in figures["trials"] if row["trial"]["method"] == str(path)] == [
+        1,
+        2,
+        2,
+    ]
+    assert f"{path}, n = 2" in (tmp_path / "ranges.html").read_text()
+    assert call(*few, "--network", tmp_path / "none.onnx") == 2
+    assert "expected a path to an ONNX file" in capsys.readouterr().err
 
 
 def test_a_time_that_is_not_defined_is_a_dash():

@@ -45,6 +45,13 @@ def ranges(
             "all.",
         ),
     ] = None,
+    network: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="One more network: a shipped one, or an ONNX file with its card; may be given several times.",
+        ),
+    ] = None,
     scenes: Annotated[
         int | None, typer.Option(metavar="N", help=f"Sequences; {SCENES}, or {QUICK_SCENES} with --quick.")
     ] = None,
@@ -68,6 +75,7 @@ def ranges(
     only what is new is done.
 
       flightdepth evaluate ranges --quick --sweep noise
+      flightdepth evaluate ranges --quick --network networks/mine.onnx
     """
     with extra_packages("flightdepth evaluate ranges", "train"):
         from flightdepth.evaluation.ranges_sequences import Sequences
@@ -77,13 +85,18 @@ def ranges(
     from flightdepth.evaluation.ranges_result import result
     from flightdepth.evaluation.ranges_trials import all_trials
     from flightdepth.files import make_folder, write_atomic, write_json
+    from flightdepth.weights.store import find_network
 
+    for name in network or ():
+        find_network(name)  # it is there
     make_folder("--out", out)
     scenes = (QUICK_SCENES if quick else SCENES) if scenes is None else scenes
     frames = (QUICK_FRAMES if quick else FRAMES) if frames is None else frames
     asked = dict.fromkeys(sweep or ())
     named = [each.value for each in (Sweep if Sweep.ALL in asked else asked) if each is not Sweep.ALL]
-    study = Study(out, scenes, Sequences(frames), trials=all_trials(named, quick=quick))
+    study = Study(
+        out, scenes, Sequences(frames), trials=all_trials(named, quick=quick, networks=network or ())
+    )
     for name in study.missing:
         warn(f"{name} is no network of this build: its rows are left out")
     left = study.workload()
@@ -121,11 +134,13 @@ def show(found: dict[str, Any]) -> None:
 def table(found: dict[str, Any]) -> Table:
     """The paper's figure: error and processor time of each method under the paper's noise."""
     from flightdepth.evaluation.network_tables import laid_out, number
-    from flightdepth.evaluation.ranges_trials import NOISE_RAD, figure, peers, trial_of
+    from flightdepth.evaluation.ranges_trials import NOISE_RAD, as_run, side_by_side, trial_of
 
-    wanted, spans = {*figure(), *peers()}, ("all", "near", "middle", "far")
+    told, spans = {trial_of(row["trial"]): row for row in found["trials"]}, ("all", "near", "middle", "far")
+    compared = side_by_side(told)
+    flown = (as_run(method=method) for method in dict.fromkeys(trial.method for trial in compared))
     rows = []
-    for row in (row for row in found["trials"] if trial_of(row["trial"]) in wanted):
+    for row in (told[trial] for trial in (*compared, *flown) if trial in told):
         errors = [row["errors"][span]["abs_rel"]["mean"] for span in spans]
         cells = ["-" if error is None else f"{100 * error:.1f}" for error in errors]
         rows.append([row["label"], *cells, number(row["predict_ms"], 1)])

@@ -23,7 +23,7 @@ from flightdepth.runtimes.judge import judge_sha256
 from flightdepth.runtimes.network import load_network, networks
 from flightdepth.scenes import Textures
 from flightdepth.stillbox.testset import test_textures
-from flightdepth.weights.store import SHIPPED, read_card
+from flightdepth.weights.store import find_network, read_card
 
 PARTS, PICTURES = "parts", "sequences"
 
@@ -75,9 +75,10 @@ class Study:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Networks that trials ask for and this build does not have."""
+        """Networks that trials ask for, and neither this build has nor a file holds."""
         wanted = dict.fromkeys(trial.method for trial in self._wanted)
-        return tuple(name for name in wanted if name not in (FLOW, CONSTANT, *networks()))
+        there = (FLOW, CONSTANT, *networks())
+        return tuple(name for name in wanted if name not in there and not Path(name).is_file())
 
     @property
     def trials(self) -> tuple[Trial, ...]:
@@ -89,7 +90,7 @@ class Study:
     def weights(self) -> dict[str, str]:
         """SHA-256 of the networks that fly, by name; of those that know the direction, with that of their judge."""
         names = dict.fromkeys(trial.method for trial in self.trials)
-        cards = {name: read_card(SHIPPED / f"{name}.onnx") for name in names if name in networks()}
+        cards = {name: read_card(find_network(name)) for name in names if name not in (FLOW, CONSTANT)}
         return {
             name: f"{card.sha256}, aligned {judge_sha256()}" if card.knows_direction else card.sha256
             for name, card in cards.items()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -29,6 +29,7 @@ DEPTHNET, CLAMPED, TINY, MOTION = "depthnet-256", "clamped-256", "tiny-clamped-2
 FLOW, CONSTANT = "DIS flow", "best constant"
 # The paper's last figure, the networks beyond it, and how many ranges each is given.
 FIGURE = {DEPTHNET: (1, 2), CLAMPED: (1, 2, 3), TINY: (1, 2, 3, 4), MOTION: (1, 2, 3)}
+KNOWN = (*FIGURE, FLOW, CONSTANT)  # any other method is a network that the user names
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,20 @@ def peers() -> tuple[Trial, ...]:
     return (*flows, Trial(MOTION, 2, telemetry=unknown), Trial(CONSTANT, 0))
 
 
+def named(methods: Iterable[str]) -> tuple[Trial, ...]:
+    """Networks that the user names: as those of the figure, with one and two ranges, and as `flightdepth run` flies."""
+    methods = tuple(methods)
+    plain = (Trial(method, n) for method in methods for n in (1, 2))
+    return (*plain, *(as_run(method=method) for method in methods))
+
+
+def side_by_side(trials: Collection[Trial]) -> tuple[Trial, ...]:
+    """Of these trials those of the figure, in its order: its methods, networks that the user names, the peers."""
+    others = dict.fromkeys(trial.method for trial in trials if trial.method not in KNOWN)
+    plain = (Trial(method, n) for method in others for n in (1, 2))
+    return tuple(trial for trial in (*figure(), *plain, *peers()) if trial in trials)
+
+
 def default_fusion() -> tuple[Trial, ...]:
     """As `flightdepth run` does it: outputs at the ends of a range are bounds."""
     counts = {DEPTHNET: (1, 2), CLAMPED: (1, 2), TINY: (1, 2, 4), MOTION: (1, 2, 3)}
@@ -107,9 +122,9 @@ def orientation_noise() -> tuple[Trial, ...]:
     return (*plain, *(as_run(noise) for noise in NOISES_RAD))
 
 
-def as_run(noise_rad: float = NOISE_RAD, *, ranges: int = 2) -> Trial:
+def as_run(noise_rad: float = NOISE_RAD, *, ranges: int = 2, method: str = MOTION) -> Trial:
     """The defaults of `flightdepth run` (motion, two ranges, bounds, seen rotation taken out), with as many ranges."""
-    return Trial(MOTION, ranges, "saturation", noise_rad, derotate=True)
+    return Trial(method, ranges, "saturation", noise_rad, derotate=True)
 
 
 def as_flown() -> tuple[Trial, ...]:
@@ -146,10 +161,12 @@ SWEEPS: dict[str, Callable[[], tuple[Trial, ...]]] = {
 }
 
 
-def all_trials(sweeps: Iterable[str] = (), *, quick: bool = False) -> tuple[Trial, ...]:
-    """The figure and the peers, and what is swept, every trial once; `quick`: fewer settings of each sweep."""
+def all_trials(
+    sweeps: Iterable[str] = (), *, quick: bool = False, networks: Iterable[str] = ()
+) -> tuple[Trial, ...]:
+    """The figure, `networks` and the peers, and what is swept, every trial once; `quick`: fewer settings of a sweep."""
     swept = [trial for name in sweeps for trial in SWEEPS[name]() if not quick or is_quick(trial)]
-    return tuple(dict.fromkeys((*figure(), *peers(), *swept)))
+    return tuple(dict.fromkeys((*figure(), *named(networks), *peers(), *swept)))
 
 
 def is_quick(trial: Trial) -> bool:

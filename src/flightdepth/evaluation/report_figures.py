@@ -18,10 +18,10 @@ from flightdepth.evaluation.ranges_trials import (
     as_flown,
     default_fusion,
     figure,
-    peers,
+    side_by_side,
     trial_of,
 )
-from flightdepth.evaluation.report_marks import COLOURS, Rows, line, percent, whiskers
+from flightdepth.evaluation.report_marks import COLOURS, Rows, colour_of, line, percent, whiskers
 from flightdepth.evaluation.report_sweeps import noise_plot, pair_plot, range_plot, rate_plot, speed_plot
 
 SPANS = ("near", "middle", "far")
@@ -59,8 +59,8 @@ def time_plot(rows: Rows) -> go.Figure:
     """The paper's last figure: relative error against the network's time, a line for each method."""
     plot = go.Figure()
     lines: dict[tuple[str, bool], list[Trial]] = {}
-    for trial in (*figure(), *peers()):
-        if trial in rows and trial.method != CONSTANT:
+    for trial in side_by_side(rows):
+        if trial.method != CONSTANT:
             lines.setdefault((trial.method, trial.telemetry.directed), []).append(trial)
     for (method, directed), trials in lines.items():
         name = method if directed else f"{method}, direction estimated"
@@ -68,8 +68,8 @@ def time_plot(rows: Rows) -> go.Figure:
         drawn = line([rows[trial] for trial in trials], name, method, "all")
         drawn.update(x=[rows[trial]["predict_ms"] for trial in trials], mode="lines+markers+text")
         drawn.update(text=[f"{trial.ranges}" for trial in trials], textposition="bottom left")
-        drawn.update(marker={"symbol": symbol, "size": 11, "color": COLOURS[method]})
-        drawn.update(line={"color": COLOURS[method], "dash": "solid" if directed else "dot"})
+        drawn.update(marker={"symbol": symbol, "size": 11, "color": colour_of(method)})
+        drawn.update(line={"color": colour_of(method), "dash": "solid" if directed else "dot"})
         drawn.update(hovertemplate="n = %{text}: %{y:.1f} %<br>%{x:.1f} ms")
         plot.add_trace(drawn)
     constant = Trial(CONSTANT, 0)
@@ -87,16 +87,14 @@ def time_plot(rows: Rows) -> go.Figure:
 def span_plot(rows: Rows) -> go.Figure:
     """Relative error near, in the middle and far."""
     plot = go.Figure()
-    for trial in (*figure(), *peers()):
-        if trial not in rows:
-            continue
+    for trial in side_by_side(rows):
         errors = [rows[trial]["errors"][span]["abs_rel"] for span in SPANS]
         label = rows[trial]["label"]
         opacity = (0.4 + 0.15 * trial.ranges) if trial.telemetry.directed else 0.3
         bar = go.Bar(name=label, x=["near, 0-15 m", "middle, 15-50 m", "far, 50-150 m"])
         bar.update(y=percent(errors), error_y=whiskers(errors))
         # A legend does not look at a marker's opacity.
-        bar.update(marker={"color": f"{COLOURS[trial.method]}{round(255 * opacity):02x}"})
+        bar.update(marker={"color": f"{colour_of(trial.method)}{round(255 * opacity):02x}"})
         bar.update(hovertemplate="%{y:.1f} %")
         plot.add_trace(bar)
     plot.update_layout(barmode="group")
@@ -106,7 +104,7 @@ def span_plot(rows: Rows) -> go.Figure:
 
 def coverage_plot(rows: Rows) -> go.Figure:
     """The mean relative error of each trial, split by where the truth lay among its pairs' ranges."""
-    trials = [t for t in (*figure(), *peers()) if t in rows and t.telemetry.directed and rows[t]["coverage"]]
+    trials = [t for t in side_by_side(rows) if t.telemetry.directed and rows[t]["coverage"]]
     plot = go.Figure()
     for place, (told, colour) in PLACES_TOLD.items():
         found = [rows[trial]["coverage"][place] for trial in trials]
@@ -142,7 +140,7 @@ def shift_plot(rows: Rows) -> go.Figure:
         if labels:
             points = go.Scatter(name=method, x=labels, y=values, mode="markers")
             points.update(error_y={"array": high, "arrayminus": low, "thickness": 1.5})
-            points.update(marker={"color": COLOURS[method], "size": 10}, hovertemplate="%{y:.0f} frames")
+            points.update(marker={"color": colour_of(method), "size": 10}, hovertemplate="%{y:.0f} frames")
             plot.add_trace(points)
     plot.update_yaxes(title="shift, frames (0.033 m each)", rangemode="tozero")
     return plot
@@ -156,7 +154,7 @@ def fusion_plot(rows: Rows) -> go.Figure:
         if len(pair) == 2:
             points = known_and_error(rows, pair, ["paper", "default"], name=rows[trial]["label"])
             points.update(marker={"symbol": ["circle-open", "circle"], "size": 11})
-            points.update(line={"color": COLOURS[trial.method], "dash": "dot", "width": 1})
+            points.update(line={"color": colour_of(trial.method), "dash": "dot", "width": 1})
             plot.add_trace(points)
     flown = [trial for trial in as_flown() if trial in rows]
     if flown:
@@ -178,7 +176,8 @@ def known_and_error(rows: Rows, trials: Sequence[Trial], told: Sequence[str], *,
 
 def flicker_plot(rows: Rows) -> go.Figure:
     """Change of depth between frames beyond the motion."""
-    trials = [t for t in (*figure(), *peers(), *default_fusion()) if t in rows and t.method != CONSTANT]
+    trials = [*side_by_side(rows), *(t for t in default_fusion() if t in rows)]
+    trials = [trial for trial in trials if trial.method != CONSTANT]
     trials.sort(key=lambda t: t.fusion != "paper")
     plot = go.Figure()
     for fusion, opacity in (("paper", 1.0), ("saturation", 0.55)):
@@ -187,7 +186,7 @@ def flicker_plot(rows: Rows) -> go.Figure:
             changes = [rows[t]["flicker"] for t in own]
             bar = go.Bar(x=[rows[t]["label"] for t in own], y=percent(changes), error_y=whiskers(changes))
             bar.update(name=f"{fusion} fusion", hovertemplate="%{y:.1f} %")
-            bar.update(marker={"color": [COLOURS[t.method] for t in own], "opacity": opacity})
+            bar.update(marker={"color": [colour_of(t.method) for t in own], "opacity": opacity})
             plot.add_trace(bar)
     plot.update_yaxes(title="median change from frame to frame, %")
     return plot
@@ -203,7 +202,7 @@ def confidence_plot(rows: Rows) -> go.Figure:
         curve.update(
             x=[100 * tenth["said"] for tenth in tenths], y=[100 * tenth["right"] for tenth in tenths]
         )
-        curve.update(line={"color": COLOURS[trial.method], "dash": dashes[trial.ranges]})
+        curve.update(line={"color": colour_of(trial.method), "dash": dashes[trial.ranges]})
         curve.update(hovertemplate="said %{x:.0f} %, right %{y:.0f} %")
         plot.add_trace(curve)
     if plot.data:

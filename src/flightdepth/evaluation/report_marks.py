@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+from zlib import crc32
 
 import plotly.graph_objects as go
 
@@ -20,12 +21,19 @@ COLOURS = {
     CONSTANT: "#a9b0b8",
 }
 
+OTHERS = ("#b8478a", "#4aa3a2", "#8c6d3f", "#5a5ac8")
+
+
+def colour_of(method: str) -> str:
+    """The same for a method in every plot."""
+    return COLOURS.get(method, OTHERS[crc32(method.encode()) % len(OTHERS)])
+
 
 def line(rows: Sequence[Mapping[str, Any]], name: str, method: str, span: str) -> go.Scatter:
     """Relative error of a method's rows over a span of true depths, %; x is still to be given."""
     errors = [row["errors"][span]["abs_rel"] for row in rows]
     drawn = go.Scatter(name=name, y=percent(errors), error_y=whiskers(errors), mode="lines+markers")
-    return drawn.update(line={"color": COLOURS[method]}, marker={"size": 9})
+    return drawn.update(line={"color": colour_of(method)}, marker={"size": 9})
 
 
 def percent(values: Iterable[Mapping[str, Any]]) -> list[float | None]:

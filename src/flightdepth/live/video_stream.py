@@ -36,7 +36,9 @@ SILENT = logging.NullHandler()  # one for all connections: a second time a logge
 Told = list[tuple[int, str, str]]  # level, who, what
 _listeners, _listening = 0, threading.Lock()
 BEHIND = "packets thrown away because decoding fell behind"
-LATE_NS = NS_PER_S  # a file's picture that is due so long ago is passed over: the machine slept, or is too slow
+LATE_NS = (
+    NS_PER_S  # a file's picture that is due so long ago is passed over: the machine slept, or is too slow
+)
 
 
 class StreamEnded(FlightDepthError):
