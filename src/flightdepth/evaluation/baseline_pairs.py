@@ -20,11 +20,11 @@ from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector
 from flightdepth.ranges.direction import estimate_direction
 from flightdepth.ranges.displacement import Trajectory
-from flightdepth.ranges.network import FrameGrid
 from flightdepth.ranges.pairs import Baselines, FrameBuffer, baselines, same_way
 from flightdepth.ranges.pairs import Frame as Prepared
 from flightdepth.ranges.turning import homography, is_visible, turned
 from flightdepth.runtimes.arrays import Flags
+from flightdepth.runtimes.grid import NetworkGrid
 
 NEAR_ENOUGH = 0.2  # of the wanted distance
 SPAN_S = 4.0  # how long ago an earlier frame may be, as in the estimator
@@ -72,7 +72,9 @@ class Moment:
 class BaselinePairs:
     """Walks through a flight. `left_out` counts the sampled frames and pairs that could not be had, by cause."""
 
-    def __init__(self, flight: Flight, grid: FrameGrid, baselines_m: Sequence[float], *, every: int) -> None:
+    def __init__(
+        self, flight: Flight, grid: NetworkGrid, baselines_m: Sequence[float], *, every: int
+    ) -> None:
         self._flight, self._grid, self._every = flight, grid, every
         self._baselines_m = tuple(baselines_m)
         self.left_out: Counter[str] = Counter()

@@ -20,12 +20,13 @@ from flightdepth.flight.records import VelocityFrame
 from flightdepth.levels import Image
 from flightdepth.motion import Vector
 from flightdepth.outputs.encoding import centimetres_from_depth, jpeg, png
-from flightdepth.ranges import DepthNetwork, FrameGrid, MultiRangeEstimator
+from flightdepth.ranges import DepthNetwork, MultiRangeEstimator
 from flightdepth.ranges.estimator import MAX_RANGES
 from flightdepth.ranges.fusion import Fusion
 from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.network import AtSource
 from flightdepth.runtimes.arrays import Maps
+from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
@@ -59,7 +60,7 @@ class Watched:
         self.card = network.card
         self.predict_ms: list[float] = []
 
-    def grid(self, camera: Camera, /) -> FrameGrid:
+    def grid(self, camera: Camera, /) -> NetworkGrid:
         """As the network's own."""
         return self._network.grid(camera)
 

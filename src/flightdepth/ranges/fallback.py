@@ -9,7 +9,8 @@ import numpy as np
 from flightdepth.camera import Camera
 from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector
-from flightdepth.ranges.network import DepthNetwork, FrameGrid, Map, Movable
+from flightdepth.ranges.network import DepthNetwork, Map, Movable
+from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.prediction import Prediction
 
 
@@ -23,7 +24,7 @@ class OnGridOf:
         self._network = network
         self.card = network.card
 
-    def grid(self, camera: Camera, /) -> FrameGrid:
+    def grid(self, camera: Camera, /) -> NetworkGrid:
         """Its own."""
         return self._network.grid(camera)
 

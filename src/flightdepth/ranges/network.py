@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector
+from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
@@ -31,33 +32,6 @@ class AtSource(Protocol):
         """One that is not to be interpolated, NaN where NaN."""
 
 
-class FrameGrid(Protocol):
-    """How one source camera is brought to the network's focal length and size, and back."""
-
-    @property
-    def camera(self) -> Camera:
-        """Ideal pinhole of the prepared images: focal length of the card, sides multiples of 64 px."""
-
-    @property
-    def valid(self) -> NDArray[np.bool_]:
-        """[h, w] at the output size: the pixel shows the scene, not padding, not what is masked."""
-
-    def masked(self, shown: NDArray[np.bool_], /) -> FrameGrid:
-        """The same of a source whose pixels show the scene only where `shown` [H, W]; maps are NaN elsewhere."""
-
-    def image(self, image: AnyImage, /) -> AnyImage:
-        """Source image [H, W, 3] RGB to the prepared one: undistorted, scaled, padded; float32 unless the same."""
-
-    def to_source(self, map_hw: Map, /, interpolation: Literal["bilinear", "nearest"] = "bilinear") -> Map:
-        """Map [h, w] float32 at the output size, at the source's pixels [H, W]; NaN where NaN is nearest.
-
-        The caller owns the result.
-        """
-
-    def along_edges(self, depth_m: Map, image: AnyImage, /) -> AtSource:
-        """Depth [h, w] and what belongs to it at the source's pixels, with edges where the prepared image has them."""
-
-
 class DepthNetwork(Protocol):
     """A network that takes n pairs sharing their current frame."""
 
@@ -65,7 +39,7 @@ class DepthNetwork(Protocol):
     def card(self) -> NetworkCard:
         """How it was trained: alpha and the ends of its range."""
 
-    def grid(self, camera: Camera, /) -> FrameGrid:
+    def grid(self, camera: Camera, /) -> NetworkGrid:
         """The grid for one source camera."""
 
     def predict(
