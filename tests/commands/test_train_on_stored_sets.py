@@ -1,6 +1,7 @@
 """`flightdepth train --set`: a network that learns from a set on the disk."""
 
 import json
+import re
 import shutil
 from functools import partial
 from pathlib import Path
@@ -126,3 +127,21 @@ def test_a_damaged_picture_is_one_line(capsys):
         path.write_bytes(b"")
     assert cli.main([*TRAIN]) == 2
     assert "picture stillbox/00/RGB_" in capsys.readouterr().err
+
+
+def test_a_shipped_network_goes_on_from_scenes_of_ones_own(capsys):
+    """The recipe that docs/stillbox-disk.md prints, with few pairs."""
+    text = (Path(__file__).parents[2] / "docs" / "stillbox-disk.md").read_text("utf-8")
+    (recipe,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    Path("mine.toml").write_text(recipe.replace("samples = 4000", "samples = 16"))
+    assert cli.main(["train", "mine.toml", "--set", "stillbox"]) == 0
+    assert "goes on from motion-tiny, which ships" in capsys.readouterr().out
+
+
+def test_a_set_of_another_lens_or_speed_is_refused_before_there_is_a_run(capsys):
+    """The run's folder was there by then, and had to be removed before the mended recipe could run."""
+    for key, own in (("horizontal_fov_deg", 90), ("speed_m_s", 1)):
+        Path("small.toml").write_text(f"{RECIPE}\n[scenes]\n{key} = {0.8 * own}\n")
+        assert cli.main([*TRAIN]) == 2
+        assert capsys.readouterr().err.strip().endswith(f"Write under [scenes] of the recipe: {key} = {own}.")
+        assert not Path("runs/small").exists()

@@ -173,6 +173,7 @@ def refuse_to_overwrite(folder: Path, *, resume: bool) -> None:
 def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
     """The training part of each stored set, by width; every stage of the recipe finds one, if there are any."""
     from flightdepth.stillbox.stored import open_stored_set
+    from flightdepth.stillbox.stored_pairs import refuse_unfit
 
     sets = {each.width: each for each in map(open_stored_set, folders)}
     if len(sets) < len(folders):
@@ -190,7 +191,12 @@ def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
         say(
             f"{each.folder}: {len(each):,} scenes of {each.width}x{each.height} px, four fifths of them to learn from"
         )
-    return {width: each.split()[0] for width, each in sets.items()}
+    learnt_from = {width: each.split()[0] for width, each in sets.items()}
+    for stage in recipe.stages if sets else ():
+        scenes = recipe.scenes.model_copy(update={"open_share": stage.open_share})
+        for picture in stage.pictures:
+            refuse_unfit(learnt_from[picture.full_width], scenes, picture)
+    return learnt_from
 
 
 def introduce(
