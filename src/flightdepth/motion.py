@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flightdepth.errors import BadInput
 
 Vector = NDArray[np.float64]
+Stamps = NDArray[np.int64]  # nanoseconds
 
 # A camera that looks north with its x axis east: x right = east, y down = down, z forward = north.
 NED_FROM_CAMERA = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -26,6 +28,11 @@ def unit_quaternion(quaternion: ArrayLike) -> Vector:
             "quaternion", expected="four finite numbers (w, x, y, z), not all zero", got=str(q.tolist())
         )
     return q / length
+
+
+def is_rotation(quaternion: Iterable[float], within: float = 0.1) -> bool:
+    """Whether four numbers are a unit quaternion, as far as whoever wrote them rounds."""
+    return abs(math.hypot(*quaternion) - 1) < within  # False for NaN too
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> Vector:

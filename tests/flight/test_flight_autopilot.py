@@ -11,12 +11,16 @@ from flightdepth.flight.autopilot import (
     Record,
     Velocity,
     autopilot_telemetry,
-    is_rotation,
 )
 from flightdepth.flight.gimbal import GimbalAttitude, GimbalFlags
 from flightdepth.flight.power_ups import REBOOT_GAP_NS, STEP_NS, boots, longest_boot, placed_boots
 from flightdepth.flight.records import NS_PER_S
-from flightdepth.motion import quaternion_from_euler, rotation_from_euler, rotation_from_quaternion
+from flightdepth.motion import (
+    is_rotation,
+    quaternion_from_euler,
+    rotation_from_euler,
+    rotation_from_quaternion,
+)
 
 STAMPS = st.lists(st.integers(0, 100 * STEP_NS), max_size=60)
 

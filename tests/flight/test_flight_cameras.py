@@ -251,6 +251,17 @@ def test_the_table_counts_along_the_sensor_of_a_portrait_video(tmp_path):
     assert 2 * math.degrees(math.atan(96 / chosen.fy)) == pytest.approx(71.6, abs=0.05)
 
 
+def test_the_view_proposed_for_a_portrait_video_is_across_its_upright_pictures(tmp_path):
+    """It was the one across the sensor's long side, which --hfov took for the short one: depths half as far."""
+    key = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
+    with pytest.raises(BadInput, match=r"--hfov 41\.1 .*26 mm in its tags"):
+        choose(turn_video(video(tmp_path, **{key: "26"})))
+    view = ViewTrack(np.zeros(1, np.int64), np.array([67.3]), nominal=True)
+    log = Telemetry("log", (VelocitySample(0, np.ones(3)),), view=view)
+    with pytest.raises(BadInput, match=r"--hfov 41\.1 .*focal length in the log"):
+        choose(turn_video(video(tmp_path)), log=log)
+
+
 def anamorphic(tmp_path):
     """Pictures of 144x108 px whose pixels are 4/3 as wide as high, so 16:9."""
     path = tmp_path / "v.mp4"

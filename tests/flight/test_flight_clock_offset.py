@@ -10,7 +10,7 @@ from flightdepth.flight.apparent_motion import ApparentMotion
 from flightdepth.flight.correlation import correlations
 from flightdepth.flight.offset import estimate_offset
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, BodyAttitudeSample, by_time
-from flightdepth.flight.signals import Signal
+from flightdepth.flight.signals import Signal, turn_signal
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
 
 VIDEO_S = 30.0
@@ -292,3 +292,12 @@ def test_an_offset_that_contradicts_what_was_told():
         pictures((at_s, 0.1 * turn), (at_s, 0 * at_s + 0.3)), Telemetry("t", even_speed(), gyroscope=track)
     )
     assert found.contradicts(0.0) and not found.contradicts(1.05)
+
+
+@pytest.mark.parametrize("count", [3, 12, 100])
+def test_a_gyroscope_that_turns_evenly_does_so_to_both_ends(count):
+    """Its first and last rates were halved; one too short for a mean ended in a traceback."""
+    stamps_ns = np.arange(count) * (NS_PER_S // 400)
+    track = GyroscopeTrack(stamps_ns, np.full((count, 3), 0.1))
+    told = turn_signal(Telemetry("log", (VelocitySample(0, np.ones(3)),), gyroscope=track))
+    np.testing.assert_allclose(told.values, track.rates_rad_s)

@@ -215,6 +215,7 @@ def test_fewer_than_two_positions_tell_no_velocity(tmp_path, rows):
         (GOOD + "1e30,2,3,4\n", "line 4.*a time within"),
         (GOOD + "1e300,2,3,4\n", "line 4.*a time within"),
         (GOOD.replace("time_s", "stamp_ns").replace("0.5", "9" * 20), "line 3.*a time within"),
+        ("time_s,north_m,east_m,down_m\n0,0,0,0\n1,-1e308,0,0\n", "line 3.*within 1e\\+08 m, got 1e\\+308"),
         (WORLD.replace("\n", ",sigma_m_s\n") + "0,1,2,3,-1\n", "line 2.*sigma"),
         (WORLD.replace("\n", ",qw,qx,qy,qz\n") + "0,1,2,3,0,0,0,0\n", "line 2.*quaternion"),
         (

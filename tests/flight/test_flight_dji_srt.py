@@ -173,5 +173,13 @@ def test_subtitles_of_a_film_are_refused_with_the_reason(tmp_path):
         read(tmp_path, text)
 
 
+def test_a_text_without_a_subtitle_is_refused_by_its_reader(tmp_path):
+    """It ended in a traceback."""
+    path = tmp_path / "none.srt"
+    path.write_text("hello\n")
+    with pytest.raises(BadInput, match=r"DJI subtitles with two GPS positions or more, got 0 subtitles"):
+        read_dji_srt(path)
+
+
 def test_the_name_of_the_file_does_not_matter(tmp_path):
     assert read(tmp_path, cues(VELOCITY, mavic_3), "flight.csv").name.startswith("DJI subtitles")

@@ -7,7 +7,7 @@ import pytest
 from flight_files import add_gpmf, gps5_payload, gps9_payload, lned_payload, make_video
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.gopro_gps import NO_FIX, NOT_LATER, gps_velocities
+from flightdepth.flight.gopro_gps import NO_FIX, gps_velocities
 from flightdepth.flight.gpmf import Stream
 from flightdepth.flight.gpmf_telemetry import read_gpmf
 
@@ -71,7 +71,7 @@ def test_a_time_that_jumps_ahead_costs_itself_and_is_counted_as_such():
     stamps_ns[2] = 10**11
     counts = Counter()
     found = gps_velocities([stream], stamps_ns, counts)
-    assert +counts == {NOT_LATER: 1}
+    assert +counts == {"GPS samples not later than the one before": 1}
     assert (np.diff(found.stamps_ns) > 0).all()
     assert found.stamps_ns.max() < 10**10
 
@@ -86,3 +86,14 @@ def test_a_karmas_own_velocity_goes_before_the_cameras_gps(plain):
     parts = [lned_payload([(250 * k, 7.0, 0, 0) for k in range(4)]) + gps5_payload(rows(seconds=1))]
     log = read_gpmf(add_gpmf(plain, parts))
     assert "Local Position NED" in log.name
+
+
+def test_payloads_of_different_widths_tell_one_flight():
+    """They ended in a traceback: tables of 5 and of 6 columns cannot be joined."""
+    table, stamps_ns = rows(), np.arange(54) * 10**9 // RATE_HZ
+    parts = [table[:18], np.c_[table[18:36], np.zeros(18)], table[36:]]
+    told, whole = (
+        gps_velocities([Stream("camera", "GPS5", "GPS", (), p, fix=3) for p in each], stamps_ns, Counter())
+        for each in (parts, [table])
+    )
+    np.testing.assert_array_equal(told.velocity_ned, whole.velocity_ned)

@@ -103,3 +103,11 @@ def test_a_frame_nested_too_deep_costs_only_itself(tmp_path):
     telemetry = read(tmp_path, text)
     assert len(telemetry.velocities) == 9
     assert telemetry.counts == {"damaged or cut frames": 1}
+
+
+@pytest.mark.parametrize("text", [parrot_csv(VELOCITY), parrot_json(VELOCITY)], ids=["csv", "json"])
+def test_utf16_is_read(tmp_path, text):
+    """Its reader knew it, what recognises it did not."""
+    path = tmp_path / "flight.txt"
+    path.write_text(text, encoding="utf-16")
+    assert len(read_telemetry(path).velocities) == 10

@@ -1,5 +1,6 @@
 import sqlite3
 import sys
+from collections import Counter
 from contextlib import closing
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ from flightdepth.errors import BadInput, MissingExtra
 from flightdepth.flight import ros_messages
 from flightdepth.flight.records import AttitudeSample, VelocitySample
 from flightdepth.flight.ros import read_ros
+from flightdepth.flight.ros2_bag import ros2_messages
 from flightdepth.flight.ros_messages import axes_of, ned_from_map
 from flightdepth.flight.ros_records import DamagedError
 from flightdepth.flight.ros_sqlite import ZSTD_MAGIC
@@ -329,6 +331,18 @@ def test_a_folder_that_lost_its_metadata_is_read(tmp_path, plugin):
     path = write_ros2(tmp_path / "flight", odometry_flight("cdr"), plugin)
     (path / "metadata.yaml").unlink()
     assert len(read_telemetry(path).velocities) == 40
+
+
+def test_each_file_that_was_cut_off_is_counted(tmp_path):
+    """Of several files in SQLite one was told."""
+    whole = next(write_ros2(tmp_path / "whole", odometry_flight("cdr"), "SQLITE3").glob("*.db3")).read_bytes()
+    counts = Counter()
+    cut = tmp_path / "cut"
+    cut.mkdir()
+    for number in range(2):
+        (cut / f"flight_{number}.db3").write_bytes(whole[:-5000])
+    assert list(ros2_messages(cut, lambda kind: True, counts))
+    assert counts == {"recordings cut off": 2}
 
 
 @pytest.mark.parametrize("damage", [ZSTD_MAGIC, ZSTD_MAGIC + bytes(20)], ids=["head", "body"])

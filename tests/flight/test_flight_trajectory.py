@@ -124,6 +124,15 @@ def test_what_is_damaged_is_left_out_and_counted(tmp_path):
     np.testing.assert_allclose((position - position[0])[-1], ned[17] - ned[0], atol=1e-3)
 
 
+def test_a_place_beyond_reason_is_damage(tmp_path):
+    """It ended in NumPy's warning of an overflow."""
+    lines = text_of(*flown()).splitlines(keepends=True)
+    for at, far in ((4, "1e308"), (5, "-1e308"), (9, "1e8")):
+        cells = lines[at].split()
+        lines[at] = " ".join([cells[0], far, *cells[2:]]) + "\n"
+    assert read(tmp_path, "".join(lines)).counts == {"lines damaged or cut off": 3}
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

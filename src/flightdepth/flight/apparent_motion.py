@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.flight.mask import PictureMask
 from flightdepth.flight.records import NS_PER_S, Frame
 from flightdepth.flight.rotation import Flow, likeliest_motion, rotation_flow
 from flightdepth.flight.steadiness import FEWEST_FOLLOWED, NOISE_PX, Grey, follow, small_camera, small_grey
-from flightdepth.motion import Vector
+from flightdepth.motion import Stamps, Vector
 
 LEAST_STEP_NS = 30_000_000  # between two pictures; of faster video every second, third, ... is followed
 # Back to which each is followed: over less time a slow turn drowns in the tracking's noise, over more a fast one blurs.
@@ -33,7 +32,7 @@ class ApparentMotion:
     direction  [n, 3]  unit vector of the flight, right-down-forward; NaN where it hardly shows, too
     """
 
-    stamps_ns: NDArray[np.int64]
+    stamps_ns: Stamps
     turn_rad_s: Vector
     flow_1_s: Vector
     direction: Vector

@@ -24,9 +24,10 @@ from flightdepth.flight.records import (
     VelocitySample,
     by_time,
     none_of,
+    time_0_is,
 )
 from flightdepth.flight.universal_time import Clock, UniversalTime
-from flightdepth.motion import rotation_from_quaternion
+from flightdepth.motion import is_rotation, rotation_from_quaternion
 
 # Stamps beyond are damage: microseconds since 1970 reach this in 2096, and ns still fit into int64.
 LAST_STAMP_US = 4 * 10**15
@@ -115,7 +116,7 @@ def autopilot_telemetry(
     table = np.array(positions, dtype=np.float64).reshape(-1, 3)
     places = place_track(stamps_ns, table[:, :2], table[:, 2], SEA_LEVEL, counts)
     return Telemetry(
-        f"{name}: {what}; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock",
+        f"{name}: {what}{time_0_is(zero_ns)}",
         by_time(gate.velocities, gate.cameras),
         dict(+counts),  # without the zeros
         body_attitudes=tuple(gate.bodies),
@@ -194,8 +195,3 @@ def heading_rad(body: BodyAttitudeSample) -> float:
     """Where a body's x points, from north clockwise."""
     rotation = rotation_from_quaternion(body.world_from_body)
     return math.atan2(rotation[1, 0], rotation[0, 0])
-
-
-def is_rotation(quaternion: Iterable[float]) -> bool:
-    """Whether four numbers are a unit quaternion, as far as a log's rounding allows."""
-    return 0.9 < math.hypot(*quaternion) < 1.1

@@ -11,7 +11,7 @@ import numpy as np
 
 from flightdepth.camera import Camera
 from flightdepth.flight.gopro_settings import GoproSettings, read_gopro_settings
-from flightdepth.flight.lenses import CERTAIN_ERROR, Lens, fov_of_equivalent_deg, known_lenses
+from flightdepth.flight.lenses import CERTAIN_ERROR, Lens, fov_of_equivalent_deg, known_lenses, millimetres
 from flightdepth.flight.records import Telemetry, ViewTrack
 from flightdepth.flight.stabilisation import Stabilisation, find_stabilisation
 from flightdepth.flight.still import EQUIVALENT
@@ -149,15 +149,19 @@ class CameraEvidence:
         """Values that are probable, as options of the command line with the reason."""
         if self.view is not None and self.view.nominal:
             hfov_deg = float(np.median(self.view.between(self.video.start_ns, self.video.end_ns)))
-            yield f"--hfov {hfov_deg:.1f} if the video is as wide as the sensor (focal length in the log)"
+            yield self._whole_sensor(hfov_deg, "focal length in the log")
         if equivalent := millimetres(self.tags.get(APPLE_EQUIVALENT, "")):
-            hfov_deg = fov_of_equivalent_deg(equivalent)
-            yield f"--hfov {hfov_deg:.1f} if the video is as wide as the sensor ({equivalent:g} mm in its tags)"
+            yield self._whole_sensor(fov_of_equivalent_deg(equivalent), f"{equivalent:g} mm in its tags")
         if equivalent := millimetres(self.tags.get(EQUIVALENT, "")):
             hfov_deg = fov_of_equivalent_deg(equivalent, self.shown)
             yield f"--hfov {hfov_deg:.1f} if the pictures are not cropped ({equivalent:g} mm in their EXIF tags)"
         for lens in self._lenses_of_model():
             yield f"--camera {lens.name} ({lens.mode}: {lens.horizontal_fov_deg:.1f} degrees)"
+
+    def _whole_sensor(self, hfov_deg: float, source: str) -> str:
+        """A field of view across the sensor's long side as the option, which counts across the upright pictures."""
+        upright = self.upright(Camera.from_fov(*self.landscape, hfov_deg))
+        return f"--hfov {upright.horizontal_fov_deg:.1f} if the video is as wide as the sensor ({source})"
 
     def _lenses_of_model(self) -> Iterator[Lens]:
         said = " ".join(self.tags.values()).lower()
@@ -200,12 +204,3 @@ def matching(gopro: GoproSettings, width: int, height: int) -> Iterator[Lens]:
 def described(lens: Lens) -> str:
     """A lens in a few words: how wide, how sure, by whom."""
     return f"{lens.horizontal_fov_deg:.1f} degrees, within {lens.error:.0%}, after {lens.source}"
-
-
-def millimetres(text: str) -> float | None:
-    """The number of a tag such as "26.00mm"; None for anything else."""
-    try:
-        value = float(text.lower().removesuffix("mm"))
-    except ValueError:
-        return None
-    return value if 5 < value < 2000 else None

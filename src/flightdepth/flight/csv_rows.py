@@ -27,6 +27,7 @@ from flightdepth.flight.csv_columns import (
     Columns,
 )
 from flightdepth.flight.gimbal import looking_along
+from flightdepth.flight.metric_positions import FARTHEST_M
 from flightdepth.flight.records import (
     FASTEST_M_S,
     LATEST_NS,
@@ -39,7 +40,7 @@ from flightdepth.flight.records import (
     seconds,
 )
 from flightdepth.flight.universal_time import can_be
-from flightdepth.motion import Vector
+from flightdepth.motion import Vector, is_rotation
 
 
 class Row(NamedTuple):
@@ -104,8 +105,13 @@ class _Line:
         return samples
 
     def metres(self) -> list[float]:
-        along = self.columns.frame == ALONG
-        return [self._number(name) for name in METRES] if along else [math.nan] * len(METRES)
+        if self.columns.frame != ALONG:
+            return [math.nan] * len(METRES)
+        metres = [self._number(name) for name in METRES]
+        if (farthest := max(map(abs, metres))) >= FARTHEST_M:
+            expected = f"a position within {FARTHEST_M:g} m"
+            raise BadInput(self.where, expected=expected, got=f"{farthest:g}")
+        return metres
 
     def place(self) -> list[float]:
         told = [self._optional(name) for name in (*PLACE, ALTITUDE)]
@@ -155,7 +161,7 @@ class _Line:
 
 
 def _unit(quaternion: Vector) -> Vector:
-    if not 0.9 < np.linalg.norm(quaternion) < 1.1:
+    if not is_rotation(quaternion):
         got = ", ".join(f"{number:g}" for number in quaternion)
         raise BadInput("attitude", expected="a quaternion qw, qx, qy, qz of length 1", got=got)
     return quaternion

@@ -11,7 +11,6 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +36,10 @@ from flightdepth.flight.dji_header import (
     cells_of,
     header_and_rows,
 )
-from flightdepth.flight.order import rising
+from flightdepth.flight.order import rising_counted
 from flightdepth.flight.records import NS_PER_S
-from flightdepth.flight.universal_time import unix_ns
-from flightdepth.motion import Vector
+from flightdepth.flight.universal_time import utc_of_iso
+from flightdepth.motion import Stamps, Vector
 
 CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d{1,9})?)(?:\s*([ap])\.?\s?m\b)?", re.IGNORECASE)
 IS_RECORDING = frozenset({"1", "1.0", "true", "yes", "recording", "start", "starting"})
@@ -65,7 +64,7 @@ class FlightTable:
     """
 
     maker: str
-    stamps_ns: NDArray[np.int64]
+    stamps_ns: Stamps
     places_deg: Vector
     heights_m: Vector
     altitudes_m: Vector
@@ -85,8 +84,7 @@ def flight_table(text: str, counts: Counter[str]) -> FlightTable:
     known = np.flatnonzero(np.isfinite(times_s) & (np.abs(times_s) < 1e9))
     counts["rows without a time"] += len(rows) - len(known)
     stamps_ns = np.round(times_s[known] * NS_PER_S).astype(np.int64)
-    risen = rising(stamps_ns.tolist())
-    counts["rows not later than the one before"] += len(known) - len(risen)
+    risen = rising_counted(stamps_ns.tolist(), counts, "rows")
     kept = [rows[index] for index in known[risen].tolist()]
 
     def table(names: Sequence[Sequence[str]], units: Mapping[str, float] | None = None) -> Vector:
@@ -182,20 +180,11 @@ def _moments(
         return []
     cells = [row[column.at].strip() for row in rows]
     told = (
-        (stamp_ns, _utc_ns(cell))
+        (stamp_ns, utc_of_iso(cell))
         for stamp_ns, cell, before in zip(stamps_ns[1:], cells[1:], cells, strict=False)
         if cell != before
     )
     return [(stamp_ns, utc_ns) for stamp_ns, utc_ns in told if utc_ns is not None]
-
-
-def _utc_ns(cell: str) -> int | None:
-    """Nanoseconds since 1970 of `2024-05-01 10:00:00`; None of others."""
-    try:
-        moment = datetime.fromisoformat(cell)
-    except ValueError:
-        return None
-    return unix_ns(moment if moment.tzinfo else moment.replace(tzinfo=UTC))
 
 
 def _follows(header: Header, rows: Sequence[Sequence[str]]) -> bool | None:

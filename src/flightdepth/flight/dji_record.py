@@ -32,14 +32,13 @@ from flightdepth.flight.records import (
     none_of,
 )
 from flightdepth.flight.universal_time import UniversalTime
-from flightdepth.motion import quaternion_from_rotation
 
 LEAST_TOLD_DEG = 2.0  # a gimbal's yaw that is put right by less is not worth a word
 
 
 def looks_like_dji_record(head: bytes, path: Path) -> bool:
     """A header line with the columns of one of the layouts."""
-    return not path.is_dir() and header_and_rows(as_text(head))[0].is_record
+    return header_and_rows(as_text(head))[0].is_record
 
 
 def read_dji_record(path: Path) -> Telemetry:
@@ -96,6 +95,4 @@ def _cameras(table: FlightTable) -> tuple[list[AttitudeSample], str]:
 def _bodies(table: FlightTable) -> list[BodyAttitudeSample]:
     known = np.isfinite(table.body_deg).all(axis=1)
     pairs = zip(table.stamps_ns[known].tolist(), table.body_deg[known], strict=True)
-    return [
-        BodyAttitudeSample(stamp_ns, quaternion_from_rotation(turned(*angles))) for stamp_ns, angles in pairs
-    ]
+    return [BodyAttitudeSample(stamp_ns, turned(*angles)) for stamp_ns, angles in pairs]

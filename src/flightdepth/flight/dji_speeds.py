@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from flightdepth.flight.dji_columns import FlightTable
 from flightdepth.flight.positions import Velocities, on_earth, velocities_by_places
 from flightdepth.flight.records import FASTEST_M_S, NS_PER_S
-from flightdepth.motion import Vector
+from flightdepth.motion import Stamps, Vector
 
 Mask = NDArray[np.bool_]
 
@@ -77,7 +77,7 @@ def _filled(heights_m: Vector) -> Vector:
     return np.asarray(np.interp(np.arange(len(heights_m)), np.flatnonzero(known), heights_m[known]))
 
 
-def _by_speeds(stamps_ns: NDArray[np.int64], speeds: Vector, slopes: Velocities) -> Flown | None:
+def _by_speeds(stamps_ns: Stamps, speeds: Vector, slopes: Velocities) -> Flown | None:
     """The speeds [n, 3] as velocity north, east, down; None where the positions deny them."""
     rounding = _rounding(speeds)
     if not len(slopes):
@@ -123,7 +123,7 @@ def _rounding(speeds: Vector) -> float:
     return float(steps.min(initial=1.0) / np.sqrt(12)) if len(steps) else 0.0
 
 
-def _stuck(stamps_ns: NDArray[np.int64], rows: Vector) -> Mask:
+def _stuck(stamps_ns: Stamps, rows: Vector) -> Mask:
     """Rows [n, k], whose last three are speeds, that have been the same for more than STUCK_NS while moving.
 
     A NaN is never the same: without a place nobody knows whether the rest repeats.

@@ -35,8 +35,8 @@ import numpy as np
 from flightdepth.errors import BadInput
 from flightdepth.flight.file_bytes import as_text, log_bytes
 from flightdepth.flight.gimbal import looking_along
-from flightdepth.flight.lenses import fov_of_equivalent_deg
-from flightdepth.flight.order import rising
+from flightdepth.flight.lenses import fov_of_equivalent_deg, millimetres
+from flightdepth.flight.order import rising_counted
 from flightdepth.flight.places import SEA_LEVEL, PlaceTrack
 from flightdepth.flight.positions import Velocities, place_track, velocities_by_places
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, Telemetry, ViewTrack, by_time
@@ -84,7 +84,7 @@ class Cue:
 
 def looks_like_dji_srt(head: bytes, path: Path) -> bool:
     """Subtitles of any kind: what is missing in them is said by `read_dji_srt`."""
-    return not path.is_dir() and CUE.search(as_text(head)) is not None
+    return CUE.search(as_text(head)) is not None
 
 
 def read_dji_srt(path: Path) -> Telemetry:
@@ -105,7 +105,7 @@ def read_dji_srt(path: Path) -> Telemetry:
 
 def _cues(text: str, counts: Counter[str]) -> list[Cue]:
     marks = list(CUE.finditer(text))
-    ends = [mark.start() for mark in marks[1:]] + [len(text)]
+    ends = [*(mark.start() for mark in marks), len(text)][1:]
     bodies = [TAG.sub(" ", text[mark.end() : end]) for mark, end in zip(marks, ends, strict=True)]
     # A last line without its end may have lost digits, or its angles.
     if bodies and not text.endswith(("\n", "\r", "</font>")):
@@ -160,7 +160,8 @@ def _hfov_deg(told: dict[str, str]) -> float | None:
     focal_mm, zoom = _number(told.get("focal_len", "0")), _number(told.get("dzoom_ratio", "1"))
     focal_mm *= 0.1 if focal_mm >= 100 and told["focal_len"].isdigit() else 1
     focal_mm *= zoom / 10_000 if zoom >= 1000 else zoom
-    return fov_of_equivalent_deg(focal_mm) if 5 < focal_mm < 2000 else None
+    equivalent_mm = millimetres(focal_mm)
+    return None if equivalent_mm is None else fov_of_equivalent_deg(equivalent_mm)
 
 
 def _views(cues: Sequence[Cue]) -> ViewTrack | None:
@@ -172,10 +173,8 @@ def _views(cues: Sequence[Cue]) -> ViewTrack | None:
 
 
 def _ordered(cues: Sequence[Cue], counts: Counter[str]) -> list[Cue]:
-    kept = [cues[index] for index in rising([cue.stamp_ns for cue in cues])]
-    if len(kept) < len(cues):
-        counts["subtitles not later than the one before"] += len(cues) - len(kept)
-    return kept
+    kept = rising_counted([cue.stamp_ns for cue in cues], counts, "subtitles")
+    return [cues[index] for index in kept]
 
 
 def _flown(cues: Sequence[Cue], counts: Counter[str]) -> tuple[Velocities, PlaceTrack | None]:

@@ -18,10 +18,16 @@ from flightdepth.flight.records import AttitudeSample, Telemetry, by_time
 from flightdepth.motion import (
     NED_FROM_CAMERA,
     Vector,
+    quaternion_from_euler,
     quaternion_from_rotation,
+    quaternion_products,
     rotation_from_euler,
     rotation_from_quaternion,
 )
+
+CAMERA = quaternion_from_rotation(
+    NED_FROM_CAMERA
+)  # that turns its axes into those of its gimbal, or its body
 
 
 class GimbalFlags(IntFlag):
@@ -69,19 +75,19 @@ def camera_attitude(gimbal: GimbalAttitude, heading_rad: float | None) -> Vector
 
 
 def turned(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Vector:
-    """Rotation [3, 3] Rz(yaw) Ry(pitch) Rx(roll) of what heads so from north clockwise, nose up, right side down."""
-    roll_rad, pitch_rad, yaw_rad = np.deg2rad([roll_deg, pitch_deg, yaw_deg])
-    return rotation_from_euler(roll_rad, pitch_rad, yaw_rad)
+    """Quaternion (w, x, y, z) of what heads so from north clockwise, nose up, right side down."""
+    return np.array(quaternion_from_euler(*map(math.radians, (roll_deg, pitch_deg, yaw_deg))))
 
 
 def looking_along(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Vector:
     """Quaternion (w, x, y, z) world_from_camera of a camera whose gimbal is `turned` so."""
-    return quaternion_from_rotation(turned(yaw_deg, pitch_deg, roll_deg) @ NED_FROM_CAMERA)
+    quaternion = quaternion_products(turned(yaw_deg, pitch_deg, roll_deg), CAMERA)
+    return quaternion if quaternion[0] >= 0 else -quaternion
 
 
 def looking(pitch_deg: float) -> Vector:
     """`body_from_camera`, shape (3, 3), of a camera that looks ahead along the body's x, turned up by a pitch."""
-    return np.asarray(turned(0.0, pitch_deg, 0.0) @ NED_FROM_CAMERA)
+    return np.asarray(rotation_from_euler(0.0, math.radians(pitch_deg), 0.0) @ NED_FROM_CAMERA)
 
 
 def with_fixed_camera(telemetry: Telemetry, body_from_camera: Vector) -> Telemetry:

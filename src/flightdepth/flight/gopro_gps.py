@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.flight.gpmf import Stream
-from flightdepth.flight.order import rising
+from flightdepth.flight.order import rising_counted
 from flightdepth.flight.places import ELLIPSOID, SEA_LEVEL, PlaceTrack
 from flightdepth.flight.positions import Velocities, place_track, velocities_by_places
 from flightdepth.flight.universal_time import unix_ns
-from flightdepth.motion import Vector
+from flightdepth.motion import Stamps, Vector
 
 LEAST_FIX = 2
 BY_THE_SEA = "MSLV"
@@ -29,10 +29,9 @@ DAY_NS = 86_400_000_000_000
 YEAR_2000_NS = unix_ns(datetime(2000, 1, 1, tzinfo=UTC))
 SLOWEST_M_S = 0.5  # below it the receiver's speed is not spread over a direction that positions hardly tell
 NO_FIX = "GPS samples without a fix"
-NOT_LATER = "GPS samples not later than the one before"
 
 
-def gps_velocities(streams: list[Stream], stamps_ns: NDArray[np.int64], counts: Counter[str]) -> Velocities:
+def gps_velocities(streams: list[Stream], stamps_ns: Stamps, counts: Counter[str]) -> Velocities:
     """Velocity north-east-down at the fixes of streams whose samples have `stamps_ns`; none where none has a fix."""
     stamps_ns, values = _fixed(streams, stamps_ns, counts)
     if not len(values):
@@ -42,16 +41,14 @@ def gps_velocities(streams: list[Stream], stamps_ns: NDArray[np.int64], counts: 
     return replace(found, velocity_ned=_at_speed(found.velocity_ned, speed))
 
 
-def gps_places(
-    streams: list[Stream], stamps_ns: NDArray[np.int64], counts: Counter[str]
-) -> PlaceTrack | None:
+def gps_places(streams: list[Stream], stamps_ns: Stamps, counts: Counter[str]) -> PlaceTrack | None:
     """Where the camera was; heights count from the ellipsoid, but where a newer model says from the sea level."""
     stamps_ns, values = _fixed(streams, stamps_ns, counts)
     above = SEA_LEVEL if streams[0].altitude == BY_THE_SEA else ELLIPSOID
     return place_track(stamps_ns, values[:, :2], values[:, 2], above, counts)
 
 
-def gps_moments(streams: list[Stream], stamps_ns: NDArray[np.int64]) -> list[tuple[int, int]]:
+def gps_moments(streams: list[Stream], stamps_ns: Stamps) -> list[tuple[int, int]]:
     """Pairs of a stamp and its UTC, both ns: of each sample with a fix in GPS9, of the first of a payload in GPS5."""
     pairs: list[tuple[int, int]] = []
     first = 0
@@ -80,18 +77,15 @@ def _of_text_ns(told: str) -> int | None:
         return None
 
 
-def _fixed(
-    streams: list[Stream], stamps_ns: NDArray[np.int64], counts: Counter[str]
-) -> tuple[NDArray[np.int64], Vector]:
+def _fixed(streams: list[Stream], stamps_ns: Stamps, counts: Counter[str]) -> tuple[Stamps, Vector]:
     """Those of the streams' samples that have a fix, at rising stamps, and their stamps."""
-    values = np.concatenate([stream.values for stream in streams])
+    # A payload may have columns that its neighbours lack.
+    values = np.concatenate([stream.values[:, : SPEED_COLUMN + 1] for stream in streams])
     good = np.concatenate([_has_fix(stream) for stream in streams]) & np.isfinite(values).all(axis=1)
     if not good.all():
         counts[NO_FIX] += int((~good).sum())
     stamps_ns, values = stamps_ns[good], values[good]
-    later = rising(stamps_ns.tolist())
-    if len(later) < len(stamps_ns):
-        counts[NOT_LATER] += len(stamps_ns) - len(later)
+    later = rising_counted(stamps_ns.tolist(), counts, "GPS samples")
     return stamps_ns[later], values[later]
 
 

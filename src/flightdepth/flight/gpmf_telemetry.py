@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -20,11 +19,12 @@ from flightdepth.flight.container import main_stream, open_container
 from flightdepth.flight.gopro_gps import gps_moments, gps_places, gps_velocities
 from flightdepth.flight.gpmf import GpmfError, Stream, streams
 from flightdepth.flight.order import rising
-from flightdepth.flight.payload_clock import Interval, Stamps, on_video_clock, spread
+from flightdepth.flight.payload_clock import Interval, on_video_clock, spread
 from flightdepth.flight.places import SEA_LEVEL, PlaceTrack
 from flightdepth.flight.positions import Velocities, place_track
 from flightdepth.flight.records import NS_PER_S, GyroscopeTrack, Telemetry, none_of
 from flightdepth.flight.universal_time import UniversalTime
+from flightdepth.motion import Stamps
 
 TimedStream = tuple[Interval, Stream]
 GYROSCOPE, GPS = "GYRO", ("GPS9", "GPS5")
@@ -104,7 +104,7 @@ def _telemetry(
     for stamp_ns, velocity, sigma in zip(
         found.stamps_ns.tolist(), found.velocity_ned, found.sigma.tolist(), strict=True
     ):
-        gate.take(stamp_ns, Velocity(velocity, None if math.isnan(sigma) else sigma))
+        gate.take(stamp_ns, Velocity(velocity, sigma))
     kept = gate.velocities
     name = f"GPMF in the video: {first.name} of {first.device}, {len(kept)} velocities"
     if not kept:

@@ -13,8 +13,6 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,11 +20,11 @@ import numpy as np
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.file_bytes import as_text, log_bytes
-from flightdepth.flight.order import rising
+from flightdepth.flight.order import rising_counted
 from flightdepth.flight.places import SEA_LEVEL
-from flightdepth.flight.positions import UNFIXED, on_earth, place_track, velocities_by_fixes
-from flightdepth.flight.records import LATEST_NS, NS_PER_S, Telemetry, none_of
-from flightdepth.flight.universal_time import UniversalTime, unix_ns
+from flightdepth.flight.positions import place_track, velocities_by_fixes
+from flightdepth.flight.records import Telemetry, none_of
+from flightdepth.flight.universal_time import UniversalTime, utc_of_iso
 
 PREFIX = r"(?:[\w.-]{1,40}:)?"  # of a namespace
 ROOT = re.compile(rf"<{PREFIX}gpx[\s>]")
@@ -54,7 +52,7 @@ class Point(NamedTuple):
 def looks_like_gpx(head: bytes, path: Path) -> bool:
     """Markup with a <gpx> near its beginning."""
     text = as_text(head).lstrip()
-    return not path.is_dir() and text.startswith("<") and ROOT.search(text) is not None
+    return text.startswith("<") and ROOT.search(text) is not None
 
 
 def read_gpx(path: Path) -> Telemetry:
@@ -62,13 +60,10 @@ def read_gpx(path: Path) -> Telemetry:
     counts: Counter[str] = Counter()
     segments = _segments(as_text(log_bytes(path)), counts)
     points = [point for segment in sorted(segments, key=_begin_ns) for point in segment]
-    kept = rising([point.stamp_ns for point in points])
-    counts["positions not later than the one before"] += len(points) - len(kept)
+    kept = rising_counted([point.stamp_ns for point in points], counts, "positions")
     stamps_ns = np.array([points[index].stamp_ns for index in kept], dtype=np.int64)
     places = np.array([points[index][1:] for index in kept], dtype=np.float64).reshape(-1, 3)
-    fixed = on_earth(places[:, :2])
-    counts[UNFIXED] += int((~fixed).sum())
-    found = velocities_by_fixes(stamps_ns[fixed], places[fixed, :2], places[fixed, 2], counts)
+    found = velocities_by_fixes(stamps_ns, places[:, :2], places[:, 2], counts)
     if not len(found):
         expected = "a GPX track of two positions or more, with their times"
         raise BadInput(f"telemetry {path}", expected=expected, got=none_of(counts), mend=MEND)
@@ -77,9 +72,8 @@ def read_gpx(path: Path) -> Telemetry:
     zero_ns = int(found.stamps_ns[0])
     parts = f", {len(segments)} segments" if len(segments) > 1 else ""
     name = f"GPX {path.name}: {len(found)} velocities from positions{parts}"
-    name += f"; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock"
-    log = Telemetry(name, tuple(found.samples()), dict(+counts), places=track, time_0_told=False)
-    return replace(log.later_by(-zero_ns), utc=UniversalTime.of(zero_ns, "track"))
+    log = Telemetry(name, tuple(found.samples()), dict(+counts), places=track)
+    return log.counted_from(zero_ns, UniversalTime.of(zero_ns, "track"))
 
 
 def _segments(text: str, counts: Counter[str]) -> list[list[Point]]:
@@ -113,7 +107,7 @@ def _point(prefix: str, body: str) -> Point | str:
     for of, name, value in VALUE.findall(inside):
         if of == prefix:
             told.setdefault(name, value.strip())
-    stamp_ns = _stamp_ns(told.get("time", ""))
+    stamp_ns = utc_of_iso(told.get("time", ""))
     if stamp_ns is None:
         return UNTIMED
     place = dict(PLACE.findall(head)) if told.get("fix") != "none" else {}
@@ -127,15 +121,3 @@ def _number(text: str | None) -> float:
         return math.nan if text is None else float(text)
     except ValueError:
         return math.nan
-
-
-def _stamp_ns(text: str) -> int | None:
-    """Nanoseconds since 1970 of an ISO 8601 time; UTC where it names no zone."""
-    try:
-        moment = datetime.fromisoformat(text)
-    except ValueError:
-        return None
-    if moment.tzinfo is None:
-        moment = moment.replace(tzinfo=UTC)
-    stamp_ns = unix_ns(moment)
-    return stamp_ns if abs(stamp_ns) < LATEST_NS else None

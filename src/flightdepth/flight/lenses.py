@@ -83,6 +83,15 @@ def fov_of_equivalent_deg(equivalent_mm: float, sensor: tuple[int, int] = (4, 3)
     return math.degrees(2 * math.atan(wide / math.hypot(wide, high) * HALF_DIAGONAL_35MM / equivalent_mm))
 
 
+def millimetres(told: str | float) -> float | None:
+    """A 35 mm equivalent that a lens may have: of a number, or of a tag such as "26.00mm"; None of anything else."""
+    try:
+        value = float(told.lower().removesuffix("mm") if isinstance(told, str) else told)
+    except ValueError:
+        return None
+    return value if 5 < value < 2000 else None
+
+
 @cache
 def known_lenses() -> tuple[Lens, ...]:
     """All entries, in the table's order."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.flight.positions import fixes
 from flightdepth.flight.records import (
@@ -16,12 +15,13 @@ from flightdepth.flight.records import (
     Sample,
     VelocitySample,
 )
-from flightdepth.motion import Vector
+from flightdepth.motion import Stamps, Vector
 
+FARTHEST_M = 1e8  # of a position, such as UTM's
 LEAST_STEP_S = 0.1  # over less, a centimetre of noise is a large velocity
 
 
-def samples_along(stamps_ns: NDArray[np.int64], ned: Vector) -> list[Sample]:
+def samples_along(stamps_ns: Stamps, ned: Vector) -> list[Sample]:
     """Positions [n, 3], metres north, east, down, at rising stamps [n >= 1], and velocities along them.
 
     Where a row repeats the position before until the receiver has a new one, it tells nothing. Velocities are told at
@@ -38,7 +38,7 @@ def samples_along(stamps_ns: NDArray[np.int64], ned: Vector) -> list[Sample]:
     return [*velocities, *positions]
 
 
-def _velocities(stamps_ns: NDArray[np.int64], ned: Vector) -> list[VelocitySample]:
+def _velocities(stamps_ns: Stamps, ned: Vector) -> list[VelocitySample]:
     step_s = np.diff(stamps_ns) / NS_PER_S
     slopes = np.diff(ned, axis=0) / step_s[:, None]
     flown = (step_s <= MAX_GAP_S) & (np.linalg.norm(slopes, axis=1) < FASTEST_M_S)

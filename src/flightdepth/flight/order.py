@@ -37,10 +37,16 @@ def rising(stamps_ns: Sequence[int]) -> list[int]:
     return kept
 
 
+def rising_counted(stamps_ns: Sequence[int], counts: Counter[str], what: str) -> list[int]:
+    """`rising`; the others are counted as what is not later than the one before."""
+    kept = rising(stamps_ns)
+    if len(kept) < len(stamps_ns):
+        counts[f"{what} not later than the one before"] += len(stamps_ns) - len(kept)
+    return kept
+
+
 def in_time_order(samples: Sequence[Stamped], counts: Counter[str]) -> list[Stamped]:
     """The samples whose stamps rise; the others are counted by what they are."""
-    kept = [samples[index] for index in rising([sample.stamp_ns for sample in samples])]
-    if len(kept) < len(samples):
-        kind = "velocities" if isinstance(samples[0], VelocitySample) else "attitudes"
-        counts[f"{kind} not later than the one before"] += len(samples) - len(kept)
-    return kept
+    kind = "velocities" if samples and isinstance(samples[0], VelocitySample) else "attitudes"
+    kept = rising_counted([sample.stamp_ns for sample in samples], counts, kind)
+    return [samples[index] for index in kept]

@@ -46,11 +46,13 @@ from flightdepth.flight.records import (
 from flightdepth.motion import (
     NED_FROM_CAMERA,
     Vector,
+    is_rotation,
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
 
 NS_PER_US = 1000
+ROUNDED = 0.02  # of a quaternion's length: the drones round to 14 bits
 TIME_LIMIT_US = 1e12  # eleven days of video
 FRAME = re.compile(r'\{\s*"time"\s*:')
 SHIFTED_AFTER = "location_sv_count"
@@ -76,9 +78,7 @@ FIELDS_OF_VIEW = ("picture_hfov", "metadata_picture_hfov", "metadata_camera_hfov
 
 def looks_like_parrot(head: bytes, path: Path) -> bool:
     """A CSV header with the library's columns, or JSON with its frames."""
-    text = head.decode("utf-8", errors="replace").lstrip("\ufeff \r\n\t")
-    if path.is_dir():
-        return False
+    text = as_text(head).lstrip()
     if text.startswith("{"):
         return FRAME.search(text) is not None or '"session"' in text
     return _speeds(_split(text.partition("\n")[0])) is not None
@@ -175,7 +175,8 @@ def _row(header: Sequence[str], cells: list[str]) -> Mapping[str, Any]:
     if row.get("location_valid") == "0" and SHIFTED_AFTER in header:
         at = header.index(SHIFTED_AFTER)
         shifted = dict(zip(header, [*cells[:at], "0", *cells[at:]], strict=False))
-        if not _is_unit(_quaternion(row, VIEWS)) and _is_unit(_quaternion(shifted, VIEWS)):
+        told, moved = (is_rotation(_quaternion(each, VIEWS), ROUNDED) for each in (row, shifted))
+        if moved and not told:
             return shifted
     return row
 
@@ -218,7 +219,8 @@ def _take(
     velocity = np.array([_number(row.get(name)) for name in names or SPEEDS[0]])
     view, body = _quaternion(row, VIEWS), _quaternion(row, BODIES)
     # A row that lost or gained cells shows in a view that is no rotation; all zeros are an unknown view.
-    damaged = bool(np.isfinite(view).any() and view.any()) and not _is_unit(view)
+    sound = is_rotation(view, ROUNDED)
+    damaged = bool(np.isfinite(view).any() and view.any()) and not sound
     if damaged or not math.isfinite(time_us) or not np.isfinite(velocity).all():
         counts["rows without a time, a speed or a sound view"] += 1
         return False
@@ -227,10 +229,10 @@ def _take(
         return False
     stamp_ns = round(time_us * NS_PER_US)
     velocities.append(VelocitySample(stamp_ns, velocity))
-    if _is_unit(view) and names is not None and not names[0].endswith("_x"):
+    if sound and names is not None and not names[0].endswith("_x"):
         world_from_camera = rotation_from_quaternion(view) @ NED_FROM_CAMERA
         attitudes.append(AttitudeSample(stamp_ns, quaternion_from_rotation(world_from_camera)))
-    if _is_unit(body):
+    if is_rotation(body, ROUNDED):
         bodies.append(BodyAttitudeSample(stamp_ns, body))
     return True
 
@@ -238,11 +240,6 @@ def _take(
 def _quaternion(row: Mapping[str, Any], prefixes: Sequence[str]) -> Vector:
     prefix = next((prefix for prefix in prefixes if f"{prefix}_w" in row), prefixes[0])
     return np.array([_number(row.get(f"{prefix}_{axis}")) for axis in "wxyz"])
-
-
-def _is_unit(quaternion: Vector) -> bool:
-    """Whether it is a rotation; the drones round to 14 bits."""
-    return bool(np.abs(quaternion).max() < 2 and abs(np.linalg.norm(quaternion) - 1) < 0.02)
 
 
 def _number(value: Any) -> float:

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.flight.records import NS_PER_S
-
-Stamps = NDArray[np.int64]
+from flightdepth.motion import Stamps
 
 
 @dataclass(frozen=True)

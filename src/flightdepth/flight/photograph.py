@@ -11,10 +11,10 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.container import open_container
 from flightdepth.flight.file_bytes import head_of
-from flightdepth.flight.lenses import fov_of_equivalent_deg
+from flightdepth.flight.lenses import fov_of_equivalent_deg, millimetres
+from flightdepth.flight.still import EQUIVALENT, exif_tags
 
 EXPECTED = "a photograph whose EXIF tags tell the 35 mm equivalent focal length"
-EQUIVALENT = "FocalLengthIn35mmFilm"
 JPEG = b"\xff\xd8\xff"
 
 
@@ -37,17 +37,14 @@ def read_photograph(path: Path) -> Photograph:
             picture = next(container.decode(video=0))
     except (FFmpegError, StopIteration) as error:
         raise BadInput(f"camera {path}", expected=EXPECTED, got="a broken JPEG") from error
-    tags = {name.rpartition("/")[2]: value.strip() for name, value in picture.metadata.items()}
-    try:
-        equivalent_mm = float(tags.get(EQUIVALENT, "0"))
-    except ValueError:
-        equivalent_mm = 0.0
-    if not 5 < equivalent_mm < 2000:
-        got = f"no {EQUIVALENT}"
+    tags = exif_tags(picture)
+    equivalent_mm = millimetres(tags.get(EQUIVALENT, ""))
+    if equivalent_mm is None:
+        got = "no FocalLengthIn35mmFilm"
         raise BadInput(f"camera {path}", expected=EXPECTED, got=got, mend="Give --hfov DEGREES instead.")
     width, height = picture.width, picture.height
     # The equivalent compares diagonals, so the picture's own shape counts.
     hfov_deg = fov_of_equivalent_deg(equivalent_mm, (width, height))
-    model = tags.get("Model", "a camera without a name")
+    model = tags.get("model", "a camera without a name")
     source = f"photograph {path.name} by {model}: {equivalent_mm:g} mm, {hfov_deg:.1f} degrees"
     return Photograph(Camera.from_fov(width, height, hfov_deg), source)

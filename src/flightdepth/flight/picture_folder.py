@@ -9,7 +9,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from flightdepth.flight.file_bytes import head_of
 from flightdepth.flight.picture import Picture
 from flightdepth.flight.picture_names import Named, by_number, by_time, periods, pictures_in
 from flightdepth.flight.records import NS_PER_S
-from flightdepth.flight.still import EQUIVALENT, decoded, turn_in
+from flightdepth.flight.still import EQUIVALENT, decoded, exif_tags, turn_in
 from flightdepth.flight.universal_time import UniversalTime
 
 LOWEST_HZ, HIGHEST_HZ = 0.001, 10_000.0
@@ -114,7 +113,8 @@ class PictureFolder:
                 elif (found := picture.result()) is None:
                     counts[DAMAGED] += 1
                 else:
-                    self.tags = self.tags or _lens_tags(found.decoded)
+                    if not self.tags and (focal := exif_tags(found.decoded).get(EQUIVALENT)) is not None:
+                        self.tags = {EQUIVALENT: focal}
                     yield found
                     last_ns = found.stamp_ns
 
@@ -127,9 +127,3 @@ class PictureFolder:
         if picture is None:
             return None
         return Picture(self._stamps_ns[at], picture, turn_in(data), name=self._names[at])
-
-
-def _lens_tags(picture: Any) -> dict[str, str]:
-    """What EXIF says of the focal length."""
-    told = {name.rpartition("/")[2].lower(): value.strip() for name, value in picture.metadata.items()}
-    return {EQUIVALENT: told[EQUIVALENT]} if EQUIVALENT in told else {}

@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flightdepth.motion import Vector
+from flightdepth.motion import Stamps, Vector
 
 AltitudeAbove = Literal["mean sea level", "the WGS 84 ellipsoid"]
 SEA_LEVEL: AltitudeAbove = "mean sea level"
@@ -23,7 +22,7 @@ class PlaceTrack:
     An altitude is NaN where it is not told; `above` is what all of them count from, None where none is told.
     """
 
-    stamps_ns: NDArray[np.int64]
+    stamps_ns: Stamps
     places: Vector
     above: AltitudeAbove | None
 

@@ -20,7 +20,7 @@ from flightdepth.flight.local_regression import line_slopes
 from flightdepth.flight.order import rising
 from flightdepth.flight.places import AltitudeAbove, PlaceTrack
 from flightdepth.flight.records import FASTEST_M_S, NS_PER_S, VelocitySample
-from flightdepth.motion import Vector
+from flightdepth.motion import Stamps, Vector
 
 EARTH_RADIUS_M = 6378137.0  # WGS 84, equator
 EARTH_ECCENTRICITY_SQUARED = 6.69437999014e-3
@@ -38,7 +38,7 @@ Indices = NDArray[np.int64]
 class Velocities:
     """Velocity [n, 3] north-east-down, m/s, its standard deviation per component [n], the stamps [n]."""
 
-    stamps_ns: NDArray[np.int64]
+    stamps_ns: Stamps
     velocity_ned: Vector
     sigma: Vector
 
@@ -61,7 +61,7 @@ class Velocities:
 
 
 def velocities_by_places(
-    stamps_ns: NDArray[np.int64], places_deg: Vector, heights_m: Vector, counts: Counter[str]
+    stamps_ns: Stamps, places_deg: Vector, heights_m: Vector, counts: Counter[str]
 ) -> Velocities:
     """From latitudes and longitudes [n, 2] and heights [n] at rising stamps; positions that jump are counted.
 
@@ -79,9 +79,15 @@ def velocities_by_places(
 
 
 def velocities_by_fixes(
-    stamps_ns: NDArray[np.int64], places_deg: Vector, altitudes_m: Vector, counts: Counter[str]
+    stamps_ns: Stamps, places_deg: Vector, altitudes_m: Vector, counts: Counter[str]
 ) -> Velocities:
-    """The same where altitudes [n] may be NaN: as high as those around them, or all are level; counted."""
+    """The same where places may be none on Earth and altitudes [n] NaN; both are counted.
+
+    An altitude is filled in from those around it, or all are level.
+    """
+    fixed = on_earth(places_deg)
+    counts[UNFIXED] += int((~fixed).sum())
+    stamps_ns, places_deg, altitudes_m = stamps_ns[fixed], places_deg[fixed], altitudes_m[fixed]
     told = np.isfinite(altitudes_m)
     counts[LEVEL] += int((~told).sum())
     if told.any():
@@ -93,7 +99,7 @@ def velocities_by_fixes(
 
 
 def place_track(
-    stamps_ns: Sequence[int] | NDArray[np.int64],
+    stamps_ns: Sequence[int] | Stamps,
     places_deg: Vector,
     altitudes_m: Vector,
     above: AltitudeAbove,
@@ -201,7 +207,7 @@ def decimal_step(values: Vector) -> float:
     return 1e-9
 
 
-def velocities(stamps_ns: NDArray[np.int64], ned: Vector, *, steps_m: tuple[float, float]) -> Velocities:
+def velocities(stamps_ns: Stamps, ned: Vector, *, steps_m: tuple[float, float]) -> Velocities:
     """Velocities at the horizontal fixes of positions [n, 3] at rising stamps, and between fixes that are seldom.
 
     Those beyond reason are left out. `steps_m` is what places and heights are rounded to.

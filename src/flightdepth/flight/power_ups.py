@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from flightdepth.flight.autopilot import Record
 from flightdepth.flight.records import NS_PER_S
+from flightdepth.motion import Stamps
 
-Stamps = NDArray[np.int64]
 Indices = NDArray[np.intp]
 
 # A log's time that steps back, or ahead, by more starts a new run; less is a packet that overtook another.

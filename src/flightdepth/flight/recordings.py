@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import NS_PER_S, Recording, Telemetry
+from flightdepth.motion import Stamps
 
 FIT_NS = 2 * NS_PER_S  # between the length of a recording by the log's flag and that of its video
 FLICKER_NS = NS_PER_S  # no camera begins again so soon, and no video is so short
@@ -24,7 +25,7 @@ SOUGHT = "give the seconds, as --telemetry-offset S"  # where the pictures did n
 MEND = "Give the offset of the right one, or let run --telemetry-offset auto find it in the pictures."
 
 
-def recordings_in(stamps_ns: NDArray[np.int64], recording: NDArray[np.bool_]) -> tuple[Recording, ...]:
+def recordings_in(stamps_ns: Stamps, recording: NDArray[np.bool_]) -> tuple[Recording, ...]:
     """Where a flag [n] at rising stamps [n] is up, flickers left out."""
     if not len(stamps_ns):
         return ()
@@ -41,7 +42,7 @@ def recordings_in(stamps_ns: NDArray[np.int64], recording: NDArray[np.bool_]) ->
     return tuple(each for each in found if each.end_ns - each.start_ns >= FLICKER_NS)
 
 
-def _middle(stamps_ns: NDArray[np.int64], at: int) -> int:
+def _middle(stamps_ns: Stamps, at: int) -> int:
     """Midway between a row and the one before."""
     return int(stamps_ns[at - 1] + stamps_ns[at]) // 2
 

@@ -10,6 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import chain
 from typing import Literal, Protocol
 
@@ -20,7 +21,7 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.places import PlaceTrack
 from flightdepth.flight.universal_time import UniversalTime
-from flightdepth.motion import Vector, unit_quaternion
+from flightdepth.motion import Stamps, Vector, unit_quaternion
 
 VelocityFrame = Literal["world", "camera"]
 NS_PER_S = 1_000_000_000
@@ -181,11 +182,16 @@ def none_of(counts: Counter[str]) -> str:
     return f"none ({why})" if why else "none"
 
 
+def time_0_is(zero_ns: int) -> str:
+    """What the name of a log ends with whose times count from where it begins."""
+    return f"; its time 0 is {seconds(zero_ns)} of its clock"
+
+
 @dataclass(frozen=True, eq=False)
 class GyroscopeTrack:
     """Turn rates of the camera: stamps int64 [n], rising; rates rad/s [n, 3], axes in any fixed order."""
 
-    stamps_ns: NDArray[np.int64]
+    stamps_ns: Stamps
     rates_rad_s: Vector
 
     def __post_init__(self) -> None:
@@ -209,7 +215,7 @@ class ViewTrack:
     `nominal` where it is only the lens's 35 mm equivalent, so that a cropped video sees less.
     """
 
-    stamps_ns: NDArray[np.int64]
+    stamps_ns: Stamps
     horizontal_deg: Vector
     nominal: bool = False
 
@@ -278,12 +284,12 @@ class Telemetry:
         if not self.velocities:
             raise BadInput(f"telemetry {self.name}", expected="at least one velocity", got="none")
 
-    @property
+    @cached_property
     def velocities(self) -> list[VelocitySample]:
         """Of the samples those that tell a velocity."""
         return [sample for sample in self.samples if isinstance(sample, VelocitySample)]
 
-    @property
+    @cached_property
     def attitudes(self) -> list[AttitudeSample]:
         """Of the samples those that tell how the camera is turned."""
         return [sample for sample in self.samples if isinstance(sample, AttitudeSample)]
@@ -313,6 +319,11 @@ class Telemetry:
             places=None if self.places is None else self.places.later_by(offset_ns),
             utc=None if self.utc is None else self.utc.later_by(offset_ns),
         )
+
+    def counted_from(self, zero_ns: int, utc: UniversalTime | None) -> Telemetry:
+        """The same with time 0 where the log begins, at `utc`, where it tells no other; its name says so."""
+        moved, name = self.later_by(-zero_ns), f"{self.name}{time_0_is(zero_ns)}"
+        return replace(moved, name=name, time_0_told=False, utc=moved.utc or utc)
 
     @property
     def span_ns(self) -> tuple[int, int]:

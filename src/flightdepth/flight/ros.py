@@ -25,12 +25,12 @@ from flightdepth.errors import BadInput
 from flightdepth.flight.order import in_time_order
 from flightdepth.flight.places import ELLIPSOID, SEA_LEVEL, PlaceTrack
 from flightdepth.flight.records import (
-    NS_PER_S,
     AttitudeSample,
     BodyAttitudeSample,
     Telemetry,
     VelocitySample,
     by_time,
+    time_0_is,
 )
 from flightdepth.flight.ros1_bag import looks_like_ros1
 from flightdepth.flight.ros2_bag import looks_like_ros2
@@ -49,10 +49,11 @@ from flightdepth.flight.ros_px4 import DEFINE, PX4_PLACE, PX4_POSITION, PX4_VELO
 from flightdepth.flight.ros_topics import Topic, first_picture, topics_of
 from flightdepth.flight.universal_time import UniversalTime
 from flightdepth.motion import (
+    Stamps,
     Vector,
     mixed_quaternions,
     quaternion_from_rotation,
-    rotation_from_quaternion,
+    rotations_from_quaternions,
 )
 
 NEAR_NS = 100_000_000  # an orientation farther away says nothing of a velocity
@@ -85,7 +86,7 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     counts += chosen.unsound
     name += ", attitude of the camera" if attitudes else ""
     name += f" ({oriented.resets} resets of the attitude)" if oriented.resets else ""
-    name += f"; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock"
+    name += time_0_is(zero_ns)
     # Not counted: an Odometry's velocity has been.
     bodies = in_time_order(_body_attitudes(oriented.orientations, zero_ns), Counter())
     places = _places(topics, zero_ns, chosen, counts)
@@ -155,11 +156,12 @@ def _velocities(
 ) -> list[VelocitySample]:
     """In the world frame where orientations are told, else the camera's: that of a camera which looks forward."""
     bodies = sorted((o for o in orientations if not o.of_camera), key=lambda o: o.stamp_ns)
-    stamps = np.array([orientation.stamp_ns for orientation in bodies], dtype=np.int64)
+    at_ns = np.array([twist.stamp_ns for twist in twists if twist.frame == "body"], dtype=np.int64)
+    turns = iter(_turns(bodies, at_ns))
     samples = []
     for twist in twists:
         stamp_ns = twist.stamp_ns - zero_ns
-        ned_from_body = _turned(bodies, stamps, twist.stamp_ns) if twist.frame == "body" else None
+        ned_from_body = next(turns) if twist.frame == "body" else None
         if twist.frame == "world":
             samples.append(VelocitySample(stamp_ns, twist.velocity, "world", twist.sigma))
         elif ned_from_body is not None:
@@ -172,19 +174,21 @@ def _velocities(
     return samples
 
 
-def _turned(
-    bodies: Sequence[Orientation], stamps: np.ndarray[tuple[int], np.dtype[np.int64]], stamp_ns: int
-) -> Vector | None:
-    """The rotation between the orientations before and after; that of the near one where these are far apart."""
-    after = int(np.searchsorted(stamps, stamp_ns))
-    around = bodies[max(after - 1, 0) : after + 1]
-    apart_ns = around[-1].stamp_ns - around[0].stamp_ns if around else 0
-    if not 0 < apart_ns <= 2 * NEAR_NS:
-        near = (body.ned_from_frame for body in around if abs(body.stamp_ns - stamp_ns) <= NEAR_NS)
-        return next(near, None)
-    share = (stamp_ns - around[0].stamp_ns) / apart_ns
-    start, end = (quaternion_from_rotation(body.ned_from_frame) for body in around)
-    return rotation_from_quaternion(mixed_quaternions(start, end, share))
+def _turns(bodies: Sequence[Orientation], at_ns: Stamps) -> list[Vector | None]:
+    """Rotations between the orientations before and after, in time order; of the near one where these are far apart."""
+    if not bodies or not len(at_ns):
+        return [None] * len(at_ns)
+    stamps_ns = np.array([body.stamp_ns for body in bodies], dtype=np.int64)
+    quaternions = np.array([quaternion_from_rotation(body.ned_from_frame) for body in bodies])
+    after = np.searchsorted(stamps_ns, at_ns)
+    before, after = (after - 1).clip(min=0), after.clip(max=len(bodies) - 1)
+    since_ns, apart_ns = at_ns - stamps_ns[before], stamps_ns[after] - stamps_ns[before]
+    between = (apart_ns > 0) & (apart_ns <= 2 * NEAR_NS)
+    near_before, near_after = np.abs(since_ns) <= NEAR_NS, np.abs(stamps_ns[after] - at_ns) <= NEAR_NS
+    share = np.where(between, since_ns / np.maximum(apart_ns, 1), ~near_before)
+    turns = rotations_from_quaternions(mixed_quaternions(quaternions[before], quaternions[after], share))
+    known = between | near_before | near_after
+    return [turn if told else None for turn, told in zip(turns, known, strict=True)]
 
 
 def _body_attitudes(orientations: Sequence[Orientation], zero_ns: int) -> list[BodyAttitudeSample]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +13,9 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import Frame
-from flightdepth.flight.ros_messages import COMPRESSED_IMAGE, IMAGE_KINDS, decoded, is_depth_map, stamp_of
+from flightdepth.flight.ros_messages import COMPRESSED_IMAGE, IMAGE_KINDS, decoded, stamp_of
 from flightdepth.flight.ros_records import DamagedError, RosMessage
-from flightdepth.flight.ros_topics import ros_messages
+from flightdepth.flight.ros_topics import ros_messages, topics_of, with_pictures
 
 Picture = NDArray[np.uint8]
 # Channels of an encoding (sensor_msgs/image_encodings.h) and how OpenCV turns it into RGB.
@@ -40,40 +39,20 @@ ENCODINGS: dict[str, tuple[int, int | None]] = {
 }
 
 
-def image_topics(path: Path) -> dict[str, int]:
-    """The topics with pictures and how many each holds, those with most first; not depth that a camera measures."""
-    found: Counter[str] = Counter()
-    of_depth: dict[str, bool] = {}
-    for message in ros_messages(path, lambda kind: kind in IMAGE_KINDS, Counter()):
-        found[message.topic] += 1
-        if message.topic not in of_depth:
-            with suppress(DamagedError):
-                of_depth[message.topic] = is_depth_map(message, decoded(message))
-    shown = [item for item in found.items() if not of_depth.get(item[0])]
-    return dict(sorted(shown, key=lambda item: (-item[1], item[0])))
-
-
 def ros_frames(path: Path, topic: str | None = None, counts: Counter[str] | None = None) -> Iterator[Frame]:
     """The pictures of `topic` (default: the topic with most), times in ns since the first of the topic with most.
 
     What is left out is added to `counts`: damaged pictures, those of unknown encodings, times that do not rise.
     """
     counts = Counter() if counts is None else counts
-    known = image_topics(path)
+    topics, _ = topics_of(path, Counter(), IMAGE_KINDS)
+    known = {each.name: each.first_ns or 0 for each in with_pictures(topics)}
     most = next(iter(known), None)
     chosen = topic or most
-    if chosen not in known:
+    if most is None or chosen not in known:
         got = ", ".join(known) or "no pictures"
         raise BadInput(f"recording {path}", expected=f"pictures{f' in {topic}' if topic else ''}", got=got)
-    return _frames(path, chosen, counts, next(_stamps_ns(path, most), 0))
-
-
-def _stamps_ns(path: Path, topic: str | None) -> Iterator[int]:
-    """Of the messages whose header can be read, as `ros` counts from the first of them."""
-    for message in ros_messages(path, lambda kind: kind in IMAGE_KINDS, Counter()):
-        with suppress(DamagedError):
-            if message.topic == topic:
-                yield stamp_of(decoded(message).header, message.log_ns)
+    return _frames(path, chosen, counts, known[most])
 
 
 def _frames(path: Path, topic: str | None, counts: Counter[str], zero_ns: int) -> Iterator[Frame]:

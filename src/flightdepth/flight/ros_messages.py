@@ -25,7 +25,7 @@ import numpy as np
 
 from flightdepth.flight.records import FASTEST_M_S, LATEST_NS, NS_PER_S
 from flightdepth.flight.ros_records import DamagedError, RosMessage, required
-from flightdepth.motion import NED_FROM_ENU, Vector, rotation_from_quaternion
+from flightdepth.motion import NED_FROM_ENU, Vector, is_rotation, rotation_from_quaternion
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistWithCovarianceStamped"
@@ -240,6 +240,6 @@ def speed_of(vector: Any) -> Vector:
 def rotation_of(quaternion: Any) -> Vector:
     """A Quaternion message as a matrix; one that is no rotation is damage."""
     values = np.array([quaternion.w, quaternion.x, quaternion.y, quaternion.z], dtype=np.float64)
-    if not (np.abs(values).max() < 2 and abs(np.linalg.norm(values) - 1) < 0.01):
+    if not is_rotation(values, within=0.01):
         raise DamagedError("an orientation that is no rotation")
     return rotation_from_quaternion(values)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flightdepth.flight.metric_positions import FARTHEST_M
 from flightdepth.flight.places import AltitudeAbove, PlaceTrack
 from flightdepth.flight.positions import (
     Velocities,
@@ -27,12 +27,11 @@ from flightdepth.flight.ros_messages import (
     stamp_of,
 )
 from flightdepth.flight.ros_records import RosMessage
-from flightdepth.motion import Vector
+from flightdepth.motion import Stamps, Vector
 
 NAV_SAT_FIX = "sensor_msgs/msg/NavSatFix"
 PLACE_KINDS = (ODOMETRY, POSE, POSE_WITH_COVARIANCE)  # best first, and before NAV_SAT_FIX
 NO_FIX = -1  # of NavSatStatus; newer drivers that tell none leave it at -2
-FARTHEST_M = 1e8  # of a position, such as UTM's
 HIGHEST_M = 1e5
 FINEST_M = 1e-4  # what positions are rounded to at least
 LEAST_PLACES = 5  # that tell a velocity
@@ -109,7 +108,7 @@ def track_of_fixes(
     return place_track(stamps_ns - zero_ns, places_deg, altitudes_m, above, counts)
 
 
-def columns_of(fixes: Sequence[Fix]) -> tuple[NDArray[np.int64], Vector, Vector]:
+def columns_of(fixes: Sequence[Fix]) -> tuple[Stamps, Vector, Vector]:
     """Rising stamps [n], latitudes and longitudes [n, 2] and altitudes [n] of fixes in any order."""
     fixed = {fix.stamp_ns: fix for fix in fixes}
     rising = [fixed[stamp_ns] for stamp_ns in sorted(fixed)]

@@ -34,6 +34,7 @@ MESSAGE_LIMIT = 1 << 28
 
 def sqlite_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterator[RosMessage]:
     """The messages of a rosbag2 SQLite file, in the order in which they were written."""
+    cut_before = counts[CUT]
     try:
         with _whole_pages(path, counts) as whole, closing(_connected(whole)) as connection:
             topics = _topics(connection, wanted)
@@ -48,7 +49,7 @@ def sqlite_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterato
                     yield message
     # SQLite quotes damaged names in its messages, and Python cannot decode some.
     except (sqlite3.Error, UnicodeDecodeError):
-        counts[CUT] = 1
+        counts[CUT] = cut_before + 1  # each file once
 
 
 def _sqlite_message(
@@ -82,7 +83,7 @@ def _whole_pages(path: Path, counts: Counter[str]) -> Iterator[Path]:
     page_size = int.from_bytes(head[16:18], "big")
     page_size = 65536 if page_size == 1 else max(page_size, 512)
     if size < page_size * int.from_bytes(head[28:32], "big"):
-        counts[CUT] = 1
+        counts[CUT] += 1
     if size % page_size == 0:
         yield path
         return

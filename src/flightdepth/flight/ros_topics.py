@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -111,14 +111,16 @@ def ros_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterator[R
     return reader(path, wanted, counts)
 
 
-def topics_of(path: Path, counts: Counter[str]) -> tuple[list[Topic], dict[str, str]]:
-    """The topics that are of use; and what a recording holds: names of topics with their kinds, and other kinds."""
+def topics_of(
+    path: Path, counts: Counter[str], used: Collection[str] = USED
+) -> tuple[list[Topic], dict[str, str]]:
+    """The topics of `used` kinds; and what a recording holds: names of topics with their kinds, and other kinds."""
     kinds: set[str] = set()
     topics: dict[str, Topic] = {}
 
     def wanted(kind: str) -> bool:
         kinds.add(kind)
-        return kind in USED
+        return kind in used
 
     for message in ros_messages(path, wanted, counts):
         topic = topics.setdefault(message.topic, Topic(message.topic, message.kind))
@@ -127,7 +129,7 @@ def topics_of(path: Path, counts: Counter[str]) -> tuple[list[Topic], dict[str, 
             _take(message, topic, counts)
     _tell_px4(list(topics.values()), counts)
     named = {topic.name: topic.kind for topic in topics.values()}
-    return list(topics.values()), dict.fromkeys(kinds - USED, "") | named
+    return list(topics.values()), dict.fromkeys(kinds.difference(used), "") | named
 
 
 def _take(message: RosMessage, topic: Topic, counts: Counter[str]) -> None:
@@ -175,11 +177,16 @@ def _take_px4(message: RosMessage, topic: Topic, counts: Counter[str]) -> None:
         counts[UNREADABLE] += 1
 
 
-def first_picture(topics: Sequence[Topic]) -> Topic | None:
-    """The topic with most pictures, whose first is time 0; depth that a camera measures left aside."""
+def with_pictures(topics: Sequence[Topic]) -> list[Topic]:
+    """The topics with pictures, those with most first; depth that a camera measures left aside."""
     images = [topic for topic in topics if topic.kind in IMAGE_KINDS and not topic.of_depth]
     pictures = [topic for topic in images if topic.first_ns is not None]
-    return min(pictures, key=lambda topic: (-topic.messages, topic.name), default=None)
+    return sorted(pictures, key=lambda topic: (-topic.messages, topic.name))
+
+
+def first_picture(topics: Sequence[Topic]) -> Topic | None:
+    """The topic with most pictures, whose first is time 0."""
+    return next(iter(with_pictures(topics)), None)
 
 
 def _tell_px4(topics: Sequence[Topic], counts: Counter[str]) -> None:

@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.flight.records import MAX_GAP_S, NS_PER_S, AttitudeSample, Telemetry
-from flightdepth.motion import Vector, mixed_quaternions, rotations_from_quaternions
-
-Stamps = NDArray[np.int64]
+from flightdepth.motion import Stamps, Vector, mixed_quaternions, rotations_from_quaternions
 
 STEP_S = 0.04
 SLOWEST_M_S = 1.0  # a slower flight has no direction that could be told from noise
@@ -124,5 +121,6 @@ def attitude_rates(stamps_ns: Stamps, quaternions_n4: Vector, *, axes: bool = Tr
 def _smooth(values: Vector, stamps_ns: Stamps) -> Vector:
     """Means over STEP_S of values [n, c] that come much faster."""
     count = max(1, round(STEP_S * NS_PER_S / max(float(np.median(np.diff(stamps_ns))), 1.0)))
-    window = np.ones(count) / count
-    return np.stack([np.convolve(column, window, mode="same") for column in values.T], axis=1)
+    window = np.ones(min(count, len(values)))
+    of = np.convolve(np.ones(len(values)), window, mode="same")  # at either end fewer
+    return np.stack([np.convolve(column, window, mode="same") / of for column in values.T], axis=1)

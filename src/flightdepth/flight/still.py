@@ -59,6 +59,11 @@ def decoded(data: bytes) -> Any | None:
         return None
 
 
+def exif_tags(picture: Any) -> dict[str, str]:
+    """What EXIF says of a decoded picture, by FFmpeg's names in small letters."""
+    return {name.rpartition("/")[2].lower(): value.strip() for name, value in picture.metadata.items()}
+
+
 def _is_cut_off(jpeg: bytes) -> bool:
     """Whether no end follows the picture's own scan: a thumbnail before it has another, and so has what may follow."""
     at = 2

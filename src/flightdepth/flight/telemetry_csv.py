@@ -24,11 +24,9 @@ from __future__ import annotations
 import csv
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.files import write_atomic
@@ -47,11 +45,10 @@ from flightdepth.flight.csv_columns import (
 from flightdepth.flight.csv_rows import Row
 from flightdepth.flight.file_bytes import log_bytes
 from flightdepth.flight.metric_positions import samples_along
-from flightdepth.flight.order import rising
+from flightdepth.flight.order import rising_counted
 from flightdepth.flight.places import SEA_LEVEL
-from flightdepth.flight.positions import UNFIXED, on_earth, place_track, velocities_by_fixes
+from flightdepth.flight.positions import place_track, velocities_by_fixes
 from flightdepth.flight.records import (
-    NS_PER_S,
     AttitudeSample,
     Sample,
     Telemetry,
@@ -136,9 +133,7 @@ def _telemetry(
     what: str, name: str, columns: Columns, rows: Sequence[Row], counts: Counter[str]
 ) -> Telemetry:
     stamps_ns, places = [row.stamp_ns for row in rows], np.array([row.place for row in rows])
-    kept = rising(stamps_ns)
-    if len(kept) < len(rows):
-        counts["velocities not later than the one before"] += len(rows) - len(kept)
+    kept = rising_counted(stamps_ns, counts, "velocities")
     samples = tuple(sample for index in kept for sample in rows[index].samples)
     if columns.frame in (ALONG, BY_PLACES):
         at_ns = np.array(stamps_ns)[kept]
@@ -146,7 +141,8 @@ def _telemetry(
         if columns.frame == ALONG:
             along = samples_along(at_ns, np.array([row.metres for row in rows])[kept])
         else:
-            along = _by_places(at_ns, places[kept], counts)
+            of = places[kept]
+            along = velocities_by_fixes(at_ns, of[:, :2], of[:, 2], counts).samples()
         if not along:
             raise BadInput(what, expected="a velocity, or positions that tell one", got=none_of(counts))
         samples = by_time(along, samples)
@@ -162,17 +158,9 @@ def _telemetry(
         places=track,
         utc=UniversalTime.by_readings(told, "column"),
     )
-    return _from_its_first(log, stamps_ns[kept[0]])
-
-
-def _from_its_first(log: Telemetry, first_ns: int) -> Telemetry:
-    """One whose times count from 1970, with time 0 at its first row; another as it is."""
-    if not can_be(first_ns):
-        return log
-    moved = log.later_by(-first_ns)
-    name = f"{log.name}; its time 0 is {first_ns / NS_PER_S:.3f} s of its clock"
-    utc = moved.utc or UniversalTime(first_ns, "computer")
-    return replace(moved, name=name, utc=utc, time_0_told=False)
+    first_ns = stamps_ns[kept[0]]
+    of_1970 = can_be(first_ns)
+    return log.counted_from(first_ns, UniversalTime(first_ns, "computer")) if of_1970 else log
 
 
 def _described(columns: Columns) -> str:
@@ -186,10 +174,3 @@ def _described(columns: Columns) -> str:
     if angles and columns.frame != SPEED and not columns.attitude:
         text += f" (an attitude is read from {' or '.join(map(', '.join, ATTITUDE.values()))})"
     return text
-
-
-def _by_places(stamps_ns: NDArray[np.int64], places: Vector, counts: Counter[str]) -> list[VelocitySample]:
-    """Velocities from places [n, 3] at rising stamps [n]."""
-    fixed = on_earth(places[:, :2])
-    counts[UNFIXED] += int((~fixed).sum())
-    return velocities_by_fixes(stamps_ns[fixed], places[fixed, :2], places[fixed, 2], counts).samples()

@@ -7,7 +7,6 @@ as in ROS, or those of the first camera.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from decimal import Decimal
 from pathlib import Path
@@ -16,8 +15,8 @@ import numpy as np
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.file_bytes import as_text, log_bytes
-from flightdepth.flight.metric_positions import samples_along
-from flightdepth.flight.order import rising
+from flightdepth.flight.metric_positions import FARTHEST_M, samples_along
+from flightdepth.flight.order import rising_counted
 from flightdepth.flight.records import (
     LATEST_NS,
     MAX_GAP_S,
@@ -26,12 +25,14 @@ from flightdepth.flight.records import (
     Telemetry,
     by_time,
     none_of,
+    time_0_is,
 )
 from flightdepth.flight.universal_time import UniversalTime, can_be
 from flightdepth.motion import (
     NED_FROM_CAMERA,
     NED_FROM_ENU,
     Vector,
+    is_rotation,
     quaternion_from_rotation,
     quaternion_products,
     rotation_angle_rad,
@@ -43,14 +44,11 @@ POSE, COVARIANCE = 8, 12  # numbers of a line
 # Times since 1970 are seconds, and beyond these milli-, micro- and nanoseconds.
 UNITS_NS = ((Decimal(10**17), 1), (Decimal(10**14), 10**3), (Decimal(10**11), 10**6), (Decimal(0), NS_PER_S))
 SAME_RAD = np.radians(5)
-DAMAGED, LATE = "lines damaged or cut off", "poses not later than the one before"
-LEAST_LENGTH, LARGEST_LENGTH = 0.9, 1.1  # of a quaternion; TUM's own are rounded to four digits
+DAMAGED = "lines damaged or cut off"
 
 
 def looks_like_trajectory(head: bytes, path: Path) -> bool:
     """Whether the first line that is no comment is a pose: numbers between blanks, four of them a rotation."""
-    if path.is_dir():
-        return False
     lines = (line for line in as_text(head).splitlines() if not _is_empty(line))
     return _pose(next(lines, "")) is not None
 
@@ -64,8 +62,7 @@ def read_trajectory(path: Path) -> Telemetry:
     told = [_pose(line) for line in as_text(log_bytes(path)).splitlines() if not _is_empty(line)]
     poses = [pose for pose in told if pose is not None]
     counts[DAMAGED] += len(told) - len(poses)
-    kept = rising([stamp_ns for stamp_ns, _ in poses])
-    counts[LATE] += len(poses) - len(kept)
+    kept = rising_counted([stamp_ns for stamp_ns, _ in poses], counts, "poses")
     samples, down, zero_ns = [], "", 0
     if kept:
         stamps_ns = np.array([poses[place][0] for place in kept], dtype=np.int64)
@@ -82,7 +79,7 @@ def read_trajectory(path: Path) -> Telemetry:
     attitudes = [AttitudeSample(at, each) for at, each in zip(stamps_ns.tolist(), turned, strict=True)]
     name = f"trajectory {path.name}: {len(kept)} poses of the camera, {down} down"
     if zero_ns:
-        name += f"; its time 0 is {zero_ns / NS_PER_S:.3f} s of its clock"
+        name += time_0_is(zero_ns)
     utc = UniversalTime.of(zero_ns, "computer")
     by_stamp = by_time(samples, attitudes)
     return Telemetry(name, by_stamp, dict(+counts), true_north=False, time_0_told=not zero_ns, utc=utc)
@@ -118,5 +115,5 @@ def _pose(line: str) -> tuple[int, list[float]] | None:
         numbers = [float(cell) for cell in cells[1:POSE]]
     except (ArithmeticError, ValueError):
         return None
-    sound = all(map(math.isfinite, numbers)) and abs(stamp_ns) < LATEST_NS
-    return (stamp_ns, numbers) if sound and LEAST_LENGTH < math.hypot(*numbers[3:]) < LARGEST_LENGTH else None
+    sound = all(abs(number) < FARTHEST_M for number in numbers) and abs(stamp_ns) < LATEST_NS
+    return (stamp_ns, numbers) if sound and is_rotation(numbers[3:]) else None

@@ -82,6 +82,16 @@ def unix_ns(moment: datetime) -> int:
     return (moment - SINCE) // timedelta(microseconds=1) * 1000
 
 
+def utc_of_iso(text: str) -> int | None:
+    """Nanoseconds since 1970 of an ISO 8601 time, UTC where it names no zone; None of anything else, or damage."""
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        return None
+    utc_ns = unix_ns(moment if moment.tzinfo else moment.replace(tzinfo=UTC))
+    return utc_ns if abs(utc_ns) < LATEST_NS else None
+
+
 def utc_text(utc_ns: int) -> str:
     """As ISO 8601 has it, to the millisecond below: 2026-05-01T09:30:00.250Z."""
     moment = SINCE + timedelta(microseconds=utc_ns // 1000)
