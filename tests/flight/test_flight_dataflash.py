@@ -236,6 +236,14 @@ def test_not_a_number_and_too_fast_and_stuck(tmp_path):
     }
 
 
+def test_an_even_speed_along_a_changing_place_is_not_stuck(tmp_path, monkeypatch):
+    columns = "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,PN,PE,PD"
+    monkeypatch.setitem(DATAFLASH, "XKF1", (0x81, "QBccCffffff", columns))
+    steps = [(START_US + i * 100_000, 0, 0, 0, 0, 5, 0, 0, 0.5 * i, 0, 0) for i in range(60)]
+    records = b"".join(dataflash_record("XKF1", *step) for step in steps)
+    assert len(read(tmp_path, dataflash_head() + records).samples) == 60
+
+
 def test_standing_on_the_ground_is_not_stuck(tmp_path):
     records = b"".join(xkf1(START_US + i * 100_000, (0, 0, 0)) for i in range(60))
     assert len(read(tmp_path, dataflash_head() + records).samples) == 60

@@ -105,6 +105,16 @@ def test_an_answered_question_takes_the_way_out(vehicle, store, feed):
     assert feed.boot_ns(101 * S) == 51 * S
 
 
+@pytest.mark.parametrize("moved", [True, False])
+def test_an_even_speed_hangs_only_where_the_place_does_too(feed, store, moved):
+    """Of centimetres a second, or of a simulator without noise, each is the same: no depth after two seconds."""
+    vehicle = Vehicle(feed)
+    vehicle.heartbeat(100)
+    for i in range(40):
+        vehicle.global_position(100.1 + i / 10, place=(481_000_000 + 45 * i * moved, 115_000_000))
+    assert feed.counts["stuck velocities"] == (0 if moved else 19)
+
+
 def test_what_comes_in_place_of_velocities_is_told(feed):
     vehicle = Vehicle(feed)
     now_ns = round(103.5 * S)

@@ -42,10 +42,11 @@ HEADING_AGE_NS = NS_PER_S // 2
 
 
 class Velocity(NamedTuple):
-    """Velocity north, east, down in m/s; the standard deviation of each, or None."""
+    """Velocity north, east, down in m/s; the standard deviation of each, or None; the place told beside it, if any."""
 
     ned: Sequence[float]
     sigma: float | None = None
+    place: Sequence[float] = ()
 
 
 class BodyAttitude(NamedTuple):
@@ -134,6 +135,7 @@ class Gate:
     velocities: list[VelocitySample] = field(default_factory=list)
     bodies: list[BodyAttitudeSample] = field(default_factory=list)
     cameras: list[AttitudeSample] = field(default_factory=list)
+    _told: tuple[float, ...] = ()
     _unchanged_since_ns: int = 0
 
     def take(self, stamp_ns: int, value: Velocity | BodyAttitude | GimbalAttitude) -> None:
@@ -157,16 +159,17 @@ class Gate:
             self.counts["velocities that are not numbers"] += 1
         elif math.hypot(*value.ned) > FASTEST_M_S:
             self.counts[f"velocities above {FASTEST_M_S:.0f} m/s"] += 1
-        elif self._later(stamp_ns, self.velocities, "velocities") and self._alive(stamp_ns, value.ned):
+        elif self._later(stamp_ns, self.velocities, "velocities") and self._alive(stamp_ns, value):
             sound = value.sigma is not None and math.isfinite(value.sigma) and value.sigma >= 0
             sigma = value.sigma if sound else None
             self.velocities.append(
                 VelocitySample(stamp_ns, np.array(value.ned, dtype=np.float64), sigma=sigma)
             )
 
-    def _alive(self, stamp_ns: int, ned: Sequence[float]) -> bool:
-        newest = self.velocities[-1].velocity.tolist() if self.velocities else None
-        if newest != list(ned) or not any(ned):
+    def _alive(self, stamp_ns: int, value: Velocity) -> bool:
+        """Whether it, or the place beside it, has changed lately: a simulator's speed may be as even as it likes."""
+        before, self._told = self._told, (*value.ned, *filter(math.isfinite, value.place))
+        if self._told != before or not any(value.ned):
             self._unchanged_since_ns = stamp_ns
         alive = stamp_ns - self._unchanged_since_ns <= STUCK_NS
         self.counts["stuck velocities"] += not alive

@@ -153,7 +153,9 @@ class Selection:
         if self._status.get(fields.get("C", 0), VELOCITY_VALID) & VELOCITY_VALID != VELOCITY_VALID:
             self.counts["velocities marked invalid"] += 1
             return []
-        return [Record(stamp_ns(fields), Velocity((fields["VN"], fields["VE"], fields["VD"])))]
+        place = [fields[name] for name in ("PN", "PE", "PD") if name in fields]
+        velocity = Velocity((fields["VN"], fields["VE"], fields["VD"]), place=place)
+        return [Record(stamp_ns(fields), velocity)]
 
     def _gps_velocity(self, fields: Fields) -> list[Record]:
         receiver = fields.get("I", 0)

@@ -34,7 +34,10 @@ class Source(NamedTuple):
 
 def local_position(message: Message, counts: Counter[str]) -> Iterator[tuple[int, Velocity]]:
     """LOCAL_POSITION_NED."""
-    yield message.time_boot_ms * 10**6, Velocity((message.vx, message.vy, message.vz))
+    yield (
+        message.time_boot_ms * 10**6,
+        Velocity((message.vx, message.vy, message.vz), place=(message.x, message.y, message.z)),
+    )
 
 
 def odometry(message: Message, counts: Counter[str]) -> Iterator[tuple[int, Velocity | BodyAttitude]]:
@@ -55,7 +58,7 @@ def odometry(message: Message, counts: Counter[str]) -> Iterator[tuple[int, Velo
             ned = (rotation_from_quaternion(message.q) @ ned).tolist()
         variance = sum(message.velocity_covariance[index] for index in (0, 6, 11)) / 3
         sigma = math.sqrt(variance) if 0 < variance < math.inf else None
-        yield message.time_usec * 1000, Velocity(ned, sigma)
+        yield message.time_usec * 1000, Velocity(ned, sigma, (message.x, message.y, message.z))
         yield message.time_usec * 1000, BodyAttitude(message.q)
 
 
@@ -65,7 +68,8 @@ def global_position(message: Message, counts: Counter[str]) -> Iterator[tuple[in
         counts[UNFIXED] += 1
         return
     stamp_ns = message.time_boot_ms * 10**6
-    yield stamp_ns, Velocity((message.vx / 100, message.vy / 100, message.vz / 100))
+    place = message.lat, message.lon, message.alt
+    yield stamp_ns, Velocity((message.vx / 100, message.vy / 100, message.vz / 100), place=place)
     yield stamp_ns, Position(message.lat / 1e7, message.lon / 1e7, message.alt / 1000)
 
 

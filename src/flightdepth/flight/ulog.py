@@ -116,10 +116,15 @@ def velocities(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
     valid = columns["v_xy_valid"].astype(bool) & columns["v_z_valid"].astype(bool)
     counts["velocities marked invalid"] += int(np.count_nonzero(~valid))
     # evh is the deviation of the horizontal velocity's length: sqrt(var_north + var_east) (EKF2).
-    evh, evv = (columns.get(name, np.full(len(valid), np.nan)).astype(np.float64) for name in ("evh", "evv"))
+    told = (
+        columns.get(name, np.full(len(valid), np.nan)).astype(np.float64) for name in ("evh", "evv", *"xyz")
+    )
+    evh, evv, *places = told
     sigmas = np.sqrt((evh * evh + evv * evv) / 3)
     ned = np.stack([columns[name] for name in ("vx", "vy", "vz")], axis=1).astype(np.float64)
-    return timed(columns, map(Velocity, ned.tolist(), sigmas.tolist()), valid)
+    return timed(
+        columns, map(Velocity, ned.tolist(), sigmas.tolist(), np.stack(places, axis=1).tolist()), valid
+    )
 
 
 def body_attitudes(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
