@@ -105,6 +105,18 @@ def test_an_answered_question_takes_the_way_out(vehicle, store, feed):
     assert feed.boot_ns(101 * S) == 51 * S
 
 
+def test_the_vehicle_that_is_asked_for_counts(store):
+    """Of several on one link the first heard did, whichever was meant."""
+    feed = AutopilotFeed(store, AutopilotListener(lambda now_ns: None, lambda now_ns: None), system=7)
+    first, wanted = Vehicle(feed), Vehicle(feed, system=7)
+    first.heartbeat(100)
+    first.velocity(100.1, (1.0, 0.0, 0.0))
+    assert feed.instead(101 * S) == "no autopilot's heartbeat of vehicle 7 comes"
+    wanted.heartbeat(101)
+    wanted.velocity(101.1, (2.0, 0.0, 0.0))
+    assert [sample.velocity[0] for sample in store.take_new()] == [2.0]
+
+
 @pytest.mark.parametrize("moved", [True, False])
 def test_an_even_speed_hangs_only_where_the_place_does_too(feed, store, moved):
     """Of centimetres a second, or of a simulator without noise, each is the same: no depth after two seconds."""

@@ -45,6 +45,7 @@ def session(tmp_path, save_difference_network):
         LiveSettings(
             video="rtsp://pilot:secret@127.0.0.1/main",
             mavlink=f"udpin:127.0.0.1:{free_port()}",
+            vehicle=None,
             telemetry=None,
             telemetry_offset=0.0,
             camera=None,

@@ -28,6 +28,15 @@ def live(
             "serial:COM3[:BAUD].",
         ),
     ] = None,
+    vehicle: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=255,
+            metavar="N",
+            help="Which vehicle of --mavlink, by its system's number. Default: the first one heard.",
+        ),
+    ] = None,
     telemetry: Annotated[
         Path | None,
         typer.Option(
@@ -134,6 +143,7 @@ def live(
         LiveSettings(
             video=video,
             mavlink=mavlink,
+            vehicle=vehicle,
             telemetry=telemetry,
             telemetry_offset=telemetry_offset,
             camera=camera,

@@ -139,7 +139,8 @@ class Session:
     def _motion(self, engine: LiveEngine) -> MotionSource:
         settings = self.settings
         if settings.mavlink is not None:
-            self.feed = AutopilotFeed(self.store, AutopilotListener(engine.on_velocity, engine.on_reboot))
+            listener = AutopilotListener(engine.on_velocity, engine.on_reboot)
+            self.feed = AutopilotFeed(self.store, listener, system=settings.vehicle)
             self.link = MavlinkLink(
                 settings.mavlink, self.feed, rate_hz=self.store.rate_hz, on_error=engine.on_link_error
             )

@@ -20,6 +20,7 @@ class LiveSettings:
 
     video: str
     mavlink: str | None
+    vehicle: int | None
     telemetry: Path | None
     telemetry_offset: float
     camera: Path | None
@@ -45,6 +46,8 @@ class LiveSettings:
             raise BadInput(
                 "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="both"
             )
+        if self.vehicle is not None and self.mavlink is None:
+            raise BadInput("--vehicle", expected="--mavlink, on which it is", got="none")
         if not (math.isfinite(self.camera_delay_ms) and 0 <= self.camera_delay_ms < 10_000):
             raise BadInput(
                 "--camera-delay-ms", expected="0 to less than 10000", got=str(self.camera_delay_ms)

@@ -44,14 +44,15 @@ class AutopilotListener:
 
 
 class AutopilotFeed:
-    """Takes every message of a link in the order of arrival; keeps what the first vehicle's autopilot says.
+    """Takes every message of a link in the order of arrival; keeps what one vehicle's autopilot says.
 
-    `clock` is the autopilot's; `counts` says what was left out. A vehicle is known by a heartbeat of its
-    autopilot; before that nothing counts.
+    That is vehicle number `system`, or the first one heard: by a heartbeat of its autopilot, before which nothing
+    counts. `clock` is the autopilot's; `counts` says what was left out.
     """
 
-    def __init__(self, store: MotionStore, listener: AutopilotListener) -> None:
+    def __init__(self, store: MotionStore, listener: AutopilotListener, *, system: int | None = None) -> None:
         self.vehicle: Source | None = None
+        self._system = system
         self.clock = RemoteClock()
         self.counts: Counter[str] = Counter()
         self._store, self._listener = store, listener
@@ -70,7 +71,8 @@ class AutopilotFeed:
     def instead(self, now_ns: int) -> str:
         """What the autopilot does in place of telling velocities that count; any thread may ask."""
         if self.vehicle is None:
-            return "no autopilot's heartbeat comes"
+            of = "" if self._system is None else f" of vehicle {self._system}"
+            return f"no autopilot's heartbeat{of} comes"
         why, left_out_ns = self._left_out
         if now_ns - left_out_ns < NS_PER_S:
             return f"{why} are left out"
@@ -83,7 +85,8 @@ class AutopilotFeed:
         name = message.get_type()
         source = Source(message.get_srcSystem(), message.get_srcComponent())
         if name == HEARTBEAT:
-            if message.autopilot != NO_AUTOPILOT and self.vehicle is None:
+            wanted = message.autopilot != NO_AUTOPILOT and self._system in (None, source.system)
+            if wanted and self.vehicle is None:
                 self.vehicle = source
         elif self.vehicle is None or source.system != self.vehicle.system:
             self.counts["messages of other vehicles"] += name in KINDS and self.vehicle is not None
