@@ -10,7 +10,7 @@ from flown_folder import WALL_M, write_flown
 from output_samples import HEIGHT, WIDTH
 
 from flightdepth.camera import Camera
-from flightdepth.outputs.cloud import pixel_rays
+from flightdepth.runtimes.lens import pixel_rays
 
 TEXT = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
 (SNIPPET,) = (code for code in re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL) if "points_ned" in code)

@@ -17,9 +17,9 @@ from flightdepth.errors import BadInput
 from flightdepth.evaluation.truth_files import ENDINGS, read_stored
 from flightdepth.flight.picture_names import Named, by_number, by_time
 from flightdepth.flight.records import NS_PER_S
-from flightdepth.outputs.cloud import pixel_rays
 from flightdepth.outputs.encoding import FARTHEST, UNIT_M
 from flightdepth.runtimes.arrays import Maps
+from flightdepth.runtimes.lens import pixel_rays
 
 WHOLE_PER_M, FLOAT_PER_M = 1 / UNIT_M, 1.0  # stored numbers that make a metre, where nothing is said
 LAST_NUMBER = re.compile(r"(\d+)\D*$")

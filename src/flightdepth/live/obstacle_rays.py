@@ -33,7 +33,7 @@ from flightdepth.live.obstacles import (
 )
 from flightdepth.motion import Vector
 from flightdepth.ranges.result import RangedDepth
-from flightdepth.runtimes.lens import undistort
+from flightdepth.runtimes.lens import pixel_rays
 
 Floats = NDArray[np.float32]
 
@@ -171,12 +171,8 @@ def _clear(rays: Rays, part: NDArray[np.intp], reach_m: float, share: float) -> 
 def _view(camera: Camera) -> tuple[NDArray[np.intp], Floats, Floats]:
     """Which pixels are taken [n]; their rays with z = 1, float32 [n, 3]; and the rays' lengths [n]."""
     step = max(1, camera.width // COLUMNS)
+    rays = pixel_rays(camera, step)[::2].astype(np.float32)
+    sound = np.isfinite(rays).all(axis=2)  # beyond its calibrated field a lens cannot be undistorted
     columns, rows = np.meshgrid(np.arange(0, camera.width, step), np.arange(0, camera.height, 2 * step))
-    pixels = np.stack([columns.ravel(), rows.ravel()], axis=1)
-    flat = np.asarray((pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy), np.float64)
-    if camera.distortion or camera.model != "pinhole":
-        flat = undistort(pixels.astype(np.float64), camera)
-    sound = np.isfinite(flat).all(axis=1)  # beyond its calibrated field a lens cannot be undistorted
-    rays = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)[sound].astype(np.float32)
-    index = pixels[sound] @ (1, camera.width)
+    index, rays = (rows * camera.width + columns)[sound], rays[sound]
     return np.asarray(index, np.intp), rays, np.linalg.norm(rays, axis=1)

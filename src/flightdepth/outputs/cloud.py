@@ -27,7 +27,7 @@ from flightdepth.outputs.poses import FramePose
 from flightdepth.outputs.read import FlightFolder
 from flightdepth.outputs.voxels import Cloud, VoxelGrid
 from flightdepth.runtimes.grid import is_ideal
-from flightdepth.runtimes.lens import distort, inside, undistort, view_bounds
+from flightdepth.runtimes.lens import distort, inside, pixel_rays, view_bounds
 
 NEIGHBOURS = 8  # frames on either side whose depth must agree
 AGREE_WITHIN = 0.1  # of the depth
@@ -160,14 +160,6 @@ def seen_points(
     rays = pixel_rays(view.camera, step)[rows, columns]
     points = rays * depth_m[rows, columns].astype(np.float64)[:, None]
     return points @ view.pose.ned_from_camera.T + view.pose.position_ned, rows, columns
-
-
-@lru_cache(maxsize=1)
-def pixel_rays(camera: Camera, step: int) -> Vector:
-    """Directions with z = 1 of every `step`-th pixel of every `step`-th row, [h, w, 3], through the lens."""
-    columns, rows = np.meshgrid(np.arange(0, camera.width, step), np.arange(0, camera.height, step))
-    rays = undistort(np.stack([columns, rows], axis=-1).astype(np.float64), camera)
-    return np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1)
 
 
 def off_edges(depth_m: Map) -> NDArray[np.bool_]:

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
 from flightdepth.motion import ENU_FROM_NED, NED_FROM_ENU, Vector
-from flightdepth.outputs.cloud import WIDEST, AgreedView, CloudSettings, agreed_views, looked_up, pixel_rays
+from flightdepth.outputs.cloud import WIDEST, AgreedView, CloudSettings, agreed_views, looked_up
 from flightdepth.outputs.cloud_files import FRAME
 from flightdepth.outputs.encoding import Map
 from flightdepth.outputs.read import FlightFolder
 from flightdepth.ranges.fusion import RIGHT_WITHIN
+from flightdepth.runtimes.lens import pixel_rays
 
 DEVIATIONS = 2.0  # that free space ends before what is seen
 REACH = 32_768  # cells that an OctoMap has either way; what lies beyond it would leave out without a word

@@ -185,6 +185,17 @@ def undistort(pixels: Points, camera: Camera) -> Points:
     return np.asarray(rays, dtype=np.float64).reshape(pixels.shape)
 
 
+@lru_cache(maxsize=1)
+def pixel_rays(camera: Camera, step: int) -> Points:
+    """Directions with z = 1 of every `step`-th pixel of every `step`-th row, [h, w, 3], through the lens.
+
+    Not finite beyond what a lens's calibration reaches.
+    """
+    columns, rows = np.meshgrid(np.arange(0, camera.width, step), np.arange(0, camera.height, step))
+    rays = undistort(np.stack([columns, rows], axis=-1).astype(np.float64), camera)
+    return np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1)
+
+
 def coefficients(camera: Camera) -> NDArray[np.float64]:
     """OpenCV's coefficients; none given means zeros, which for a fisheye is the equidistant lens."""
     return np.array(camera.distortion or (0.0, 0.0, 0.0, 0.0), dtype=np.float64)
