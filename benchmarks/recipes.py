@@ -10,7 +10,6 @@ done is kept in --runs. One seed a run: differences of a few per cent are chance
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import statistics
 import time
@@ -22,7 +21,7 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
-from flightdepth.commands.export import card_of, running
+from flightdepth.commands.table import opened
 from flightdepth.evaluation.network import evaluate_network
 from flightdepth.evaluation.network_tables import laid_out
 from flightdepth.evaluation.provenance import source_commit
@@ -31,8 +30,6 @@ from flightdepth.files import write_json
 from flightdepth.processor import cpu_name
 from flightdepth.scenes import Textures
 from flightdepth.training import Recipe
-from flightdepth.training.checkpoint import read_weights
-from flightdepth.training.export import deployed, to_onnx
 from flightdepth.training.loop import train
 from flightdepth.training.run_folder import CHECKPOINT, read_trained
 
@@ -103,10 +100,9 @@ def measured(recipe: Recipe, folder: Path, textures: Textures, scenes: int) -> d
     checkpoint = train(recipe, textures, folder, resume=True, threads=torch.get_num_threads())
     seconds = time.process_time() - began
     trained = read_trained(checkpoint.parent / "64.safetensors")
-    onnx = to_onnx(deployed(recipe, read_weights(trained.checkpoint, "averaged")))
-    card = card_of(trained, recipe.name).model_copy(update={"sha256": hashlib.sha256(onnx).hexdigest()})
-    tests = whole_set(card, scenes)
-    result = evaluate_network(running(card, onnx), tests, set_name="fixed", seed=tests.seed)
+    network = opened(trained, recipe.name)
+    tests = whole_set(network.card, scenes)
+    result = evaluate_network(network, tests, set_name="fixed", seed=tests.seed)
     return {
         "samples": trained.progress.seen,
         "parameters": parameters(recipe.architecture, recipe.base_width),
@@ -114,7 +110,7 @@ def measured(recipe: Recipe, folder: Path, textures: Textures, scenes: int) -> d
         "processor_s": round(seconds, 1) if fresh else None,  # of a run that went on, only a part is known
         **{name: result["network"][name] for name in ("l1_m", "rmse_m", "abs_rel")},
         **{f"{peer}_l1_m": result[peer]["l1_m"] for peer in ("constant", "classical")},
-        "weights_sha256": card.sha256,
+        "weights_sha256": network.card.sha256,
         "commit": source_commit(),
     }
 
@@ -156,7 +152,14 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=16)
     parser.add_argument("--scenes", type=int, default=300)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1])
-    parser.add_argument("--only", nargs="+", choices=list(CHOICES), default=list(CHOICES))
+    parser.add_argument(
+        "--only",
+        metavar="NAME",
+        help=", ".join(CHOICES),
+        nargs="+",
+        choices=list(CHOICES),
+        default=list(CHOICES),
+    )
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     parser.add_argument("--runs", type=Path, default=Path("runs/recipes"))
     parser.add_argument("--json", type=Path)

@@ -116,20 +116,20 @@ def of_run(row: Row, runs: Path, textures: Textures, scenes: int) -> Found | Non
     trained, kept = read_trained(checkpoint), checkpoint.with_suffix(".figures.json")
     wanted = key(checkpoint, trained, textures, scenes)
     found: Found = json.loads(kept.read_bytes()) if kept.exists() else {}
-    network = opened(row, trained)
+    network = opened(trained, row.source.replace("/", "-"))
     if {name: found.get(name) for name in wanted} != wanted:
         found = wanted | facts(network) | measured_errors(row, network, trained, textures, scenes)
         write_json(kept, found)
     return found | timing(network)
 
 
-def opened(row: Row, trained: Trained) -> Network:
-    """The averaged weights of a checkpoint, ready to run."""
+def opened(trained: Trained, name: str) -> Network:
+    """The averaged weights of a checkpoint, ready to run by that name."""
     from flightdepth.training.checkpoint import read_weights
     from flightdepth.training.export import deployed, to_onnx
 
     onnx = to_onnx(deployed(trained.recipe, read_weights(trained.checkpoint, "averaged")))
-    card = card_of(trained, row.source.replace("/", "-"))
+    card = card_of(trained, name)
     return running(card.model_copy(update={"sha256": hashlib.sha256(onnx).hexdigest()}), onnx)
 
 
@@ -236,4 +236,4 @@ def say_what_was_measured(rows: list[tuple[Row, Found | None]]) -> None:
 
 def as_json(row: Row, found: Found | None) -> Found:
     """A row whole: published figures, measured ones, where each comes from."""
-    return asdict(row) | {"title": row.title, "measured": found}
+    return asdict(row) | {"measured": found}
