@@ -75,6 +75,7 @@ def ranges(
     only what is new is done.
 
       flightdepth evaluate ranges --quick --sweep noise
+
       flightdepth evaluate ranges --quick --network networks/mine.onnx
     """
     with extra_packages("flightdepth evaluate ranges", "train"):
