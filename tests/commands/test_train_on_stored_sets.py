@@ -138,9 +138,19 @@ def test_a_shipped_network_goes_on_from_scenes_of_ones_own(capsys):
     assert "goes on from motion-tiny, which ships" in capsys.readouterr().out
 
 
+def test_the_line_that_a_refused_set_proposes_is_taken(capsys):
+    """Found in review: of a field of view by a focal length it kept six digits, and was refused again."""
+    for path in Path("stillbox").glob("*/metadata.json"):
+        path.write_text(path.read_text().replace('"fov": 90.0', '"fov": 73.7397909945048'))
+    assert cli.main([*TRAIN]) == 2
+    line = capsys.readouterr().err.strip().rpartition(": ")[2].rstrip(".")
+    Path("small.toml").write_text(f"{RECIPE}\n[scenes]\n{line}\n")
+    assert cli.main([*TRAIN]) == 0
+
+
 def test_a_set_of_another_lens_or_speed_is_refused_before_there_is_a_run(capsys):
     """The run's folder was there by then, and had to be removed before the mended recipe could run."""
-    for key, own in (("horizontal_fov_deg", 90), ("speed_m_s", 1)):
+    for key, own in (("horizontal_fov_deg", 90.0), ("speed_m_s", 1)):
         Path("small.toml").write_text(f"{RECIPE}\n[scenes]\n{key} = {0.8 * own}\n")
         assert cli.main([*TRAIN]) == 2
         assert capsys.readouterr().err.strip().endswith(f"Write under [scenes] of the recipe: {key} = {own}.")

@@ -312,6 +312,12 @@ def test_what_comes_after_a_zoom_is_paired_with_what_was_before(rendered):
     assert found[19] == [0.8, 2.0]
 
 
+def test_damage_in_a_picture_that_zoomed_is_damage(rendered):
+    flown = flight_of(rendered, zoomed=frozenset({18}), damaged=frozenset({18}))
+    pairs = BaselinePairs(flown, NetworkGrid(CAMERA, CAMERA.fx), BASELINES, every=1)
+    assert [len(moment.pairs) for moment in pairs][17:20] == [2, 0, 0]
+
+
 def test_the_sheet_holds_a_row_for_each_pair(measured):
     kept = SheetSights(2)
     for sights in measured[2]:

@@ -51,6 +51,15 @@ def test_fault_8_a_frozen_picture_is_unknown_not_far(tmp_path, network):
     assert all(result.reason is None for _, result in results[60:])  # and then it goes on
 
 
+def test_fault_8_key_frames_of_a_picture_that_hangs_are_no_cadence():
+    """Found in review: their distance was learnt as the usual one, and what hung between them had a depth."""
+    repeats = Repeats()
+    for index in range(80):
+        level = 10 * index % 200 if index < 20 else 100 + index // 4 % 2  # a key frame every fourth picture
+        repeats.add(index * FRAME_NS, np.full((40, 50, 3), level, np.uint8))
+        assert not repeats.is_usual(FRAME_NS)
+
+
 def test_fault_8_the_written_depth_is_unknown_too(tmp_path, network):
     video = film(tmp_path / "flight.mp4", 20, group=30, phase=lambda i: min(i, 8))
     log(tmp_path / "log.csv")

@@ -44,7 +44,7 @@ class DepthNode(Node):
         self.declare_parameter("ranges", 2)
         self.declare_parameter("mount_pitch_deg", math.nan)
         self.estimator: MultiRangeEstimator | None = None
-        self.steadiness: Steadiness | None = None  # of a stabilised camera, whose turns no message tells
+        self.steadiness: Steadiness | None = None
         self.camera = None
         self.depth = self.create_publisher(Image, "depth", NEWEST)
         self.info = self.create_publisher(CameraInfo, "depth/camera_info", NEWEST)
@@ -61,8 +61,7 @@ class DepthNode(Node):
         network, ranges = load_network(name), self.get_parameter("ranges").value
         network.warm_up(network.grid(self.camera).camera, ranges)
         self.estimator = MultiRangeEstimator(network, self.camera, ranges=ranges)
-        if math.isnan(self.get_parameter("mount_pitch_deg").value):
-            self.steadiness = Steadiness(self.camera, max_turn_rad=self.estimator.max_turn_rad)
+        self.steadiness = Steadiness(self.camera, max_turn_rad=self.estimator.max_turn_rad)
         self.get_logger().info(f"{network.card.name}, {self.camera.width}x{self.camera.height}")
 
     def on_odometry(self, message: Odometry) -> None:
@@ -93,9 +92,7 @@ class DepthNode(Node):
             self.publish(self.info, CameraInfo(), message, camera_fields(self.camera))
 
     def turning(self, stamp_ns: int, image: np.ndarray) -> str | None:
-        """Why the picture turns too fast for depth; None where it does not, or a mounted camera's odometry tells."""
-        if self.steadiness is None:
-            return None
+        """Why the picture turns too fast for depth, None where it does not."""
         turn = self.steadiness.add(stamp_ns, image)
         return None if turn.usable else turn.reason
 

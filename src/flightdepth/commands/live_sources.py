@@ -71,6 +71,6 @@ def doubt_of_obstacles(card: NetworkCard) -> str | None:
         return None
     floor_m = Sight.of(card, card.focal_px).least_depth_per_m
     return (
-        f"--obstacles: {card.name} tells what is nearer than {floor_m:.0f} m for each metre flown between two pictures"
+        f"obstacles: {card.name} tells what is nearer than {floor_m:.0f} m for each metre flown between two pictures"
         " as that far: obstacles at hand are missed where results are few. motion-tiny has no such floor."
     )

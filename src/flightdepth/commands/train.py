@@ -193,9 +193,8 @@ def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
         )
     learnt_from = {width: each.split()[0] for width, each in sets.items()}
     for stage in recipe.stages if sets else ():
-        scenes = recipe.scenes.model_copy(update={"open_share": stage.open_share})
         for picture in stage.pictures:
-            refuse_unfit(learnt_from[picture.full_width], scenes, picture)
+            refuse_unfit(learnt_from[picture.full_width], recipe.scenes_in(stage), picture)
     return learnt_from
 
 

@@ -103,11 +103,11 @@ class BaselinePairs:
             frame.index, frame.stamp_ns, prepared.copy() if prepared is frame.image else prepared
         )
         sampled = frame.index % self._every == 0
+        if frame.after_damage:
+            self._buffer.clear()  # as in the estimator: some of them may be damaged
         if frame.camera not in (None, self._flight.camera):  # the grid is the first one's
             self.left_out["frame zoomed or cropped otherwise than the first"] += sampled
             return Moment(frame.index, current.image, (), None)
-        if frame.after_damage:
-            self._buffer.clear()  # as in the estimator: some of them may be damaged
         pairs = self._pairs(current, turn) if sampled else ()
         if turn.usable:
             self._buffer.add(current)

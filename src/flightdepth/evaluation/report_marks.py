@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from colorsys import hls_to_rgb
 from typing import Any
 from zlib import crc32
 
@@ -21,12 +22,11 @@ COLOURS = {
     CONSTANT: "#a9b0b8",
 }
 
-OTHERS = ("#b8478a", "#4aa3a2", "#8c6d3f", "#5a5ac8")
-
 
 def colour_of(method: str) -> str:
-    """The same for a method in every plot."""
-    return COLOURS.get(method, OTHERS[crc32(method.encode()) % len(OTHERS)])
+    """The same for a method in every plot: #rrggbb; of a network that the user names a hue by its name."""
+    parts = hls_to_rgb(crc32(method.encode()) / 2**32, 0.42, 0.5)
+    return COLOURS.get(method, "#" + "".join(f"{round(255 * part):02x}" for part in parts))
 
 
 def line(rows: Sequence[Mapping[str, Any]], name: str, method: str, span: str) -> go.Scatter:

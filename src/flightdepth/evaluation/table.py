@@ -133,7 +133,7 @@ class LastScenes:
         last = max(trained.progress.sample // (parts * max(workers, 1)) - 1, 0)
         drawn = last // (CHUNK * recipe.pairs_per_scene) * CHUNK + pool_scenes(workers)
         width = round(2 * card.focal_px)
-        config = recipe.scenes.model_copy(update={"open_share": recipe.stages[stage].open_share})
+        config = recipe.scenes_in(recipe.stages[stage])
         whole = TestSet(
             Picture(width, width, width), recipe.rule, scenes, stream_seed(recipe, stage), textures, config
         )

@@ -114,8 +114,8 @@ class DepthStage:
     ) -> None:
         check_ranges(ranges)
         self.counts: Counter[str] = Counter()
-        self._left_out: Counter[str] = Counter()  # of telemetry, by estimators that are gone
-        self._leaves_out: Callable[[], Mapping[str, int]] = dict
+        # Of telemetry: by estimators that are gone, and by the present one; both in one, for other threads.
+        self._left_out: tuple[Counter[str], Callable[[], Mapping[str, int]]] = Counter(), dict
         self._network, self._lens, self._store, self._fixed = network, lens, store, fixed
         self._ranges = self._most = ranges
         self._turns, self._zoom, self._mask = turns, zoom, mask
@@ -147,7 +147,8 @@ class DepthStage:
     @property
     def telemetry_dropped(self) -> Counter[str]:
         """Samples that the estimators left out, by reason; any thread may ask."""
-        return self._left_out + Counter(self._leaves_out())
+        before, now = self._left_out
+        return before + Counter(now())
 
     def is_prepared(self, width: int, height: int) -> bool:
         """Whether pictures of this size need not wait until the network is compiled for them."""
@@ -192,7 +193,7 @@ class DepthStage:
         estimator = MultiRangeEstimator(
             self._network, camera, ranges=self._ranges, turns=self._turns, mask=shown
         )
-        self._left_out, self._leaves_out = self.telemetry_dropped, lambda: estimator.dropped
+        self._left_out = self.telemetry_dropped, lambda: estimator.dropped
         self._steadiness = Steadiness(camera, max_turn_rad=estimator.max_turn_rad, shown=shown)
         self._estimator = estimator
         self._camera = camera

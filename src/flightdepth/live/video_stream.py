@@ -112,18 +112,26 @@ class VideoStream:
         """A file's pictures, each when it is due; its stream begins at `epoch_ns`, as a log beside it does."""
         start = self._stream.start_time
         first_ns = None if start is None else self._nanoseconds(start)
+        late: tuple[int, int] | None = None  # since when, and by how much then
         for packet in file_packets(self._container, self._stream, self._gap):
             for decoded in self._decoder.decode(packet):
                 own_ns = self._nanoseconds(decoded.pts)
                 first_ns = own_ns if first_ns is None else first_ns
                 due_ns = epoch_ns + own_ns - first_ns
-                ahead_ns = due_ns - time.monotonic_ns()
+                now_ns = time.monotonic_ns()
+                ahead_ns = due_ns - now_ns
                 if stop.wait(max(0, ahead_ns) / NS_PER_S):
                     return
                 if ahead_ns < -LATE_NS:
                     self._counts["pictures of a file that could not be read in time"] += 1
-                    self._decoder.skip_to_key_frame()  # decoded one by one they would be late for ever
+                    late = late or (now_ns, -ahead_ns)
+                    if (
+                        now_ns - late[0] > LATE_NS and -ahead_ns >= late[1]
+                    ):  # it does not catch up, decoding each
+                        self._decoder.skip_to_key_frame()
+                        late = None
                     continue
+                late = None
                 yield Picture(decoded, due_ns - delay_ns, "reception")
 
     def _packets(self) -> Iterator[Any]:

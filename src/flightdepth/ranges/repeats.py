@@ -19,8 +19,12 @@ SAME_LEVELS = 0.1
 MENDED_SHARE, MENDED_LEVELS = 0.1, 0.5
 # After so long the same, one other picture is a key frame that shows the old one anew: it takes another, when due.
 HANGS_NS = 300_000_000
-# New pictures come as seldom as the second longest of so many waits; a repeat in less than this share of it is usual.
-WAITS, USUAL_SHARE = 5, 0.9
+# New pictures come as seldom as the second longest of so many waits; a repeat in less than this share of it is usual,
+# unless it takes so long that 12 new pictures a second would be too many.
+WAITS, USUAL_SHARE, LONGEST_USUAL_NS = 5, 0.9, 75_000_000
+NEW_SHARE = (
+    0.7  # of their usual change; less may be a key frame that shows the old picture anew, and tells no wait
+)
 FROZEN = "frozen picture"  # how `Repeats.told` begins
 
 
@@ -35,7 +39,9 @@ class Repeats:
         self.shown_ns = 0
         self._changed_ns: int | None = None  # when one other picture came, and the next is not overdue
         self._changes = 0.0, 0.0, 0.0  # that the last new pictures made, grey levels
-        self._waits_ns: deque[int] = deque([0] * WAITS, maxlen=WAITS)  # for the last new pictures
+        self._news: deque[tuple[int, float]] = deque(
+            maxlen=WAITS
+        )  # waits for new pictures, ns, and their changes
         self.repeated = False
         self.frozen = False  # set by who knows that the camera moved meanwhile; until a new picture comes
 
@@ -51,7 +57,8 @@ class Repeats:
 
         One of the last waits may have been as long as it liked: that was a picture that hung.
         """
-        return wait_ns < min(HANGS_NS, USUAL_SHARE * sorted(self._waits_ns)[-2])
+        waits_ns = sorted(each_ns for each_ns, _ in self._news)
+        return len(waits_ns) > 1 and wait_ns < min(LONGEST_USUAL_NS, USUAL_SHARE * waits_ns[-2])
 
     def told(self, now_ns: int) -> str:
         """For people: that the picture shown now is frozen, and for how long."""
@@ -74,8 +81,13 @@ class Repeats:
         if not same:
             self._image, self._changes = image, (*self._changes[1:], change)
         if not self.repeated:
-            self._waits_ns.append(stamp_ns - self.shown_ns)
+            self._learn(stamp_ns - self.shown_ns, change)
             self.shown_ns, self.frozen = stamp_ns, False
+
+    def _learn(self, wait_ns: int, change: float) -> None:
+        changes = sorted(each for _, each in self._news)
+        if len(changes) < WAITS or change > NEW_SHARE * changes[WAITS // 2]:
+            self._news.append((wait_ns, change))
 
 
 def difference(one: Image, other: Image) -> float:

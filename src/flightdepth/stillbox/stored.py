@@ -7,6 +7,7 @@ import json
 import random
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,7 @@ class StoredSet:
         """The ideal pinhole camera of every picture."""
         return Camera.from_fov(self.width, self.height, self.horizontal_fov_deg)
 
-    @property
+    @cached_property
     def steps_m(self) -> tuple[float, float]:
         """Shortest and longest way between two frames next to each other, in all scenes, metres."""
         even = [facts for _, facts in self.entries if "position" not in facts]

@@ -16,7 +16,7 @@ from flightdepth.stillbox.stream import CROP, PairStream, Picture
 
 _ORDER = 4  # what a random stream is for, in the key's order of `PairStream`
 STEP_TOLERANCE = 0.01
-IN_RECIPE = "Write under [scenes] of the recipe: {} = {:g}."
+IN_RECIPE = "Write under [scenes] of the recipe: {} = {}."
 
 
 @dataclass
@@ -72,6 +72,6 @@ def refuse_unfit(stored: StoredSet, config: StillBoxConfig, picture: Picture) ->
             raise BadInput(name + what, expected=str(expected), got=str(got), mend=mend)
     for step_m in stored.steps_m:  # targets go by the number of steps
         if abs(step_m - config.step_m) > STEP_TOLERANCE * config.step_m:
-            mend = IN_RECIPE.format("speed_m_s", step_m / config.time_step_s)
+            mend = IN_RECIPE.format("speed_m_s", f"{step_m / config.time_step_s:g}")
             expected = f"{config.step_m:.3f} m everywhere"
             raise BadInput(f"{name}, step", expected=expected, got=f"{step_m:.3f} m", mend=mend)

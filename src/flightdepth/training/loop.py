@@ -236,7 +236,7 @@ def stage_stream(
     picture, each = stage.pictures[turn], max(workers, 1)
     opened = partial(StoredPairs, stored=sets[picture.full_width]) if sets else PairStream
     return opened(
-        config=recipe.scenes.model_copy(update={"open_share": stage.open_share}),
+        config=recipe.scenes_in(stage),
         textures=textures,
         picture=picture,
         rule=replace(recipe.rule, wide_share=stage.wide_share),

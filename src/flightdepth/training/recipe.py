@@ -145,7 +145,7 @@ class Recipe(_Strict):
     )
     starts_from: str | None = Field(
         default=None,
-        description="recipe whose last checkpoint is taken over; NAME/STAGE: its checkpoint there",
+        description="recipe whose last checkpoint is taken over; NAME/STAGE: its checkpoint there; or an ONNX file",
     )
     scenes: StillBoxConfig = StillBoxConfig()
     stages: tuple[Stage, ...] = Field(min_length=1)
@@ -194,6 +194,10 @@ class Recipe(_Strict):
             asked["batch_norm_momentum"] = self.batch_norm_momentum != BATCH_NORM_MOMENTUM
         for key in (key for key, given in asked.items() if given):
             raise ValueError(f"no {key}, which a {self.architecture} has no use for")
+
+    def scenes_in(self, stage: Stage) -> StillBoxConfig:
+        """What its scenes are drawn by."""
+        return self.scenes.model_copy(update={"open_share": stage.open_share})
 
     def optimizer_in(self, stage: Stage) -> OptimizerName:
         """One that is another than the stage's before is begun anew."""
