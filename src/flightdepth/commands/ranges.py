@@ -88,7 +88,8 @@ def ranges(
     from flightdepth.files import make_folder, write_atomic, write_json
     from flightdepth.weights.store import find_network
 
-    for name in network or ():
+    own = tuple(str(Path(name)) for name in network or ())  # one name for `mine.onnx` and `./mine.onnx`
+    for name in own:
         find_network(name)  # it is there
     make_folder("--out", out)
     scenes = (QUICK_SCENES if quick else SCENES) if scenes is None else scenes
@@ -96,7 +97,7 @@ def ranges(
     asked = dict.fromkeys(sweep or ())
     named = [each.value for each in (Sweep if Sweep.ALL in asked else asked) if each is not Sweep.ALL]
     study = Study(
-        out, scenes, Sequences(frames), trials=all_trials(named, quick=quick, networks=network or ())
+        out, scenes, Sequences(frames), trials=all_trials(named, quick=quick, networks=own)
     )
     for name in study.missing:
         warn(f"{name} is no network of this build: its rows are left out")
