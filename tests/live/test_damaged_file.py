@@ -91,17 +91,17 @@ def test_one_that_cannot_be_read_at_all_is_an_error_of_one_line(clip, played, mo
 
 def test_one_stall_costs_no_more_than_its_pictures(tmp_path, monkeypatch):
     """Found in review: all up to the next key frame went, and of a file with one the rest of it."""
-    monkeypatch.setattr("flightdepth.live.video_stream.LATE_NS", 200_000_000)
-    path = encode(tmp_path / "flight.ts", size=(320, 240), seconds=3.0, key_every=1000)
+    monkeypatch.setattr("flightdepth.live.video_stream.LATE_NS", 500_000_000)
+    path = encode(tmp_path / "flight.ts", size=(320, 240), seconds=4.0, key_every=1000)
     stream = VideoStream(video_address(str(path)), Counter())
     begun_ns, shown = time.monotonic_ns(), []
     with closing(stream):
         for picture in stream.paced(begun_ns, 0, threading.Event()):
             shown.append((picture.stamp_ns - begun_ns) / 1e9)
             if len(shown) == 5:
-                time.sleep(0.8)
-    assert shown[-1] > 2.5
-    assert max(np.diff(shown)) < 1.5
+                time.sleep(1.2)
+    assert shown[-1] > 3.5
+    assert max(np.diff(shown)) < 2
 
 
 def test_a_file_that_decodes_too_slowly_goes_on_from_key_frames(tmp_path, monkeypatch):
