@@ -96,9 +96,7 @@ def ranges(
     frames = (QUICK_FRAMES if quick else FRAMES) if frames is None else frames
     asked = dict.fromkeys(sweep or ())
     named = [each.value for each in (Sweep if Sweep.ALL in asked else asked) if each is not Sweep.ALL]
-    study = Study(
-        out, scenes, Sequences(frames), trials=all_trials(named, quick=quick, networks=own)
-    )
+    study = Study(out, scenes, Sequences(frames), trials=all_trials(named, quick=quick, networks=own))
     for name in study.missing:
         warn(f"{name} is no network of this build: its rows are left out")
     left = study.workload()
