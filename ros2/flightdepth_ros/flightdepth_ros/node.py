@@ -83,18 +83,15 @@ class DepthNode(Node):
             return
         with self.left_out_if_bad("image"):
             stamp_ns, image = image_of(message, self.now_ns)
-            result = self.estimator.add_frame(stamp_ns, image, unusable=self.turning(stamp_ns, image))
+            result = self.estimator.add_frame(
+                stamp_ns, image, unusable=self.steadiness.add(stamp_ns, image).unusable
+            )
             if result.reason is not None:
                 self.get_logger().warning(f"no depth: {result.reason}", throttle_duration_sec=2.0)
             if result.doubt is not None:
                 self.get_logger().warning(result.doubt, throttle_duration_sec=10.0)
             self.publish(self.depth, Image(), message, image_fields(result.depth_m, "32FC1"))
             self.publish(self.info, CameraInfo(), message, camera_fields(self.camera))
-
-    def turning(self, stamp_ns: int, image: np.ndarray) -> str | None:
-        """Why the picture turns too fast for depth, None where it does not."""
-        turn = self.steadiness.add(stamp_ns, image)
-        return None if turn.usable else turn.reason
 
     @contextmanager
     def left_out_if_bad(self, what: str) -> Iterator[None]:

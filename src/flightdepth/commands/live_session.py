@@ -60,7 +60,6 @@ class Session:
             aligned=settings.align,
         )
         refuse_idle(settings, self.address, self.network.card)
-        doubt = doubt_of_obstacles(self.network.card) if settings.sends_obstacles else None
         self.telemetry_name = str(settings.mavlink if self.log is None else self.log.name)
         say(f"{self.address.name} -> {self.network.card.name}; {self.telemetry_name}")
         say(f"camera: {self.lens.source}")
@@ -68,7 +67,7 @@ class Session:
             say(f"mask: {self.mask}")
         for warning in () if chosen is None else chosen.warnings:
             warn(warning)
-        if doubt is not None:
+        if settings.sends_obstacles and (doubt := doubt_of_obstacles(self.network.card)):
             warn(doubt)
         fixed = settings.mount == "fixed"
         self.store = MotionStore(looking(settings.mount_pitch or 0.0) if fixed else None)

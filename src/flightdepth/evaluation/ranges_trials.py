@@ -98,15 +98,17 @@ def peers() -> tuple[Trial, ...]:
 def named(methods: Iterable[str]) -> tuple[Trial, ...]:
     """Networks that the user names: as those of the figure, with one and two ranges, and as `flightdepth run` flies."""
     methods = tuple(methods)
-    plain = (Trial(method, n) for method in methods for n in (1, 2))
-    return (*plain, *(as_run(method=method) for method in methods))
+    return (*_plain(methods), *(as_run(method=method) for method in methods))
 
 
 def side_by_side(trials: Collection[Trial]) -> tuple[Trial, ...]:
     """Of these trials those of the figure, in its order: its methods, networks that the user names, the peers."""
     others = dict.fromkeys(trial.method for trial in trials if trial.method not in KNOWN)
-    plain = (Trial(method, n) for method in others for n in (1, 2))
-    return tuple(trial for trial in (*figure(), *plain, *peers()) if trial in trials)
+    return tuple(trial for trial in (*figure(), *_plain(others), *peers()) if trial in trials)
+
+
+def _plain(methods: Iterable[str]) -> tuple[Trial, ...]:
+    return tuple(Trial(method, n) for method in methods for n in (1, 2))
 
 
 def default_fusion() -> tuple[Trial, ...]:

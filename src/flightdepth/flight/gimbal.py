@@ -25,9 +25,8 @@ from flightdepth.motion import (
     rotation_from_quaternion,
 )
 
-CAMERA = quaternion_from_rotation(
-    NED_FROM_CAMERA
-)  # that turns its axes into those of its gimbal, or its body
+# A quaternion: a camera's axes to those of its gimbal, or of a body that it looks ahead of.
+BODY_FROM_CAMERA = quaternion_from_rotation(NED_FROM_CAMERA)
 
 
 class GimbalFlags(IntFlag):
@@ -81,7 +80,7 @@ def turned(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Vector:
 
 def looking_along(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Vector:
     """Quaternion (w, x, y, z) world_from_camera of a camera whose gimbal is `turned` so."""
-    quaternion = quaternion_products(turned(yaw_deg, pitch_deg, roll_deg), CAMERA)
+    quaternion = quaternion_products(turned(yaw_deg, pitch_deg, roll_deg), BODY_FROM_CAMERA)
     return quaternion if quaternion[0] >= 0 else -quaternion
 
 

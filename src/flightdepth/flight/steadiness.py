@@ -54,6 +54,11 @@ class TurnRate:
     usable: bool
     reason: str = ""
 
+    @property
+    def unusable(self) -> str | None:
+        """Why pairs with this picture give no depth; None where they do."""
+        return None if self.usable else self.reason
+
 
 class Steadiness:
     """Follows points of small grey pictures over 0.1 s; about 5 ms a picture on one core.

@@ -206,8 +206,7 @@ class DepthStage:
         """Why this picture turns too fast for depth, None where it does not."""
         rate = self._store.turn_rate_rad_s(stamp_ns, PAIR_NS) if self._fixed else None
         if rate is None:  # a gimbal's pictures, or nobody tells the drone's attitude
-            turn = self._steadiness.add(stamp_ns, image)
-            return None if turn.usable else turn.reason
+            return self._steadiness.add(stamp_ns, image).unusable
         if rate <= MAX_TURN_RATE:
             return None
         return f"turns: {math.degrees(rate):.0f} degrees/s, says the autopilot"

@@ -201,12 +201,13 @@ class LiveEngine:
     def _work(self, picture: Picture) -> None:
         """One picture from the slot to the sinks."""
         began_ns = time.monotonic_ns()
-        image = picture.rgb()
-        height, width, _ = image.shape
         with self._lock:
             self._taken.add(began_ns)
-            self._monitor.preparing = not self._stage.is_prepared(width, height)
         try:
+            image = picture.rgb()
+            height, width, _ = image.shape
+            with self._lock:
+                self._monitor.preparing = not self._stage.is_prepared(width, height)
             staged = self._stage.take(picture.stamp_ns, image)
         except NoCalibration as error:  # the stream's size changed
             self._refuse("size without a calibration", str(error))

@@ -36,9 +36,8 @@ SILENT = logging.NullHandler()  # one for all connections: a second time a logge
 Told = list[tuple[int, str, str]]  # level, who, what
 _listeners, _listening = 0, threading.Lock()
 BEHIND = "packets thrown away because decoding fell behind"
-LATE_NS = (
-    NS_PER_S  # a file's picture that is due so long ago is passed over: the machine slept, or is too slow
-)
+# A file's picture that is due so long ago is passed over: the machine slept, or is too slow.
+LATE_NS = NS_PER_S
 
 
 class StreamEnded(FlightDepthError):
@@ -125,10 +124,8 @@ class VideoStream:
                 if ahead_ns < -LATE_NS:
                     self._counts["pictures of a file that could not be read in time"] += 1
                     late = late or (now_ns, -ahead_ns)
-                    if (
-                        now_ns - late[0] > LATE_NS and -ahead_ns >= late[1]
-                    ):  # it does not catch up, decoding each
-                        self._decoder.skip_to_key_frame()
+                    if now_ns - late[0] > LATE_NS and -ahead_ns >= late[1]:
+                        self._decoder.skip_to_key_frame()  # decoding each it does not catch up
                         late = None
                     continue
                 late = None

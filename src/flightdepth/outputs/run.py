@@ -53,8 +53,7 @@ def depths(
     for event in flight:
         match event:
             case Frame():
-                turn = steadiness.add(event.stamp_ns, event.image)
-                unusable = None if turn.usable else turn.reason
+                unusable = steadiness.add(event.stamp_ns, event.image).unusable
                 if event.camera is not None:
                     estimator.see_through(event.camera)
                 if event.after_damage:
