@@ -111,11 +111,29 @@ def test_velocity_in_north_east_down(conversion):
 
 def test_a_camera_ahead_on_a_body_that_points_east(conversion):
     kind, message = MADE.odometry(0.0, (0.0, 0.0, 0.0))
-    forward = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    _, attitude = conversion.camera_attitude_of(through_cdr(kind, message), 1, forward)
+    _, attitude = conversion.camera_attitude_of(through_cdr(kind, message), 1, 0.0)
     axis, down = rotation_from_quaternion(attitude)[:, 2], rotation_from_quaternion(attitude)[:, 1]
     np.testing.assert_allclose(axis, (0, 1, 0), atol=1e-12)
     np.testing.assert_allclose(down, (0, 0, 1), atol=1e-12)
+
+
+def test_a_camera_that_looks_up_on_a_body_that_points_east(conversion):
+    kind, message = MADE.odometry(0.0, (0.0, 0.0, 0.0))
+    _, attitude = conversion.camera_attitude_of(through_cdr(kind, message), 1, 30.0)
+    axis = rotation_from_quaternion(attitude)[:, 2]
+    np.testing.assert_allclose(axis, (0, math.sqrt(3) / 2, -0.5), atol=1e-12)
+
+
+def test_odometry_of_the_camera_itself_needs_no_mount(conversion):
+    """Visual odometry tells how its optical frame is turned."""
+    kind, message = MADE.odometry(0.0, (0.0, 0.0, 0.0))
+    message.child_frame_id = "camera_optical_frame"
+    looks_down_in_enu = STORE.types["geometry_msgs/msg/Quaternion"](1.0, 0.0, 0.0, 0.0)
+    message.pose.pose.orientation = looks_down_in_enu
+    _, attitude = conversion.camera_attitude_of(through_cdr(kind, message), 1, 30.0)
+    # x east, y south, z down: in north-east-down the columns of the camera's axes.
+    expected = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    np.testing.assert_allclose(rotation_from_quaternion(attitude), expected, atol=1e-12)
 
 
 def test_conversion_needs_no_ros(conversion):

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.flight.gimbal import looking
+from flightdepth.flight.records import AttitudeSample
 from flightdepth.flight.ros_frames import picture
 from flightdepth.flight.ros_messages import IMAGE, ODOMETRY, orientation_of, stamp_of, twist_of
 from flightdepth.flight.ros_records import RosMessage
-from flightdepth.motion import Vector, quaternion_from_rotation
+from flightdepth.motion import Vector, quaternion_from_rotation, rotation_from_quaternion
 
 # CameraInfo.distortion_model (sensor_msgs/distortion_models.hpp) and the model here.
 MODELS = {"plumb_bob": "pinhole", "rational_polynomial": "pinhole", "equidistant": "fisheye", "": "pinhole"}
@@ -33,14 +35,17 @@ def velocity_of(message: Any, now_ns: int) -> tuple[int, Vector, float | None]:
     return twist.stamp_ns, twist.velocity, twist.sigma
 
 
-def camera_attitude_of(message: Any, now_ns: int, flu_from_camera: Vector) -> tuple[int, Vector]:
-    """Stamp and quaternion world_from_camera of a camera screwed to the body of a nav_msgs/Odometry.
+def camera_attitude_of(message: Any, now_ns: int, pitch_deg: float) -> tuple[int, Vector]:
+    """Stamp and quaternion world_from_camera of a nav_msgs/Odometry.
 
-    `flu_from_camera` (3, 3) turns the camera's axes into forward-left-up of the body.
+    The camera is screwed to the body and looks up by `pitch_deg`, unless the odometry is of an optical frame: its own.
     """
-    body = orientation_of(_unread(ODOMETRY, now_ns), message)
-    assert body is not None
-    return body.stamp_ns, quaternion_from_rotation(body.ned_from_frame @ flu_from_camera)
+    told = orientation_of(_unread(ODOMETRY, now_ns), message)
+    assert told is not None  # an Odometry always tells it
+    if isinstance(told, AttitudeSample):
+        return told.stamp_ns, told.world_from_camera
+    ned_from_camera = rotation_from_quaternion(told.world_from_body) @ looking(pitch_deg)
+    return told.stamp_ns, quaternion_from_rotation(ned_from_camera)
 
 
 def camera_of(info: Any) -> Camera:

@@ -11,7 +11,6 @@ from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import numpy as np
 import rclpy
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
@@ -21,14 +20,12 @@ from sensor_msgs.msg import CameraInfo, Image
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.ros_records import DamagedError
 from flightdepth.flight.steadiness import Steadiness
-from flightdepth.motion import rotation_from_euler
 from flightdepth.outputs.ros_fields import camera_fields, image_fields
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.runtimes.network import load_network, nearest_network
 from flightdepth_ros.conversion import camera_attitude_of, camera_of, image_of, velocity_of
 
 SEQUENCES = {"data": "B", "d": "d"}  # of any length: rclpy of Humble takes them as array.array, no ndarray
-FLU_FROM_FORWARD_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 # One picture waits at most: a newer one takes its place, so that the delay does not grow.
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 # mavros publishes odometry so; a reliable subscription hears nothing of it, while this one hears either kind.
@@ -73,9 +70,7 @@ class DepthNode(Node):
             stamp_ns, velocity, sigma = velocity_of(message, self.now_ns)
             self.estimator.add_velocity(stamp_ns, velocity, sigma=sigma)
             if not math.isnan(pitch_deg):
-                # Up in forward-left-up is a negative turn about the left axis.
-                mount = rotation_from_euler(0.0, -math.radians(pitch_deg), 0.0) @ FLU_FROM_FORWARD_CAMERA
-                self.estimator.add_attitude(*camera_attitude_of(message, self.now_ns, mount))
+                self.estimator.add_attitude(*camera_attitude_of(message, self.now_ns, pitch_deg))
 
     def on_image(self, message: Image) -> None:
         """Depth of each picture; where there is none, the log says why."""

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,6 @@ from flightdepth.errors import BadInput
 from flightdepth.flight.order import in_time_order
 from flightdepth.flight.places import ELLIPSOID, SEA_LEVEL, PlaceTrack
 from flightdepth.flight.records import (
-    AttitudeSample,
     BodyAttitudeSample,
     Telemetry,
     VelocitySample,
@@ -35,13 +35,11 @@ from flightdepth.flight.records import (
 from flightdepth.flight.ros1_bag import looks_like_ros1
 from flightdepth.flight.ros2_bag import looks_like_ros2
 from flightdepth.flight.ros_messages import (
-    FLU_FROM_OPTICAL,
-    FRD_FROM_FLU,
     IMU,
     MAVROS_GLOBAL,
+    OPTICAL_FROM_FRD,
     VECTOR,
     VELOCITY_KINDS,
-    Orientation,
     Twist,
 )
 from flightdepth.flight.ros_places import NAV_SAT_FIX, PLACE_KINDS, track_of_fixes
@@ -52,7 +50,6 @@ from flightdepth.motion import (
     Stamps,
     Vector,
     mixed_quaternions,
-    quaternion_from_rotation,
     rotations_from_quaternions,
 )
 
@@ -78,8 +75,9 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     picture = first_picture(topics)
     first_ns = None if picture is None else picture.first_ns
     zero_ns = chosen.twists[0].stamp_ns if first_ns is None else first_ns
-    samples = in_time_order(_velocities(chosen.twists, oriented.orientations, zero_ns, counts), counts)
-    attitudes = in_time_order(_camera_attitudes(topics, zero_ns), counts)
+    samples = in_time_order(_velocities(chosen.twists, oriented.bodies, zero_ns, counts), counts)
+    most = max((topic.cameras for topic in topics), key=len, default=[])
+    attitudes = in_time_order([replace(each, stamp_ns=each.stamp_ns - zero_ns) for each in most], counts)
     name = f"ROS recording {path.name}: {len(samples)} velocities of {chosen.name}"
     if chosen.by_places:
         name += ", by its positions"
@@ -88,7 +86,8 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     name += f" ({oriented.resets} resets of the attitude)" if oriented.resets else ""
     name += time_0_is(zero_ns)
     # Not counted: an Odometry's velocity has been.
-    bodies = in_time_order(_body_attitudes(oriented.orientations, zero_ns), Counter())
+    counted = [replace(each, stamp_ns=each.stamp_ns - zero_ns) for each in oriented.bodies]
+    bodies = in_time_order(counted, Counter())
     places = _places(topics, zero_ns, chosen, counts)
     true_north = chosen.kind in NORTHWARD_KINDS or MAVROS in chosen.name
     return Telemetry(
@@ -118,8 +117,7 @@ def _knows_turns(topic: Topic, chosen: Topic) -> tuple[bool, bool, bool, bool, b
     """What ranks the topics that tell how the body is turned: the velocity's own, one that tells how it is and not how
     it is to be, a pose before a mere gyroscope's, one of the velocity's source, whose north is the same.
     """
-    count = sum(not turn.of_camera for turn in topic.orientations)
-    of_its_source = topic.folder == chosen.folder
+    count, of_its_source = len(topic.bodies), topic.folder == chosen.folder
     return count > 0, topic is chosen, not topic.asked_for, topic.kind != IMU, of_its_source, count
 
 
@@ -152,12 +150,11 @@ def _choose(
 
 
 def _velocities(
-    twists: Sequence[Twist], orientations: Sequence[Orientation], zero_ns: int, counts: Counter[str]
+    twists: Sequence[Twist], bodies: Sequence[BodyAttitudeSample], zero_ns: int, counts: Counter[str]
 ) -> list[VelocitySample]:
-    """In the world frame where orientations are told, else the camera's: that of a camera which looks forward."""
-    bodies = sorted((o for o in orientations if not o.of_camera), key=lambda o: o.stamp_ns)
+    """In the world frame where the body's attitudes are told; else of a camera that looks forward."""
     at_ns = np.array([twist.stamp_ns for twist in twists if twist.frame == "body"], dtype=np.int64)
-    turns = iter(_turns(bodies, at_ns))
+    turns = iter(_turns(sorted(bodies, key=lambda body: body.stamp_ns), at_ns))
     samples = []
     for twist in twists:
         stamp_ns = twist.stamp_ns - zero_ns
@@ -169,17 +166,17 @@ def _velocities(
         elif twist.frame == "body" and bodies:  # a flight has one frame
             counts["velocities without an orientation near them"] += 1
         else:
-            turn = FLU_FROM_OPTICAL.T if twist.frame == "body" else np.eye(3)
+            turn = OPTICAL_FROM_FRD if twist.frame == "body" else np.eye(3)
             samples.append(VelocitySample(stamp_ns, turn @ twist.velocity, "camera", twist.sigma))
     return samples
 
 
-def _turns(bodies: Sequence[Orientation], at_ns: Stamps) -> list[Vector | None]:
+def _turns(bodies: Sequence[BodyAttitudeSample], at_ns: Stamps) -> list[Vector | None]:
     """Rotations between the orientations before and after, in time order; of the near one where these are far apart."""
     if not bodies or not len(at_ns):
         return [None] * len(at_ns)
     stamps_ns = np.array([body.stamp_ns for body in bodies], dtype=np.int64)
-    quaternions = np.array([quaternion_from_rotation(body.ned_from_frame) for body in bodies])
+    quaternions = np.array([body.world_from_body for body in bodies])
     after = np.searchsorted(stamps_ns, at_ns)
     before, after = (after - 1).clip(min=0), after.clip(max=len(bodies) - 1)
     since_ns, apart_ns = at_ns - stamps_ns[before], stamps_ns[after] - stamps_ns[before]
@@ -189,19 +186,3 @@ def _turns(bodies: Sequence[Orientation], at_ns: Stamps) -> list[Vector | None]:
     turns = rotations_from_quaternions(mixed_quaternions(quaternions[before], quaternions[after], share))
     known = between | near_before | near_after
     return [turn if told else None for turn, told in zip(turns, known, strict=True)]
-
-
-def _body_attitudes(orientations: Sequence[Orientation], zero_ns: int) -> list[BodyAttitudeSample]:
-    bodies = [orientation for orientation in orientations if not orientation.of_camera]
-    return [
-        BodyAttitudeSample(
-            body.stamp_ns - zero_ns, quaternion_from_rotation(body.ned_from_frame @ FRD_FROM_FLU)
-        )
-        for body in bodies
-    ]
-
-
-def _camera_attitudes(topics: Sequence[Topic], zero_ns: int) -> list[AttitudeSample]:
-    found = [[o for o in topic.orientations if o.of_camera] for topic in topics]
-    most = max(found, key=len, default=[])
-    return [AttitudeSample(o.stamp_ns - zero_ns, quaternion_from_rotation(o.ned_from_frame)) for o in most]

@@ -23,9 +23,21 @@ from typing import Any
 
 import numpy as np
 
-from flightdepth.flight.records import FASTEST_M_S, LATEST_NS, NS_PER_S
+from flightdepth.flight.records import (
+    FASTEST_M_S,
+    LATEST_NS,
+    NS_PER_S,
+    AttitudeSample,
+    BodyAttitudeSample,
+)
 from flightdepth.flight.ros_records import DamagedError, RosMessage, required
-from flightdepth.motion import NED_FROM_ENU, Vector, is_rotation, rotation_from_quaternion
+from flightdepth.motion import (
+    NED_FROM_ENU,
+    Vector,
+    is_rotation,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+)
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistWithCovarianceStamped"
@@ -42,7 +54,7 @@ IMAGE_KINDS = (IMAGE, COMPRESSED_IMAGE)
 DEPTH_ENCODINGS = ("16UC1", "32FC1")
 
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
-FLU_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+OPTICAL_FROM_FRD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 MAP_NAMES = ("map", "odom", "world", "earth", "enu", "local_origin")
 NED_NAME = re.compile(r"(?:^|[^A-Za-z])[Nn][Ee][Dd]$|[a-z]NED$")  # not as in "odom_combined"
 # MAVROS turns these two to the map, and names the body over them. The second has the vertical velocity downward (its
@@ -54,21 +66,12 @@ BODY_NAMES = ("base", "body", "fcu", "imu", "vehicle", "drone", "uav", "frd", "f
 
 @dataclass(frozen=True, eq=False)
 class Twist:
-    """A linear velocity [3] with its axes: `frame` "world" (NED), "body" (FLU) or "camera" (optical)."""
+    """A linear velocity [3] with its axes: `frame` "world" (NED), "body" (FRD) or "camera" (optical)."""
 
     stamp_ns: int
     velocity: Vector
     frame: str
     sigma: float | None
-
-
-@dataclass(frozen=True, eq=False)
-class Orientation:
-    """Rotation [3, 3] from a body (FLU) or, if `of_camera`, an optical frame into NED."""
-
-    stamp_ns: int
-    ned_from_frame: Vector
-    of_camera: bool
 
 
 def decoded(message: RosMessage) -> Any:
@@ -149,9 +152,9 @@ def ned_from_map(frame_id: str) -> Vector:
     return np.eye(3) if NED_NAME.search(frame_id) else NED_FROM_ENU
 
 
-def flu_from_body(frame_id: str) -> Vector:
+def frd_from_body(frame_id: str) -> Vector:
     """Rotation from a body frame."""
-    return FRD_FROM_FLU if frame_id.lower().endswith("frd") else np.eye(3)
+    return np.eye(3) if frame_id.lower().endswith("frd") else FRD_FROM_FLU
 
 
 def tells_velocity(message: RosMessage) -> bool:
@@ -170,7 +173,7 @@ def twist_of(message: RosMessage, content: Any) -> Twist | None:
     covariance = content.twist.covariance if message.kind == TWIST_WITH_COVARIANCE else None
     name = MAP if message.topic.endswith(MAVROS_LOCAL) else content.header.frame_id
     axes = axes_of(name)
-    turn = {"world": ned_from_map(name), "body": flu_from_body(name), "camera": np.eye(3)}.get(axes)
+    turn = {"world": ned_from_map(name), "body": frd_from_body(name), "camera": np.eye(3)}.get(axes)
     if turn is None:
         return None
     return _twist(message, content, turn @ speed_of(inner.linear), axes, covariance)
@@ -208,8 +211,8 @@ def sigma_of(covariance: Any) -> float | None:
     return float(np.sqrt(variances.mean())) if known else None
 
 
-def orientation_of(message: RosMessage, content: Any) -> Orientation | None:
-    """The orientation in a message; None where an Imu has none.
+def orientation_of(message: RosMessage, content: Any) -> AttitudeSample | BodyAttitudeSample | None:
+    """The attitude in a message, of a camera if its frame is an optical one; None where an Imu has none.
 
     It says so by a covariance of -1; many drivers leave all of it 0 instead, the quaternion at "not turned".
     """
@@ -223,10 +226,11 @@ def orientation_of(message: RosMessage, content: Any) -> Orientation | None:
         pose = content.pose if message.kind == POSE else content.pose.pose
         body = content.child_frame_id if message.kind == ODOMETRY else "base_link"
         quaternion, turn = pose.orientation, ned_from_map(frame)
-    of_camera = axes_of(body) == "camera"
-    rotation = turn @ rotation_of(quaternion)
-    ned_from_frame = rotation if of_camera else rotation @ flu_from_body(body).T
-    return Orientation(stamp_of(content.header, message.log_ns), ned_from_frame, of_camera)
+    stamp_ns, ned_from_frame = stamp_of(content.header, message.log_ns), turn @ rotation_of(quaternion)
+    if axes_of(body) == "camera":
+        return AttitudeSample(stamp_ns, quaternion_from_rotation(ned_from_frame))
+    ned_from_body = ned_from_frame @ frd_from_body(body).T
+    return BodyAttitudeSample(stamp_ns, quaternion_from_rotation(ned_from_body))
 
 
 def speed_of(vector: Any) -> Vector:

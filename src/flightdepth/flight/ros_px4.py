@@ -19,7 +19,7 @@ import numpy as np
 from flightdepth.flight.autopilot import LAST_STAMP_US, Gate, Moment, Position, Record, Velocity
 from flightdepth.flight.power_ups import DAMAGED_TIMES, SHORTEST_RUN, boots
 from flightdepth.flight.records import LATEST_NS, NS_PER_S, BodyAttitudeSample
-from flightdepth.flight.ros_messages import FRD_FROM_FLU, Orientation, Twist, decoded
+from flightdepth.flight.ros_messages import Twist, decoded
 from flightdepth.flight.ros_places import Fix
 from flightdepth.flight.ros_records import DamagedError, RosMessage
 from flightdepth.flight.ulog import (
@@ -32,7 +32,7 @@ from flightdepth.flight.ulog import (
     timed,
     velocities,
 )
-from flightdepth.motion import rotation_from_quaternion, rotations_from_quaternions
+from flightdepth.motion import rotations_from_quaternions
 
 PX4_POSITION = "px4_msgs/msg/VehicleLocalPosition"
 PX4_ODOMETRY = "px4_msgs/msg/VehicleOdometry"
@@ -184,18 +184,3 @@ MEANINGS: dict[str, Callable[[Columns, Counter[str]], Iterator[Record]]] = {
 def twists_of(gate: Gate) -> list[Twist]:
     """The velocities, in the world."""
     return [Twist(each.stamp_ns, each.velocity, each.frame, each.sigma) for each in gate.velocities]
-
-
-def orientations_of(gate: Gate, *, of_camera: bool) -> list[Orientation]:
-    """Those of the camera, or of the body."""
-    if of_camera:
-        return [
-            Orientation(each.stamp_ns, rotation_from_quaternion(each.world_from_camera), of_camera=True)
-            for each in gate.cameras
-        ]
-    return [
-        Orientation(
-            each.stamp_ns, rotation_from_quaternion(each.world_from_body) @ FRD_FROM_FLU, of_camera=False
-        )
-        for each in gate.bodies
-    ]

@@ -11,14 +11,13 @@ import numpy as np
 
 from flightdepth.flight.file_bytes import head_of
 from flightdepth.flight.positions import UNFIXED
-from flightdepth.flight.records import LATEST_NS, BodyAttitudeSample
+from flightdepth.flight.records import LATEST_NS, AttitudeSample, BodyAttitudeSample
 from flightdepth.flight.ros1_bag import looks_like_ros1, ros1_messages
 from flightdepth.flight.ros2_bag import ros2_messages
 from flightdepth.flight.ros_messages import (
     IMAGE_KINDS,
     ORIENTATION_KINDS,
     VELOCITY_KINDS,
-    Orientation,
     Twist,
     decoded,
     is_depth_map,
@@ -44,7 +43,6 @@ from flightdepth.flight.ros_px4 import (
     PX4_VELOCITY_KINDS,
     UNDEFINED,
     Px4Rows,
-    orientations_of,
     px4_gate,
     twists_of,
 )
@@ -67,7 +65,8 @@ class Topic:
     ahead_ns: int = 0  # of the clock of the headers before that of the recording, at first
     of_depth: bool = False  # an image topic that shows no colours
     twists: list[Twist] = field(default_factory=list)
-    orientations: list[Orientation] = field(default_factory=list)
+    cameras: list[AttitudeSample] = field(default_factory=list)
+    bodies: list[BodyAttitudeSample] = field(default_factory=list)
     places: list[Place] = field(default_factory=list)
     fixes: list[Fix] = field(default_factory=list)
     px4: Px4Rows = field(default_factory=Px4Rows)
@@ -144,8 +143,8 @@ def _take(message: RosMessage, topic: Topic, counts: Counter[str]) -> None:
             topic.first_ns = stamp_of(content.header, message.log_ns)
             topic.ahead_ns = topic.first_ns - min(message.log_ns, LATEST_NS)
         topic.of_depth = message.kind in IMAGE_KINDS and is_depth_map(message, content)
-        if message.kind in ORIENTATION_KINDS and (turn := orientation_of(message, content)):
-            topic.orientations.append(turn)
+        if message.kind in ORIENTATION_KINDS:
+            _take_orientation(orientation_of(message, content), topic)
         if message.kind in PLACE_KINDS and (place := place_of(message, content)):
             topic.places.append(place)
         if message.kind == NAV_SAT_FIX:
@@ -158,6 +157,13 @@ def _take(message: RosMessage, topic: Topic, counts: Counter[str]) -> None:
                 topic.twists.append(twist)
     except DamagedError:
         counts[UNREADABLE] += 1
+
+
+def _take_orientation(turn: AttitudeSample | BodyAttitudeSample | None, topic: Topic) -> None:
+    if isinstance(turn, AttitudeSample):
+        topic.cameras.append(turn)
+    elif turn is not None:
+        topic.bodies.append(turn)
 
 
 def _take_fix(fix: Fix | None, topic: Topic) -> None:
@@ -202,6 +208,7 @@ def _tell_px4(topics: Sequence[Topic], counts: Counter[str]) -> None:
         lost = topic.unsound if topic.kind in PX4_VELOCITY_KINDS else counts
         columns, known = topic.px4.columns(), bodies.get(topic.folder, [])
         gate, topic.fixes = px4_gate(topic.kind, columns, ahead_ns, known if of_camera else [], lost)
-        topic.twists, topic.orientations = twists_of(gate), orientations_of(gate, of_camera=of_camera)
+        topic.twists = twists_of(gate)
+        topic.cameras, topic.bodies = (gate.cameras, []) if of_camera else ([], gate.bodies)
         topic.resets = reset_count(columns)
         bodies[topic.folder] = max(known, gate.bodies, key=len)
