@@ -128,6 +128,28 @@ def test_fault_8_pictures_that_always_repeat_do_not_hang(network, shown):
     assert all(str(reason).startswith("frozen picture") for reason in reasons[60 + len(shown) : 80])
 
 
+def test_fault_8_a_repeated_picture_is_predicted_once_and_has_the_same_depth(network):
+    """25 pictures a second in a file of 50 took twice the time."""
+    loaded, asked, results = load_network(network), [], []
+    predict = loaded.predict
+    loaded.predict = lambda *pairs: asked.append(len(pairs)) or predict(*pairs)
+    estimator = MultiRangeEstimator(loaded, CAMERA)
+    for index in range(40):
+        if index == 31:
+            estimator.forget_frames()  # those before may be damaged
+        estimator.add_velocity(index * 20_000_000, (4.0, 0, 0))
+        picture = np.full((128, 128, 3), 4 * (index // 2), np.uint8)
+        results.append(estimator.add_frame(index * 20_000_000, picture))
+    known = [index for index in range(40) if results[index].reason is None]
+    assert set(known) >= set(range(10, 31)) and results[31].reason is not None
+    assert len(asked) == sum(index % 2 == 0 for index in known)
+    for index in range(11, 30, 2):
+        new, again = results[index - 1], results[index]
+        np.testing.assert_array_equal(again.depth_m, new.depth_m)
+        np.testing.assert_array_equal(again.displacements_m, new.displacements_m)
+        np.testing.assert_array_equal(again.shifts, new.shifts + 1)
+
+
 def test_fault_8_a_repeated_picture_that_an_encoder_mends_is_no_new_one():
     """By 0.2 grey levels where the new one changed by 3: each counted as new, at a time that was not its own."""
     repeats, repeated = Repeats(), []

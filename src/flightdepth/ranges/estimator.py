@@ -116,6 +116,7 @@ class MultiRangeEstimator:
         self._span_ns = round(buffer_s * 1e9)
         self._last_ns: int | None = None
         self._frames_given = 0
+        self._told: tuple[int, RangedDepth] | None = None  # of the last picture: when it was taken, its depth
 
     @property
     def ranges(self) -> int:
@@ -197,7 +198,7 @@ class MultiRangeEstimator:
     def forget_frames(self) -> None:
         """Pair what comes with none of the frames so far: some of them may be damaged, or of another flight."""
         self._buffer.clear()
-        self._averaged_ns = None
+        self._averaged_ns, self._told = None, None
 
     def add_frame(self, stamp_ns: int, image: Image, *, unusable: str | None = None) -> RangedDepth:
         """Depth of `image` [H, W, 3] uint8 RGB.
@@ -224,12 +225,23 @@ class MultiRangeEstimator:
         picture = prepared.copy() if prepared is image else prepared
         self._repeats.add(stamp_ns, self._scene_of(rounded(picture)))
         taken = Frame(self._frames_given, self._repeats.taken_ns(stamp_ns), picture)
-        current = replace(taken, image=self._vignetting.evened(picture))
-        chosen = self._pairs(current, stamp_ns)
-        if not self._repeats.frozen:
-            if self._network.card.knows_direction:  # others err more in pictures that are evened out
-                self._vignetting.watch(taken, self._buffer.frames)
-            self._buffer.add(taken)
+        self._forget_before(taken.stamp_ns - self._span_ns)
+        if self._is_frozen(taken, stamp_ns):
+            return self._unknown(f"{self._repeats.told(stamp_ns)} in flight", started)
+        if self._told is not None and self._told[0] == taken.stamp_ns:
+            result = self._told[1].a_frame_later(_since_ms(started))
+        else:
+            result = self._depth(taken, started)
+        self._told = None if result.reason is not None else (taken.stamp_ns, result)
+        return result
+
+    def _depth(self, taken: Frame, started: float) -> RangedDepth:
+        """Of a new picture, or of one shown again that had no depth."""
+        current = replace(taken, image=self._vignetting.evened(taken.image))
+        chosen = self._pairs(current)
+        if self._network.card.knows_direction:  # others err more in pictures that are evened out
+            self._vignetting.watch(taken, self._buffer.frames)
+        self._buffer.add(taken)
         if isinstance(chosen, str):
             return self._unknown(chosen, started)
         pairs, seer = chosen
@@ -240,13 +252,17 @@ class MultiRangeEstimator:
         predict = partial(self._predict, current=current, network=seer.network)
         pairs, prediction = self._memory.predicted(pairs, seer.network, predict)
         fused = self._fuse(pairs, prediction, seer.card)
-        seer.planner.learn(stamp_ns, fused, self._grid.valid)
+        seer.planner.learn(current.stamp_ns, fused, self._grid.valid)
         if not seer.is_fallback:  # depths of two networks are not averaged
             fused = self._held_still(current.stamp_ns, pairs, fused)
         if self._fusion == "saturation":
             fused = within_reach(fused)
         at_source = self._at_source(fused.depth_m, current.image)
         return self._result(pairs, prediction, fused, at_source, seer=seer, started=started)
+
+    def _forget_before(self, stamp_ns: int) -> None:
+        self._buffer.expire(stamp_ns)
+        self._trajectory.forget(stamp_ns)
 
     def _scene_of(self, picture: Image) -> Image:
         """A prepared picture, black where it is masked: a clock that is burned in ticks on in a frozen one."""
@@ -259,12 +275,8 @@ class MultiRangeEstimator:
         """Depth [h, w] of the network at the source's size, and what brings other maps there."""
         return self._grid.along_edges(depth_m, image)
 
-    def _pairs(self, current: Frame, now_ns: int) -> tuple[tuple[Pair, ...], Seer] | str:
+    def _pairs(self, current: Frame) -> tuple[tuple[Pair, ...], Seer] | str:
         """Numeric integration and the frame pairs picker, and who sees the pairs; a string says why there is none."""
-        self._buffer.expire(current.stamp_ns - self._span_ns)
-        self._trajectory.forget(current.stamp_ns - self._span_ns)
-        if self._is_frozen(current, now_ns):
-            return f"{self._repeats.told(now_ns)} in flight"
         lines = baselines(self._trajectory, self._buffer.frames, current.stamp_ns, self._max_turn_rad)
         if lines.reason is not None:
             return lines.reason
