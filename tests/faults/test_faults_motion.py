@@ -150,6 +150,25 @@ def test_fault_8_a_repeated_picture_is_predicted_once_and_has_the_same_depth(net
         np.testing.assert_array_equal(again.shifts, new.shifts + 1)
 
 
+def test_fault_8_the_depth_of_a_repeated_picture_is_the_callers_own(network):
+    """Found in review: who scaled the first one's depth in place had scaled the repeat's, too."""
+    estimator, known = MultiRangeEstimator(load_network(network), CAMERA), []
+    for index in range(21):
+        estimator.add_velocity(index * 20_000_000, (0, 4.0, 0))
+        estimator.add_attitude(index * 20_000_000, (1, 0, 0, 0))
+        picture = np.full((128, 128, 3), 4 * (index // 3), np.uint8)
+        unusable = "turns" if index == 19 else None  # between the picture and its repeat
+        result = estimator.add_frame(index * 20_000_000, picture, unusable=unusable)
+        if index == 18:
+            known = [result.depth_m.copy(), result.confidence.copy(), result.range_depths_m.copy()]
+            shifts = result.shifts.copy()
+            for each in (result.depth_m, result.confidence, result.range_depths_m):
+                each[:] = 7
+    for told, own in zip(known, (result.depth_m, result.confidence, result.range_depths_m), strict=True):
+        np.testing.assert_array_equal(told, own)
+    np.testing.assert_array_equal(result.shifts, shifts + 2)
+
+
 def test_fault_8_a_repeated_picture_that_an_encoder_mends_is_no_new_one():
     """By 0.2 grey levels where the new one changed by 3: each counted as new, at a time that was not its own."""
     repeats, repeated = Repeats(), []

@@ -51,7 +51,7 @@ class Oracle:
     def grid(self, camera: Camera) -> NetworkGrid:
         return NetworkGrid(camera, self.card.focal_px)
 
-    def predict(self, previous_n, current, displacements_n3, camera) -> Prediction:
+    def predict(self, previous_n, current, displacements_n3, camera, valid=None) -> Prediction:
         indices = [_index(image) for image in previous_n]
         self.batches.append(tuple(indices))
         self.displacements.append(displacements_n3)

@@ -271,6 +271,19 @@ def test_a_pose_that_is_not_rigid_is_refused(pose) -> None:
         Trajectory().add_pose(0, pose)
 
 
+def test_poses_and_positions_are_not_mixed() -> None:
+    """A position tells no attitude: it was taken for one, of NaN, and every frame turned away from all others."""
+    for first, second in (
+        (Trajectory.add_pose, Trajectory.add_position),
+        (Trajectory.add_position, Trajectory.add_pose),
+    ):
+        track, given = Trajectory(), {Trajectory.add_pose: np.eye(4), Trajectory.add_position: np.zeros(3)}
+        for k in range(3):
+            first(track, k * S, given[first])
+        with pytest.raises(BadInput, match="poses throughout, or positions throughout"):
+            second(track, 3 * S, given[second])
+
+
 def test_samples_beyond_what_is_kept_are_counted() -> None:
     track = Trajectory()
     for k in range(MOST_ROWS + 5):

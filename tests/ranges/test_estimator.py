@@ -371,6 +371,11 @@ def test_memory_is_bounded() -> None:
         ({"fusion": "mean"}, "fusion: expected saturation or paper, got 'mean'"),
         ({"buffer_s": 0}, "buffer: expected more than 0 seconds, got 0"),
         ({"buffer_s": float("nan")}, "buffer: expected more than 0 seconds, got nan"),
+        ({"buffer_s": 1e300}, "buffer: expected at most 3600 seconds, got 1e+300"),
+        ({"ranges": 2.5}, "ranges: expected 1 to 4, got 2.5"),
+        ({"turns": 0}, "turns: expected 1, 2, ..., got 0"),
+        ({"turns": 1.5}, "turns: expected 1, 2, ..., got 1.5"),
+        ({"turns": float("nan")}, "turns: expected 1, 2, ..., got nan"),
     ],
 )
 def test_bad_options_are_named(options: dict, message: str) -> None:
@@ -438,6 +443,36 @@ def test_a_camera_that_zooms_drops_its_earlier_pictures() -> None:
         estimator.see_through(wide if index < 4 else narrow)
         reasons.append(estimator.add_frame(index * FRAME_NS, picture(index)).reason)
     assert [reason is None for reason in reasons] == [False, True, True, True, False, True, True, True]
+
+
+@pytest.mark.parametrize("mask", [None, np.full((CAMERA.height, CAMERA.width), 255, np.uint8)])
+def test_a_zoom_that_changes_the_size_is_refused_and_changes_nothing(mask) -> None:
+    estimator = MultiRangeEstimator(Oracle(wall(10.0), straight(SIDEWAYS)), CAMERA, mask=mask)
+    fly(estimator, SIDEWAYS, range(10))
+    with pytest.raises(BadInput, match="camera: expected 128x128, as before, got 256x128"):
+        estimator.see_through(Camera.from_fov(256, 128, 60))
+    assert fly(estimator, SIDEWAYS, range(10, 12))[-1].reason is None
+
+
+@pytest.mark.parametrize("kind", [np.uint64, np.uint32, np.int64])
+def test_times_may_be_of_any_whole_kind(kind) -> None:
+    """Unsigned ones wrapped where something was subtracted: for four seconds there was no earlier frame."""
+    estimator = MultiRangeEstimator(Oracle(wall(10.0), straight(SIDEWAYS)), CAMERA)
+    for index in range(4):
+        stamp_ns = kind(index * FRAME_NS)
+        estimator.add_velocity(stamp_ns, SIDEWAYS)
+        result = estimator.add_frame(stamp_ns, picture(index))
+    np.testing.assert_allclose(result.depth_m, 10.0, rtol=1e-4)
+
+
+def test_a_first_velocity_that_no_drone_flies_is_left_out() -> None:
+    """It was believed: the pair after it was told four times as long as it was."""
+    oracle = Oracle(wall(10.0), straight(SIDEWAYS))
+    estimator = MultiRangeEstimator(oracle, CAMERA)
+    estimator.add_velocity(-1, (300.0, 0.0, 0.0))
+    result = fly(estimator, SIDEWAYS, range(5))[-1]
+    np.testing.assert_allclose(result.depth_m, 10.0, rtol=1e-4)
+    assert estimator.dropped == {"velocity faster than any drone": 1}
 
 
 def test_shifts_count_all_frames_of_a_fast_camera() -> None:

@@ -157,6 +157,15 @@ def test_one_range_looks_near_and_far_in_turn() -> None:
     assert sorted(seen[:2]) == pytest.approx([8.0, 64.0], rel=1e-3)
 
 
+def test_depth_through_another_lens_is_not_looked_at_in_turn() -> None:
+    """After a zoom it lies at other pixels, where it hid what the new picture shows."""
+    plan = in_turn()
+    plan.learn(0, fused(8.0), ALL)
+    plan.look_through(CLAMPED, 1.0)
+    plan.learn(1, fused(64.0), ALL)
+    assert float(plan.wanted(1, USABLE)[1][0]) == pytest.approx(64.0, rel=1e-3)
+
+
 def test_several_ranges_take_no_turns() -> None:
     plan = in_turn()
     plan.ranges = 2

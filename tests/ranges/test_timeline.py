@@ -64,3 +64,9 @@ def test_times_are_whole_nanoseconds(stamp_ns):
     with pytest.raises(BadInput, match=r"whole nanoseconds, got (float|str)"):
         timeline.add(stamp_ns, [0.0])
     assert timeline.add(np.int64(7), [0.0])
+
+
+@pytest.mark.parametrize("stamp_ns", [2**63, -(2**63), np.uint64(2**63)])
+def test_times_beyond_64_bits_are_refused(stamp_ns):
+    with pytest.raises(BadInput, match="146 years of nanoseconds at most"):
+        Timeline(1).add(stamp_ns, [0.0])

@@ -25,7 +25,7 @@ from flightdepth.ranges.estimator import MAX_RANGES
 from flightdepth.ranges.fusion import Fusion
 from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.network import AtSource
-from flightdepth.runtimes.arrays import Maps
+from flightdepth.runtimes.arrays import Flags, Maps
 from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
@@ -65,11 +65,17 @@ class Watched:
         return self._network.grid(camera)
 
     def predict(
-        self, previous_n: Several[Image], current: Image, displacements_n3: Vector, camera: Camera, /
+        self,
+        previous_n: Several[Image],
+        current: Image,
+        displacements_n3: Vector,
+        camera: Camera,
+        valid: Flags | None = None,
+        /,
     ) -> Prediction:
         """As the network's own."""
         started = time.process_time()
-        found = self._network.predict(previous_n, current, displacements_n3, camera)
+        found = self._network.predict(previous_n, current, displacements_n3, camera, valid)
         self.predict_ms.append((time.process_time() - started) * 1e3)
         return found
 

@@ -17,7 +17,7 @@ from flightdepth.ranges import DepthNetwork, RangedDepth
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fusion import fuse
 from flightdepth.ranges.pairs import Frame, baselines
-from flightdepth.runtimes.arrays import Maps
+from flightdepth.runtimes.arrays import Flags, Maps
 from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
@@ -58,7 +58,13 @@ class FlowNetwork:
         return NetworkGrid(camera, self.card.focal_px)
 
     def predict(
-        self, previous_n: Sequence[Image], current: Image, displacements_n3: Vector, camera: Camera, /
+        self,
+        previous_n: Sequence[Image],
+        current: Image,
+        displacements_n3: Vector,
+        camera: Camera,
+        valid: Flags | None = None,
+        /,
     ) -> Prediction:
         """See `DepthNetwork`; where flow tells nothing depth is the peer's guess, as a network's is its own."""
         pairs = zip(previous_n, displacements_n3, strict=True)
@@ -66,7 +72,9 @@ class FlowNetwork:
         depth_m = np.stack(found)
         reach_m = self.card.alpha * np.linalg.norm(displacements_n3, axis=1).astype(np.float32)
         beta = np.clip(depth_m / reach_m[:, None, None], 0, 1).astype(np.float32)
-        return Prediction(beta, depth_m, None, np.ones(depth_m.shape[1:], dtype=np.bool_))
+        return Prediction(
+            beta, depth_m, None, np.ones(depth_m.shape[1:], np.bool_) if valid is None else valid
+        )
 
 
 class FixedShift:

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.records import MAX_GAP_S, VelocityFrame
+from flightdepth.flight.records import FASTEST_M_S, MAX_GAP_S, VelocityFrame
 from flightdepth.motion import Vector, quaternion_from_rotation, unit_quaternion
 from flightdepth.ranges.attitude import neighbours, orientations
 from flightdepth.ranges.pose_jumps import MAX_ACCELERATION_M_S2, PoseJumps
-from flightdepth.ranges.timeline import Rows, Stamps, Timeline, check_stamp
+from flightdepth.ranges.timeline import Rows, Stamps, Timeline, checked_stamp
 from flightdepth.runtimes.arrays import Flags
 
 SPEED_NOISE_M_S = 1.0
@@ -122,9 +122,12 @@ class Trajectory:
             raise BadInput("velocity frame", expected=f"{self.frame}, as before", got=frame)
         if sigma is not None and not (np.isfinite(sigma) and sigma >= 0):
             raise BadInput("velocity sigma", expected="0 or more m/s", got=str(sigma))
+        if np.linalg.norm(v) > FASTEST_M_S:
+            self.dropped["velocity faster than any drone"] += 1
+            return
         self.frame = frame
         if not self.from_poses:  # which replace velocities
-            self._take_velocity(stamp_ns, np.append(v, sigma or 0.0))
+            self._take_velocity(checked_stamp(stamp_ns), np.append(v, sigma or 0.0))
 
     def add_attitude(self, stamp_ns: int, quaternion: ArrayLike) -> None:
         """`world_from_camera` as a quaternion (w, x, y, z)."""
@@ -139,7 +142,6 @@ class Trajectory:
             rigid = bool(np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0)
         if not rigid or not np.allclose(pose[3], [0, 0, 0, 1]):
             raise BadInput("pose", expected="a rigid 4x4 matrix world_from_camera", got=str(pose.tolist()))
-        self._poses_turn = True
         self._take_pose(stamp_ns, np.concatenate([pose[:3, 3], quaternion_from_rotation(pose[:3, :3])]))
 
     def add_position(self, stamp_ns: int, position: ArrayLike) -> None:
@@ -150,7 +152,11 @@ class Trajectory:
         self._take_pose(stamp_ns, np.concatenate([told, np.full(4, np.nan)]))
 
     def _take_pose(self, stamp_ns: int, row: Rows) -> None:
-        check_stamp(stamp_ns)
+        stamp_ns, turns = checked_stamp(stamp_ns), bool(np.isfinite(row[3]))
+        if turns != self._poses_turn and self.from_poses:
+            expected = "poses throughout, or positions throughout"
+            raise BadInput("pose" if turns else "position", expected=expected, got="one after the other")
+        self._poses_turn = turns
         newest_ns = self._jumps.newest_ns
         if newest_ns is not None and stamp_ns <= newest_ns:
             self._too_late("pose")

@@ -6,7 +6,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import get_args
 
@@ -31,7 +31,7 @@ from flightdepth.ranges.plan import Planner
 from flightdepth.ranges.repeats import Repeats
 from flightdepth.ranges.result import RangedDepth
 from flightdepth.ranges.temporal import TemporalAverage, step_between
-from flightdepth.ranges.timeline import check_stamp
+from flightdepth.ranges.timeline import checked_stamp
 from flightdepth.ranges.tracks import Tracker
 from flightdepth.ranges.turning import in_view, is_visible, turned
 from flightdepth.ranges.vignetting import Vignetting
@@ -42,6 +42,7 @@ from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
 
 MAX_RANGES = 4
+LONGEST_BUFFER_S = 3600.0
 NOT_RIGID = (
     "turned too far, or what is seen moves by itself:"
     " no rotation of a few degrees and no direction near the one told explain the pictures"
@@ -49,6 +50,23 @@ NOT_RIGID = (
 FALLEN_BACK = "frames without a direction of motion: depth by {}, rough, its confidence is no chance"
 VIGNETTING = "pictures are darker towards their corners; depth is of pictures that are evened out"
 NON_ROTATING = "camera-frame velocity without attitude: the camera is taken not to turn"
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What the pairs of a picture, `current`, showed; it serves again while that picture is shown again."""
+
+    current: Frame
+    pairs: tuple[Pair, ...]
+    prediction: Prediction
+    fused: Fused
+    seer: Seer
+    doubt: str | None
+
+    @property
+    def stamp_ns(self) -> int:
+        """When the picture was taken."""
+        return self.current.stamp_ns
 
 
 class MultiRangeEstimator:
@@ -91,12 +109,14 @@ class MultiRangeEstimator:
         mask: NDArray[np.uint8] | Flags | None = None,
     ) -> None:
         check_ranges(ranges)
-        if turns < 1:
-            raise BadInput("turns", expected="at least 1", got=str(turns))
+        if not (isinstance(turns, int | np.integer) and turns >= 1):
+            raise BadInput("turns", expected="1, 2, ...", got=str(turns))
         if fusion not in get_args(Fusion):
             raise BadInput("fusion", expected="saturation or paper", got=repr(fusion))
-        if not (np.isfinite(buffer_s) and buffer_s > 0):
+        if not buffer_s > 0:
             raise BadInput("buffer", expected="more than 0 seconds", got=str(buffer_s))
+        if buffer_s > LONGEST_BUFFER_S:
+            raise BadInput("buffer", expected=f"at most {LONGEST_BUFFER_S:g} seconds", got=str(buffer_s))
         self._network, self._fusion, self._derotate = network, fusion, derotate
         self.shown = None if mask is None else check_mask(mask, camera)  # [H, W], what is not masked
         self._look_through(camera)
@@ -116,7 +136,7 @@ class MultiRangeEstimator:
         self._span_ns = round(buffer_s * 1e9)
         self._last_ns: int | None = None
         self._frames_given = 0
-        self._told: tuple[int, RangedDepth] | None = None  # of the last picture: when it was taken, its depth
+        self._newest: _Seen | None = None
 
     @property
     def ranges(self) -> int:
@@ -175,6 +195,10 @@ class MultiRangeEstimator:
         """
         if camera == self._camera:
             return
+        size = self._camera.width, self._camera.height
+        if (camera.width, camera.height) != size:
+            got = f"{camera.width}x{camera.height}"
+            raise BadInput("camera", expected=f"{size[0]}x{size[1]}, as before", got=got)
         self._look_through(camera)
         self._choice.look_through(camera, self._tracker)
         self.forget_frames()
@@ -198,7 +222,7 @@ class MultiRangeEstimator:
     def forget_frames(self) -> None:
         """Pair what comes with none of the frames so far: some of them may be damaged, or of another flight."""
         self._buffer.clear()
-        self._averaged_ns, self._told = None, None
+        self._averaged_ns, self._newest = None, None
 
     def add_frame(self, stamp_ns: int, image: Image, *, unusable: str | None = None) -> RangedDepth:
         """Depth of `image` [H, W, 3] uint8 RGB.
@@ -208,8 +232,7 @@ class MultiRangeEstimator:
         orientation; otherwise they are dropped, since pairs across the turn would break the network's
         assumption that the camera does not turn.
         """
-        started = time.perf_counter()
-        check_stamp(stamp_ns)
+        started, stamp_ns = time.perf_counter(), checked_stamp(stamp_ns)
         check_image("image", image, self._camera)  # first: a refused picture may come again, mended
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             self._trajectory.dropped["frame not after the one before"] += 1
@@ -228,27 +251,27 @@ class MultiRangeEstimator:
         self._forget_before(taken.stamp_ns - self._span_ns)
         if self._is_frozen(taken, stamp_ns):
             return self._unknown(f"{self._repeats.told(stamp_ns)} in flight", started)
-        if self._told is not None and self._told[0] == taken.stamp_ns:
-            result = self._told[1].a_frame_later(_since_ms(started))
-        else:
-            result = self._depth(taken, started)
-        self._told = None if result.reason is not None else (taken.stamp_ns, result)
-        return result
+        if self._newest is None or self._newest.stamp_ns != taken.stamp_ns:
+            seen = self._seen(taken)
+            if isinstance(seen, str):
+                return self._unknown(seen, started)
+            self._newest = seen
+        return self._result(self._newest, started)
 
-    def _depth(self, taken: Frame, started: float) -> RangedDepth:
-        """Of a new picture, or of one shown again that had no depth."""
+    def _seen(self, taken: Frame) -> _Seen | str:
+        """What a picture's pairs show; a string says why there is nothing."""
         current = replace(taken, image=self._vignetting.evened(taken.image))
         chosen = self._pairs(current)
         if self._network.card.knows_direction:  # others err more in pictures that are evened out
             self._vignetting.watch(taken, self._buffer.frames)
         self._buffer.add(taken)
         if isinstance(chosen, str):
-            return self._unknown(chosen, started)
+            return chosen
         pairs, seer = chosen
         if self._derotate:
             pairs = self._derotation.of(pairs, current)
         if not pairs:
-            return self._unknown(NOT_RIGID, started)
+            return NOT_RIGID
         predict = partial(self._predict, current=current, network=seer.network)
         pairs, prediction = self._memory.predicted(pairs, seer.network, predict)
         fused = self._fuse(pairs, prediction, seer.card)
@@ -257,8 +280,7 @@ class MultiRangeEstimator:
             fused = self._held_still(current.stamp_ns, pairs, fused)
         if self._fusion == "saturation":
             fused = within_reach(fused)
-        at_source = self._at_source(fused.depth_m, current.image)
-        return self._result(pairs, prediction, fused, at_source, seer=seer, started=started)
+        return _Seen(current, pairs, prediction, fused, seer, self._choice.doubt)
 
     def _forget_before(self, stamp_ns: int) -> None:
         self._buffer.expire(stamp_ns)
@@ -305,8 +327,10 @@ class MultiRangeEstimator:
             for pair in pairs
         ]
         displacements_n3 = np.stack([pair.displacement_m for pair in pairs])
-        found = widened(network.predict(previous, current.image, displacements_n3, camera), pairs, camera)
-        return found if self._shown is None else found.where(self._shown)
+        if self._shown is None:
+            return widened(network.predict(previous, current.image, displacements_n3, camera), pairs, camera)
+        found = network.predict(previous, current.image, displacements_n3, camera, self._shown)
+        return widened(found, pairs, camera).where(self._shown)
 
     def _fuse(self, pairs: tuple[Pair, ...], prediction: Prediction, card: NetworkCard) -> Fused:
         camera, seen = self._grid.camera, None
@@ -330,21 +354,17 @@ class MultiRangeEstimator:
         self._averaged_ns = stamp_ns
         return self._average.add(fused, step)
 
-    def _result(
-        self,
-        pairs: tuple[Pair, ...],
-        prediction: Prediction,
-        fused: Fused,
-        at_source: AtSource,
-        *,
-        seer: Seer,
-        started: float,
-    ) -> RangedDepth:
+    def _result(self, seen: _Seen, started: float) -> RangedDepth:
+        """At the source's pixels, in arrays that are the caller's."""
+        pairs, fused, seer = seen.pairs, seen.fused, seen.seer
+        at_source = self._at_source(fused.depth_m, seen.current.image)
+        confidence = at_source(fused.confidence)
+        np.copyto(confidence, np.float32(0), where=np.isnan(confidence))
         return RangedDepth(
             depth_m=at_source.depth_m,
-            confidence=np.nan_to_num(at_source(fused.confidence), copy=False, nan=0.0),
+            confidence=confidence,
             sigma_m=None if fused.sigma_m is None else at_source(fused.sigma_m),
-            range_depths_m=prediction.depth_m,
+            range_depths_m=seen.prediction.depth_m.copy(),
             shifts=np.array([self._frames_given - pair.previous.index for pair in pairs]),
             displacements_m=np.array([pair.length_m for pair in pairs]),
             centroids_m=np.array([pair.depth_m for pair in pairs]),
@@ -352,7 +372,7 @@ class MultiRangeEstimator:
             nearer_than_m=_bound(fused.nearer_than_m, at_source),
             latency_ms=_since_ms(started),
             notes=self._notes(seer),
-            doubt=self._choice.doubt,
+            doubt=seen.doubt,
             moved_m=self._moved(pairs, seer.card),
             network=seer.card.name,
         )
@@ -375,12 +395,14 @@ def _bound(bound_m: Map, at_source: AtSource) -> Map:
     """A bound at the source's size; it is one value over wide areas, and known only where depth is not."""
     if not np.isfinite(bound_m).any():
         return np.full_like(at_source.depth_m, np.nan)
-    return np.where(np.isfinite(at_source.depth_m), np.float32(np.nan), at_source.marks(bound_m))
+    bound = at_source.marks(bound_m)
+    np.copyto(bound, np.float32(np.nan), where=np.isfinite(at_source.depth_m))
+    return bound
 
 
 def check_ranges(ranges: int) -> None:
     """Refuse a number of ranges that the paper's system does not have."""
-    if not 1 <= ranges <= MAX_RANGES:
+    if not (isinstance(ranges, int | np.integer) and 1 <= ranges <= MAX_RANGES):
         raise BadInput("ranges", expected=f"1 to {MAX_RANGES}", got=str(ranges))
 
 

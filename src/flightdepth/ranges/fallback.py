@@ -10,6 +10,7 @@ from flightdepth.camera import Camera
 from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector
 from flightdepth.ranges.network import DepthNetwork, Map, Movable
+from flightdepth.runtimes.arrays import Flags
 from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.prediction import Prediction
 
@@ -29,13 +30,19 @@ class OnGridOf:
         return self._network.grid(camera)
 
     def predict(
-        self, previous_n: Sequence[AnyImage], current: AnyImage, displacements_n3: Vector, camera: Camera, /
+        self,
+        previous_n: Sequence[AnyImage],
+        current: AnyImage,
+        displacements_n3: Vector,
+        camera: Camera,
+        valid: Flags | None = None,
+        /,
     ) -> Prediction:
         """As the network's own, [n, h, w] with a quarter of the sides of `camera`."""
-        found = self._network.predict(previous_n, current, displacements_n3, camera)
         grid = self._network.grid(camera)
         if grid.camera == camera:  # the same size is not enough: its pixels may be of another focal length
-            return found
+            return self._network.predict(previous_n, current, displacements_n3, camera, valid)
+        found = self._network.predict(previous_n, current, displacements_n3, camera)
 
         def resized(maps: Map) -> Map:
             """Of each 4x4 of the picture's pixels one in the middle."""

@@ -133,6 +133,7 @@ def fuse(
     depth = _mean(share, np.where(said.measured, depths_m, np.float32(0)), unknown)
     sigma = None
     if sigma_m is not None:
+        sigma_m = sigma_m if told is None else told
         sigma = _mean(share, np.where(said.measured, sigma_m, np.float32(0)), unknown)
     best = np.asarray(w.max(axis=0) / np.float32(1 + EPSILON), dtype=np.float32)
     confidence = best if sigma is None else chance(depth, sigma)

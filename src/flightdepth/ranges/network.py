@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector
+from flightdepth.runtimes.arrays import Flags
 from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.prediction import Prediction
 from flightdepth.weights.card import NetworkCard
@@ -43,9 +44,15 @@ class DepthNetwork(Protocol):
         """The grid for one source camera."""
 
     def predict(
-        self, previous_n: Sequence[AnyImage], current: AnyImage, displacements_n3: Vector, camera: Camera, /
+        self,
+        previous_n: Sequence[AnyImage],
+        current: AnyImage,
+        displacements_n3: Vector,
+        camera: Camera,
+        valid: Flags | None = None,
+        /,
     ) -> Prediction:
-        """One batch of n pairs; displacements in metres [n, 3].
+        """One batch of n pairs; displacements in metres [n, 3]; `valid` [h, w]: which outputs count, None: the grid's.
 
         Raises:
             OutOfMemory: the device has no room for so many.

@@ -79,6 +79,7 @@ class Planner:
         """The lens changed: the card at the new focal length, and `sides`. What was learnt in metres holds."""
         before, self._shift_per_depth = self._shift_per_depth, MAX_PICTURE_SHIFT * sides
         self._card, self._limit_m = card, self._limit_m * self._shift_per_depth / before
+        self._depth_before_m = None  # at other pixels
 
     def wanted(self, stamp_ns: int, usable_m: Vector) -> tuple[Vector, Vector]:
         """Wanted displacements [m] and the depths [m] that ask for them (NaN at start-up), metres.

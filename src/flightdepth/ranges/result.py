@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,10 +62,6 @@ class RangedDepth:
             raise ValueError(f"expected moved_m [{n}, 3], got {self.moved_m.shape}")
         if (n == 0) != (self.reason is not None):
             raise ValueError("expected a reason where there is no depth, and only there")
-
-    def a_frame_later(self, latency_ms: float) -> RangedDepth:
-        """The same of the next frame, which shows the same picture."""
-        return replace(self, shifts=self.shifts + 1, latency_ms=latency_ms)
 
     @classmethod
     def unknown(cls, height: int, width: int, reason: str, latency_ms: float) -> RangedDepth:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from numbers import Integral
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.records import LATEST_NS
 
 Stamps = NDArray[np.int64]
 Rows = NDArray[np.float64]
@@ -16,12 +15,17 @@ FIRST_CAPACITY = 1024
 MOST_ROWS = 65536
 
 
-def check_stamp(stamp_ns: int) -> None:
-    """Refuse times that are no whole nanoseconds: seconds, as ROS users add them up, lie closer than they tell."""
-    if not isinstance(stamp_ns, Integral):
-        raise BadInput(
-            "stamp_ns", expected="whole nanoseconds", got=f"{type(stamp_ns).__name__} {stamp_ns!r}"
-        )
+def checked_stamp(stamp_ns: int) -> int:
+    """A time as Python's own number, since NumPy's overflow; refused where it is no whole nanoseconds of 64 bits.
+
+    Seconds, as ROS users add them up, lie closer than they tell.
+    """
+    if not isinstance(stamp_ns, int | np.integer):
+        got = f"{type(stamp_ns).__name__} {stamp_ns!r}"
+        raise BadInput("stamp_ns", expected="whole nanoseconds", got=got)
+    if abs(int(stamp_ns)) > LATEST_NS:
+        raise BadInput("stamp_ns", expected="146 years of nanoseconds at most", got=str(stamp_ns))
+    return int(stamp_ns)
 
 
 class Timeline:
@@ -56,7 +60,7 @@ class Timeline:
 
     def add(self, stamp_ns: int, row: ArrayLike) -> bool:
         """Append a row; False, and nothing kept, when `stamp_ns` does not come after the newest."""
-        check_stamp(stamp_ns)
+        stamp_ns = checked_stamp(stamp_ns)
         newest = self.newest_ns
         if newest is not None and stamp_ns <= newest:
             return False

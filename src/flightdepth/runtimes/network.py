@@ -15,7 +15,7 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.levels import AnyImage, Image
 from flightdepth.runtimes.alignment import align
-from flightdepth.runtimes.arrays import Maps
+from flightdepth.runtimes.arrays import Flags, Maps
 from flightdepth.runtimes.coarser import beyond_reach, coarser_grid, take_near
 from flightdepth.runtimes.contract import DEPTH, SIGMA, Arrays, Precision, Runtime
 from flightdepth.runtimes.devices import OPENVINO_DEVICES, on_cpu, open_runtime
@@ -110,13 +110,15 @@ class Network:
         current: AnyImage,
         displacements: ArrayLike,
         camera: Camera,
+        valid: Flags | None = None,
     ) -> Prediction:
         """One batch of n pairs that share `current`: maps on the output grid, padding included (see `valid`).
 
         previous_n     n pictures RGB [H, W, 3], 0 to 255: uint8, or float32 for a grid's own camera
         displacements  metres, (n, 3) in `current`'s frame; or bare lengths (n,), if the network needs no direction
+        valid          [h, w] bool, which outputs count, for who masks some; None: those of the camera's grid
         """
-        return self._predict(previous_n, current, displacements, camera)[0]
+        return self._predict(previous_n, current, displacements, camera, valid)[0]
 
     def _predict(
         self,
@@ -124,6 +126,7 @@ class Network:
         current: AnyImage,
         displacements: ArrayLike,
         camera: Camera,
+        valid: Flags | None = None,
     ) -> tuple[Prediction, AnyImage]:
         """The maps, and `current` on the grid."""
         lengths_m = displacement_lengths(displacements, len(previous_n))
@@ -141,8 +144,8 @@ class Network:
         for previous in previous_n:
             grid.check("previous image", previous)
         on_grid = [grid.image(previous) for previous in previous_n]
-        seen = grid.image(current)
-        output = self._look(on_grid, seen, np.asarray(displacements), grid)
+        seen, valid = grid.image(current), grid.valid if valid is None else valid
+        output = self._look(on_grid, seen, np.asarray(displacements), grid, valid)
         if self.card.knows_direction and self.aligned:
             align(self.card, output, on_grid, seen, np.asarray(displacements), camera=grid.camera)
         beta = output[DEPTH] / np.float32(self.card.depth_max_m)
@@ -150,9 +153,9 @@ class Network:
         metres = np.where(lengths_m > 0, alpha * lengths_m, np.nan).astype(np.float32)[:, None, None]
         sigma_m = None
         if SIGMA in output:
-            scale = error_bar_scale(self.card, beta, grid.valid, grid.camera.fx)
+            scale = error_bar_scale(self.card, beta, valid, grid.camera.fx)
             sigma_m = output[SIGMA] * (scale / np.float32(self.card.depth_max_m)) * metres
-        return Prediction(beta, beta * metres, sigma_m, grid.valid), seen
+        return Prediction(beta, beta * metres, sigma_m, valid), seen
 
     def at_focal(self, focal_px: float) -> Network:
         """The same network with its pictures scaled to another focal length, where it knows any."""
@@ -196,14 +199,15 @@ class Network:
         current: AnyImage,
         displacements: NDArray[np.float64],
         grid: NetworkGrid,
+        valid: Flags,
     ) -> dict[str, Maps]:
-        """Outputs for pictures on `grid`; what moved too far there is seen in smaller ones."""
+        """Outputs for pictures on `grid`; where enough of what is `valid` moved too far, it is seen in smaller ones."""
         output = self.runtime(self._batch(previous_n, current, displacements, grid.camera))
-        far = beyond_reach(self.card, output[DEPTH], grid.valid)
+        far = beyond_reach(self.card, output[DEPTH], valid)
         smaller = coarser_grid(self.card, grid.camera) if far else None
         if smaller is not None:
             shrunk = [smaller.image(previous_n[i]) for i in far]
-            coarse = self._look(shrunk, smaller.image(current), displacements[far], smaller)
+            coarse = self._look(shrunk, smaller.image(current), displacements[far], smaller, smaller.valid)
             take_near(self.card, output, far, coarse, smaller)
         return output
 
