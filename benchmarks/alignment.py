@@ -5,7 +5,7 @@
     python benchmarks/alignment.py --fit FILE.onnx --go-on           the error bars alone, of the one that ships, where
                                                                      the motion is known
 
-Rendered rooms and flights outdoors that nothing else uses, as `flightdepth.evaluation.judging_pairs` draws them: any
+Rendered rooms and flights outdoors that nothing else uses, as `judging_pairs.py` draws them: any
 lens, camera effects, motions that are reported wrongly; to fit, also things that move by themselves. One core, without
 and with it in turns; compare within a run.
 """
@@ -20,12 +20,12 @@ from typing import Any
 
 import cv2
 import numpy as np
+from judging import RATE, STEPS, fitted_judge, told_of
+from judging_pairs import MOVING_SHARE, fitting_pairs
 from rich.console import Console
 from rich.table import Table
 
 from flightdepth.commands.terminal import counted, progress_bar
-from flightdepth.evaluation.judging import RATE, STEPS, fitted_judge, told_of
-from flightdepth.evaluation.judging_pairs import MOVING_SHARE, fitting_pairs
 from flightdepth.evaluation.provenance import origin_of
 from flightdepth.processor import cpu_name
 from flightdepth.runtimes.judge import JUDGE

@@ -20,7 +20,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -33,7 +33,7 @@ from flightdepth.camera import Camera
 from flightdepth.evaluation.network_tables import laid_out
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.files import write_json
-from flightdepth.processor import cpu_name, cpu_runs_bf16
+from flightdepth.processor import cpu_name, cpu_runs_bf16, openvino_core
 from flightdepth.runtimes.contract import Arrays, Runtime
 from flightdepth.runtimes.inputs import paired_inputs, swept_inputs
 from flightdepth.runtimes.network import Network
@@ -151,9 +151,7 @@ def times_ms(calls: Mapping[tuple[str, str], Call], seconds: float) -> dict[tupl
 
 def operations(onnx: bytes, made: Arrays) -> int:
     """Two for each multiplication and addition of the convolutions and products of matrices of one call."""
-    import openvino as ov
-
-    model = ov.Core().read_model(onnx)
+    model = openvino_core().read_model(onnx)
     model.reshape({name: list(array.shape) for name, array in made.items()})
     found = 0
     for node in model.get_ops():
@@ -168,6 +166,7 @@ def operations(onnx: bytes, made: Arrays) -> int:
     return found
 
 
+@cache
 def matrix_products() -> dict[str, Call]:
     """A product of two square matrices in each precision, by the runtime whose peak it tells."""
     import openvino as ov
@@ -187,7 +186,7 @@ def matrix_products() -> dict[str, Call]:
             ]
         hints = {"INFERENCE_PRECISION_HINT": "bf16" if precision == "bf16" else "f32"}
         model = ov.Model([op.matmul(*factors, False, False)], [given])
-        compiled = ov.Core().compile_model(model, "CPU", hints | {"PERFORMANCE_HINT": "LATENCY"})
+        compiled = openvino_core().compile_model(model, "CPU", hints | {"PERFORMANCE_HINT": "LATENCY"})
         request = compiled.create_infer_request()
         return partial(request.infer, [left], share_inputs=True, share_outputs=True)
 

@@ -3,7 +3,7 @@
     python benchmarks/moving_things.py [--networks NAME ...] [--pairs N]
 
 Rendered rooms and flights outdoors that nothing else uses, any lens, camera effects, motions that are reported wrongly,
-with one thing each (`flightdepth.evaluation.moving`). A depth is told where its error bar is less than two fifths of
+with one thing each (`moving.py`). A depth is told where its error bar is less than two fifths of
 it, as in flight.
 """
 
@@ -14,12 +14,12 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
+from judging_pairs import fitting_pairs
+from moving import with_moving_thing
 from rich.console import Console
 from rich.table import Table
 
 from flightdepth.commands.terminal import counted
-from flightdepth.evaluation.judging_pairs import fitting_pairs
-from flightdepth.evaluation.moving import with_moving_thing
 from flightdepth.evaluation.provenance import origin_of
 from flightdepth.ranges.fusion import WORST_SIGMA
 from flightdepth.runtimes.network import Network, load_network

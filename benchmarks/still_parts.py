@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.commands.demo import AT_TRUTH, CALIBRATION, LOG, TRUTH, VIDEO
+from flightdepth.evaluation.provenance import origin_of
 from flightdepth.flight import Flight, Frame, open_flight
 from flightdepth.outputs import read_depth
 from flightdepth.outputs.run import depths
 from flightdepth.ranges import MultiRangeEstimator
-from flightdepth.runtimes.network import load_network
+from flightdepth.runtimes.network import Network, load_network
 
 START_S, END_S, FRAMES_S = 1.0, 5.1, 30
 FARTHEST_M = 100.0  # of the truth that counts
@@ -81,7 +82,7 @@ class Drawn:
             yield replace(event, image=image)
 
 
-def row(network: str, still: Still, *, drawn: bool, masked: bool) -> str:
+def row(network: Network, still: Still, *, drawn: bool, masked: bool) -> str:
     """The figures of one run."""
     near = cv2.dilate(still.where.astype(np.uint8), np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8)) > 0
     parts = {"beside": near & ~still.where, "elsewhere": ~near}
@@ -89,7 +90,7 @@ def row(network: str, still: Still, *, drawn: bool, masked: bool) -> str:
     errors: dict[str, list[NDArray[np.float64]]] = {name: [] for name in parts}
     with open_flight(VIDEO, LOG, CALIBRATION, start_s=START_S, end_s=END_S) as flight:
         mask = ~still.where if masked else None
-        estimator = MultiRangeEstimator(load_network(network), flight.camera, ranges=2, mask=mask)
+        estimator = MultiRangeEstimator(network, flight.camera, ranges=2, mask=mask)
         for frame, result in depths(Drawn(flight, still) if drawn else flight, estimator):  # type: ignore[arg-type]
             truth = TRUTH / f"{round(frame.stamp_ns * 1e-9 * FRAMES_S):06d}.png"
             if not truth.exists() or result.reason is not None:
@@ -115,11 +116,15 @@ def main() -> None:
     print(
         f"{'':34} {'in it: depth':>12} {'farther than':>12} {'beside':>10} {'known':>6} {'else':>10} {'known':>6}"
     )
-    for network in wanted:
+    for network in map(load_network, wanted):
+        print(f"{network.card.name}: {origin_of(network)}")
         for name, still in {"leg": leg(), "text": text()}.items():
             for way in ("not there", "no mask", "masked"):
                 figures = row(network, still, drawn=way != "not there", masked=way == "masked")
-                print(f"{network:12} {name} of {still.where.mean():.1%}, {way:9} {figures}", flush=True)
+                print(
+                    f"{network.card.name:12} {name} of {still.where.mean():.1%}, {way:9} {figures}",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from unittest.mock import patch
 import numpy as np
 
 from flightdepth.commands.demo import AT_TRUTH, CALIBRATION, LOG, TRUTH, VIDEO
+from flightdepth.evaluation.provenance import origin_of
 from flightdepth.flight.cameras import choose_camera
 from flightdepth.flight.open import Flight
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, Telemetry, VelocitySample
@@ -26,7 +27,7 @@ from flightdepth.outputs import read_depth
 from flightdepth.outputs.run import depths
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.ranges.log_check import LogCheck
-from flightdepth.runtimes.network import load_network
+from flightdepth.runtimes.network import Network, load_network
 
 FARTHEST_M = 200.0
 
@@ -79,12 +80,12 @@ class Row:
         return f"{known:6.0f} {error:7.1f} {confidence:10.0f} {denied:7.0f}"
 
 
-def flown(log: Telemetry) -> Row:
+def flown(network: Network, log: Telemetry) -> Row:
     """The sample flight with a log."""
     row = Row([], [], [], [])
     video = Video(VIDEO)
     with Flight(video, choose_camera(video, CALIBRATION, None, log), log, 0.0) as flight:
-        estimator = MultiRangeEstimator(load_network("motion"), flight.camera, ranges=2)
+        estimator = MultiRangeEstimator(network, flight.camera, ranges=2)
         for frame, result in depths(flight, estimator):
             row.denied.append(result.doubt is not None)
             path = TRUTH / f"{frame.index:06d}.png"
@@ -103,12 +104,14 @@ def flown(log: Telemetry) -> Row:
 def main() -> None:
     """Print the table."""
     argparse.ArgumentParser(description=__doc__).parse_args()
+    network = load_network("motion")
+    print(origin_of(network))
     print(f"{'% of each':28} {'known':>6} {'error':>7} {'confidence':>10} {'denied':>7}")
     right = read_telemetry(LOG)
     for name, change in LOGS.items():
         for kind in ("without", "with"):
             with patch.object(LogCheck, "denies", return_value=False) if kind == "without" else nullcontext():
-                print(f"{name + ', ' + kind:28} {flown(change(right))}", flush=True)
+                print(f"{name + ', ' + kind:28} {flown(network, change(right))}", flush=True)
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ def call(*arguments):
 def test_figures_and_page(tmp_path, capsys):
     assert call("--out", tmp_path, "--scenes", 1, "--frames", 34) == 0
     said = capsys.readouterr().out
-    assert "3 flights of 34 frames and 0 sequences to render: about" in said
+    assert "flights of 34 frames: 3; sequences to render: 1" in said
     assert "DIS flow, n = 2" in said
     assert "best constant depth" in said
     figures = json.loads((tmp_path / "ranges.json").read_text())

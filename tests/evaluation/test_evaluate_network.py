@@ -41,6 +41,18 @@ class Constant:
         return {"depth_m": np.full((n, height // 4, width // 4), self.depth_m, np.float32)}
 
 
+class Sure(Constant):
+    """The same, `sigma_m` its error bar everywhere."""
+
+    def __init__(self, depth_m: float, sigma_m: float) -> None:
+        super().__init__(depth_m)
+        self.sigma_m = sigma_m
+
+    def __call__(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        found = super().__call__(inputs)
+        return found | {"sigma_m": np.full_like(found["depth_m"], self.sigma_m)}
+
+
 def pairs() -> list[PlanePair]:
     ways = [(D0, 0.0, 0.0), (0.0, 0.0, D0), (0.0, -D0, 0.0)]
     return [
@@ -72,6 +84,22 @@ def test_angles_of_travel_tell_the_pictures_apart() -> None:
     angles = {row["from_deg"]: row for row in result["network"]["travel_angles"] if row["pictures"]}
     assert angles[0]["l1_m"] == pytest.approx(1, rel=1e-4)
     assert (angles[90]["l1_m"], angles[90]["pictures"]) == (pytest.approx(2, rel=1e-4), 2)
+
+
+def test_pixels_without_a_truth_say_nothing_of_the_error_bar() -> None:
+    """They counted as outside of it, and made its errors NaN."""
+    network, pair = Network(CARD, Sure(6.0, 2.2)), pairs()[0]  # its truth is 4 m
+    whole, holed, unknown = (
+        evaluate_network(network, [replace(pair, depth_m=depth_m)], set_name="holes")
+        for depth_m in (
+            pair.depth_m,
+            np.where(np.arange(128) < 64, pair.depth_m, np.nan),
+            np.full_like(pair.depth_m, np.nan),
+        )
+    )
+    assert whole["spread"]["inside_one"] == whole["spread"]["believed"]["inside_one"] == 1
+    assert holed["spread"] == whole["spread"]
+    assert "spread" not in unknown
 
 
 def test_the_result_is_json(tmp_path: Path) -> None:

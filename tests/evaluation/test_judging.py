@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -11,11 +14,14 @@ import pytest
 import torch
 from onnx import numpy_helper
 
-from flightdepth.evaluation import judging
-from flightdepth.evaluation.judging import Told, bar_loss, fitted_judge, told_of
-from flightdepth.evaluation.judging_pairs import fitting_pairs
 from flightdepth.runtimes.judge import JUDGE, Judge, judge
 from flightdepth.runtimes.network import load_network
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+judging = importlib.import_module("judging")
+Told, bar_loss = judging.Told, judging.bar_loss
+fitted_judge, told_of = judging.fitted_judge, judging.told_of
+fitting_pairs = importlib.import_module("judging_pairs").fitting_pairs
 
 CLUES = 7
 

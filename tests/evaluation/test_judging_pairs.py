@@ -1,16 +1,21 @@
 """Pairs to fit the judge on: what is drawn for them has nothing to do with what the scenes draw."""
 
+import importlib
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from flightdepth.evaluation import judging_pairs
-from flightdepth.evaluation.judging_pairs import fitting_pairs
 from flightdepth.renderers.raycast import Rendered
 from flightdepth.scenes import Textures
 from flightdepth.scenes.draw import stillbox_velocity
 from flightdepth.scenes.outdoor import outdoor_velocity
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+judging_pairs = importlib.import_module("judging_pairs")
+fitting_pairs = judging_pairs.fitting_pairs
 
 PAIRS = 400
 NOTHING = Rendered(np.zeros((2, 4, 4, 3), np.uint8), np.ones((2, 4, 4), np.float32))

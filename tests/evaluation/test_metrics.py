@@ -68,6 +68,11 @@ def test_an_unknown_prediction_lowers_known_and_nothing_else() -> None:
     assert (errors.l1_m, errors.known) == (2, 0.25)
 
 
+def test_a_truth_of_0_has_an_error_in_metres_alone() -> None:
+    errors = picture_errors(ONES * 3, np.array([[0, 2], [0, 2]], np.float32))
+    assert (errors.l1_m, errors.abs_rel, errors.delta) == (2, 0.5, 0)
+
+
 @pytest.mark.parametrize(("prediction", "truth"), [(NOTHING, ONES), (ONES, NOTHING), (NOTHING, NOTHING)])
 def test_nothing_valid_is_nan(prediction: np.ndarray, truth: np.ndarray) -> None:
     errors = picture_errors(prediction, truth)
@@ -83,7 +88,7 @@ def test_maps_of_two_sizes_are_our_bug() -> None:
 def test_depth_bins_add_up_to_the_l1(a: np.ndarray, b: np.ndarray) -> None:
     errors = picture_errors(a, b / 2)  # within the bins
     assert errors.bins[:, 0].sum() == 4
-    assert errors.bins[:, 1].sum() / 4 == pytest.approx(errors.l1_m)
+    assert errors.bins[:, 3].sum() / 4 == pytest.approx(errors.l1_m)
 
 
 def test_the_largest_depth_falls_into_the_last_bin() -> None:

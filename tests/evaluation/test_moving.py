@@ -1,18 +1,24 @@
 """A thing that moves by itself is where it should be in both pictures, and by how far it left its line is told."""
 
+import importlib
+import sys
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation import moving
-from flightdepth.evaluation.judging_pairs import fitting_pairs
-from flightdepth.evaluation.moving import with_moving_thing
 from flightdepth.ranges.fusion import WORST_SIGMA
 from flightdepth.runtimes.network import load_network
 from flightdepth.scenes import Textures
 from flightdepth.stillbox.pairs import Pair
 from flightdepth.triangulation import flow_of_depth
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+moving = importlib.import_module("moving")
+with_moving_thing = moving.with_moving_thing
+fitting_pairs = importlib.import_module("judging_pairs").fitting_pairs
 
 CAMERA = Camera.from_fov(256, 192, 80)
 BEHIND_M = 40.0

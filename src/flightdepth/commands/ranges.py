@@ -99,12 +99,9 @@ def ranges(
     study = Study(out, scenes, Sequences(frames), trials=all_trials(named, quick=quick, networks=own))
     for name in study.missing:
         warn(f"{name} is no network of this build: its rows are left out")
-    left = study.workload()
-    if left.flights:
-        say(
-            f"{left.flights} flights of {frames} frames and {left.renders} sequences to render: "
-            f"about {_minutes(left.seconds)} at the speed that this machine has now"
-        )
+    flights, renders = study.left()
+    if flights:
+        say(f"flights of {frames} frames: {flights}; sequences to render: {renders}")
     for _ in counted(study, "ranges", "flights"):
         pass
     found = result(study)
@@ -112,10 +109,6 @@ def ranges(
     write_atomic(out / PAGE, page(found).encode())
     show(found)
     say(f"figures: {out / FIGURES}; open {out / PAGE} in a browser")
-
-
-def _minutes(seconds: float) -> str:
-    return f"{seconds / 60:.0f} min" if seconds >= 90 else f"{seconds:.0f} s"
 
 
 def show(found: dict[str, Any]) -> None:

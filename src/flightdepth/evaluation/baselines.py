@@ -103,11 +103,11 @@ class BaselineStudy:
             m.name: m.answer(pair.previous, moment.current, pair.displacement, self._camera)
             for m in self._methods
         }
+        errors = {name: warp.error_map(answer.depth_m) for name, answer in answers.items()}
         for name, answer in answers.items():
-            self._matches[name, pair.wanted_m].append(warp.match(answer.depth_m))
+            self._matches[name, pair.wanted_m].append(warp.match(errors[name]))
             self._measured[name, pair.wanted_m].append(float(answer.measured[self._valid].mean()))
         self._matches[CONSTANT, pair.wanted_m].append(warp.best_constant())
-        errors = {name: warp.error_map(answer.depth_m) for name, answer in answers.items()}
         return Sight(moment.index, moment.current, pair, warp.unmoved_map(), answers, errors)
 
     def _compare(self, shorter: Sight, longer: Sight) -> None:

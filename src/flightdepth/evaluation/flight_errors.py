@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
+from flightdepth.evaluation.metrics import DepthErrors, depth_errors, depth_sums
 from flightdepth.evaluation.network_tables import number, percent
 from flightdepth.runtimes.arrays import Flags, Maps
 
@@ -36,26 +36,6 @@ RANGES = (
 )
 
 
-@dataclass(frozen=True)
-class RangeErrors:
-    """Errors of one estimator in one range of true depth; NaN where it gave no depth there.
-
-    pixels   with a true depth in the range
-    known    share of them with an estimate; the errors below are over these
-    l1_m     mean |estimate - truth|
-    rmse_m   root of the mean of its square
-    abs_rel  mean |estimate - truth| / truth
-    delta    share with max(estimate / truth, truth / estimate) < 1.25
-    """
-
-    pixels: int
-    known: float
-    l1_m: float
-    rmse_m: float
-    abs_rel: float
-    delta: float
-
-
 class FlightErrors:
     """Sums errors frame by frame, so that no flight has to be kept in memory."""
 
@@ -63,21 +43,22 @@ class FlightErrors:
         self.ranges = tuple(ranges)
         self._sums: dict[str, NDArray[np.float64]] = {}
 
-    def add(self, estimator: str, depth_m: Maps, truth_m: Maps) -> tuple[RangeErrors, ...]:
+    def add(self, estimator: str, depth_m: Maps, truth_m: Maps) -> tuple[DepthErrors, ...]:
         """Count one frame of `estimator`: maps [H, W] in metres, NaN = unknown (not counted in the truth).
 
         Returns the errors of this frame alone, of each range.
         """
         if depth_m.shape != truth_m.shape:
             raise ValueError(f"expected depth {truth_m.shape}, got {depth_m.shape}")
-        of_frame = np.stack([frame_sums(depth_m, truth_m, depth_range) for depth_range in self.ranges])
+        inside = (within(truth_m, depth_range) for depth_range in self.ranges)
+        of_frame = np.stack([depth_sums(depth_m, truth_m, each) for each in inside])
         sums = self._sums.setdefault(estimator, np.zeros_like(of_frame))
         sums += of_frame
-        return tuple(map(range_errors, of_frame))
+        return tuple(map(depth_errors, of_frame))
 
-    def result(self) -> Mapping[str, tuple[RangeErrors, ...]]:
+    def result(self) -> Mapping[str, tuple[DepthErrors, ...]]:
         """Per estimator, in the order they were first added, the errors of each range."""
-        return {name: tuple(map(range_errors, sums)) for name, sums in self._sums.items()}
+        return {name: tuple(map(depth_errors, sums)) for name, sums in self._sums.items()}
 
     def table(self) -> Table:
         """Relative error, L1 and coverage per range, estimators side by side."""
@@ -92,37 +73,11 @@ class FlightErrors:
         return table
 
 
-def frame_sums(depth_m: Maps, truth_m: Maps, depth_range: DepthRange) -> NDArray[np.float64]:
-    """Pixels, pixels with an estimate, sums of |error|, of its square, of |error| / truth, of pixels within 1.25."""
-    inside = within(truth_m, depth_range)
-    truth, depth = truth_m[inside].astype(np.float64), depth_m[inside].astype(np.float64)
-    known = np.isfinite(depth)
-    truth, depth = truth[known], depth[known]
-    error = np.abs(depth - truth)
-    close = np.maximum(depth, truth) < 1.25 * np.minimum(depth, truth)
-    sums = error.sum(), np.square(error).sum(), (error / truth).sum(), close.sum()
-    return np.array([inside.sum(), known.sum(), *sums])
-
-
 def within(truth_m: Maps, depth_range: DepthRange) -> Flags:
     """Which true depths are in a range; those that are NaN, 0 or less are in none."""
     return np.asarray((truth_m >= depth_range.from_m) & (truth_m < depth_range.to_m) & (truth_m > 0))
 
 
-def range_errors(sums: NDArray[np.float64]) -> RangeErrors:
-    """Means from the sums of `frame_sums`."""
-    pixels, known, error, squares, relative, close = (float(value) for value in sums)
-    per_known = 1 / known if known else float("nan")
-    return RangeErrors(
-        pixels=int(pixels),
-        known=known / pixels if pixels else float("nan"),
-        l1_m=error * per_known,
-        rmse_m=math.sqrt(squares * per_known),
-        abs_rel=relative * per_known,
-        delta=close * per_known,
-    )
-
-
-def cells_of(errors: RangeErrors) -> tuple[str, str, str]:
+def cells_of(errors: DepthErrors) -> tuple[str, str, str]:
     """Relative error, L1 and coverage as text, dashes where there is nothing."""
     return percent(errors.abs_rel), number(errors.l1_m, 1), percent(errors.known)

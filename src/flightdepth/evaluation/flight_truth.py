@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.evaluation.depth_ratios import Ratios
-from flightdepth.evaluation.flight_errors import DepthRange, FlightErrors, RangeErrors, within
+from flightdepth.evaluation.flight_errors import DepthRange, FlightErrors, within
+from flightdepth.evaluation.metrics import DepthErrors
 from flightdepth.evaluation.true_depth import at_centres
 from flightdepth.files import without_nan
 from flightdepth.outputs.encoding import UNIT_M
@@ -152,7 +153,7 @@ class FlightTruth:
         self.sky_with_bound.add(sky, np.isfinite(farther))
         self.beyond.add(told, ~sky & (truth_m >= self.ranges[-1].to_m))
 
-    def range_errors(self) -> tuple[RangeErrors, ...]:
+    def range_errors(self) -> tuple[DepthErrors, ...]:
         """Those of each of `ranges`, of the frames so far."""
         return self.errors.result()[DEPTH]
 

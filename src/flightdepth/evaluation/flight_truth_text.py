@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 from rich.table import Table
 
 from flightdepth.evaluation.depth_ratios import Ratios
-from flightdepth.evaluation.flight_errors import RangeErrors
 from flightdepth.evaluation.flight_truth import FlightTruth
+from flightdepth.evaluation.metrics import DepthErrors
 from flightdepth.evaluation.network_tables import number, percent
 
 HEADINGS = (
@@ -38,7 +38,7 @@ def truth_table(found: FlightTruth) -> Table:
     return table
 
 
-def row_cells(errors: RangeErrors, ratios: Ratios, inside_sigma: float) -> tuple[str, ...]:
+def row_cells(errors: DepthErrors, ratios: Ratios, inside_sigma: float) -> tuple[str, ...]:
     """The HEADINGS' figures as text."""
     half = "-".join(number(ratios.quantile(share), 2) for share in (0.25, 0.75)) if ratios.count else "-"
     return (

@@ -1,7 +1,8 @@
-"""Errors of depth maps, per picture and summed up over a test set, as the paper's table has them."""
+"""Errors of depth maps: of some pixels, per picture, and summed up over a test set as the paper's table has them."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flightdepth.runtimes.arrays import Maps
+from flightdepth.runtimes.arrays import Flags, Maps
 
 DEPTH_EDGES_M = (0.0, 5.0, 10.0, 20.0, 40.0, 60.0, 100.0)
 ANGLE_EDGES_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 180.0)
@@ -34,22 +35,62 @@ def travel_angle_deg(displacement: ArrayLike) -> float:
 
 
 @dataclass(frozen=True)
-class PictureErrors:
-    """Errors of one picture over the pixels where prediction and truth are both known; NaN when there is none.
+class DepthErrors:
+    """Errors of depth over some pixels with a known truth; NaN where there is no depth.
 
-    l1_m      mean |prediction - truth|
-    rmse_m    root of the mean square
-    abs_rel   mean |prediction - truth| / truth, where the truth is above 0
-    delta     share of pixels with max(prediction / truth, truth / prediction) < 1.25
-    known     share of the truth's pixels for which there is a prediction
-    bins      [k, 3] per depth bin: pixels, sum of |error| in metres, sum of |error| / truth
+    pixels   with a truth
+    known    share of them with a depth; the errors below are over these
+    l1_m     mean |depth - truth|
+    rmse_m   root of the mean of its square
+    abs_rel  mean |depth - truth| / truth, where the truth is above 0
+    delta    share with max(depth / truth, truth / depth) < 1.25
     """
 
+    pixels: int
+    known: float
     l1_m: float
     rmse_m: float
     abs_rel: float
     delta: float
-    known: float
+
+
+def depth_sums(depth_m: Maps, truth_m: Maps, counted: Flags) -> NDArray[np.float64]:
+    """What `depth_errors` takes, [7], of the pixels `counted` of two maps [h, w] in metres; depth NaN = unknown.
+
+    Pixels, pixels with a depth, of these with a truth above 0, sums of |error|, of its square, of |error| / truth, and
+    pixels within 1.25.
+    """
+    truth, depth = truth_m[counted].astype(np.float64), depth_m[counted].astype(np.float64)
+    known = np.isfinite(depth)
+    truth, depth = truth[known], depth[known]
+    error, positive = np.abs(depth - truth), truth > 0
+    relative = error[positive] / truth[positive]
+    close = np.maximum(depth, truth) < 1.25 * np.minimum(depth, truth)
+    pixels = counted.sum(), known.sum(), positive.sum()
+    return np.array([*pixels, error.sum(), np.square(error).sum(), relative.sum(), close.sum()])
+
+
+def depth_errors(sums: NDArray[np.float64]) -> DepthErrors:
+    """Means from the sums [7] of `depth_sums`, of one picture or added up over several."""
+    pixels, known, positive, error, squares, relative, close = (float(value) for value in sums)
+
+    def share(part: float, whole: float) -> float:
+        return part / whole if whole else math.nan
+
+    return DepthErrors(
+        pixels=int(pixels),
+        known=share(known, pixels),
+        l1_m=share(error, known),
+        rmse_m=math.sqrt(share(squares, known)),
+        abs_rel=share(relative, positive),
+        delta=share(close, known),
+    )
+
+
+@dataclass(frozen=True)
+class PictureErrors(DepthErrors):
+    """Those of one picture, and the `depth_sums` of each depth bin, [k, 7]; the last has its upper edge."""
+
     bins: NDArray[np.float64]
 
 
@@ -57,29 +98,11 @@ def picture_errors(prediction_m: Maps, truth_m: Maps) -> PictureErrors:
     """Compare two maps [h, w] in metres, NaN = unknown."""
     if prediction_m.shape != truth_m.shape:
         raise ValueError(f"expected a prediction {truth_m.shape}, got {prediction_m.shape}")
-    with_truth = np.isfinite(truth_m)
-    both = with_truth & np.isfinite(prediction_m)
-    prediction, truth = prediction_m[both].astype(np.float64), truth_m[both].astype(np.float64)
-    error = np.abs(prediction - truth)
-    positive = truth > 0
-    relative = error[positive] / truth[positive]
-    larger = np.maximum(prediction, truth)
-    close = larger < 1.25 * np.minimum(prediction, truth)
-    return PictureErrors(
-        l1_m=mean(error),
-        rmse_m=float(np.sqrt(mean(error**2))),
-        abs_rel=mean(relative),
-        delta=mean(close),
-        known=mean(both[with_truth]),
-        bins=bin_sums(truth, error),
-    )
-
-
-def bin_sums(truth_m: NDArray[np.float64], error_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[k, 3] pixels, sum of errors and sum of relative errors per bin of the truth [N]; the last has its upper edge."""
-    relative = np.divide(error_m, truth_m, out=np.zeros_like(error_m), where=truth_m > 0)
-    columns = (np.ones_like(error_m), error_m, relative)
-    return np.stack([np.histogram(truth_m, DEPTH_EDGES_M, weights=each)[0] for each in columns], axis=1)
+    number = np.searchsorted(DEPTH_EDGES_M[1:-1], truth_m, side="right")
+    number[~((truth_m >= DEPTH_EDGES_M[0]) & (truth_m <= DEPTH_EDGES_M[-1]))] = -1
+    inside = (np.isfinite(truth_m), *(number == k for k in range(len(DEPTH_EDGES_M) - 1)))
+    whole, *bins = (depth_sums(prediction_m, truth_m, each) for each in inside)
+    return PictureErrors(**vars(depth_errors(whole)), bins=np.array(bins))
 
 
 def mean(values: NDArray[Any]) -> float:
@@ -110,13 +133,12 @@ def mean_of_known(values: NDArray[np.float64]) -> float:
 
 
 def depth_bins(bins: NDArray[np.float64]) -> list[dict[str, float]]:
-    """Rows {from_m, to_m, pixels, l1_m, abs_rel} from sums [k, 3]."""
-    rows = []
-    for (low, high), (pixels, error, relative) in zip(pairwise(DEPTH_EDGES_M), bins, strict=True):
-        per_pixel = 1 / pixels if pixels else float("nan")
-        row = {"from_m": low, "to_m": high, "pixels": pixels, "l1_m": error * per_pixel}
-        rows.append(row | {"abs_rel": relative * per_pixel})
-    return [{key: float(value) for key, value in row.items()} for row in rows]
+    """Rows {from_m, to_m, pixels, l1_m, abs_rel} from sums [k, 7]; the pixels are those with a depth."""
+    ends, errors = pairwise(DEPTH_EDGES_M), map(depth_errors, bins)
+    return [
+        {"from_m": low, "to_m": high, "pixels": float(known), "l1_m": each.l1_m, "abs_rel": each.abs_rel}
+        for (low, high), each, known in zip(ends, errors, bins[:, 1], strict=True)
+    ]
 
 
 def angle_bins(angles_deg: NDArray[np.float64], l1_m: NDArray[np.float64]) -> list[dict[str, float]]:

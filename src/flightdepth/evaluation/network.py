@@ -90,18 +90,18 @@ def evaluate_network(
 
 
 def spread_of(rows: list[Answers], card: NetworkCard) -> dict[str, Any] | None:
-    """How far the network's own error bar can be trusted, over all pixels; None where it gives none.
+    """How far the network's own error bar can be trusted, over all pixels with a truth; None where it gives none.
 
     `believed`: the share of those that flights would take for measured, and the share of these inside one sigma.
     """
     told = [(row.network_m, row.truth_m, row.sigma_m) for row in rows if row.sigma_m is not None]
     if not told:
         return None
-    depth_m, truth_m, sigma_m = (
-        np.concatenate([each.ravel() for each in maps]) for maps in zip(*told, strict=True)
-    )
-    depths, sigmas = depth_m.astype(np.float64), sigma_m.astype(np.float64)
-    errors, counted = np.abs(depths - truth_m), believed(card, depths, sigmas)
+    values = np.stack([np.concatenate([each.ravel() for each in maps]) for maps in zip(*told, strict=True)])
+    depths, truths, sigmas = values[:, np.isfinite(values).all(axis=0)].astype(np.float64)
+    if not depths.size:
+        return None
+    errors, counted = np.abs(depths - truths), believed(card, depths, sigmas)
     inside = float((errors[counted] < sigmas[counted]).mean()) if counted.any() else math.nan
     return spread_summary(errors, sigmas) | {
         "believed": {"share": float(counted.mean()), "inside_one": inside}

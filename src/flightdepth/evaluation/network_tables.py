@@ -1,4 +1,4 @@
-"""Errors of a network beside those of its peers, as tables on the terminal."""
+"""Errors of a network beside those of its peers: figures for a page too, and as tables on the terminal."""
 
 from __future__ import annotations
 
@@ -10,66 +10,68 @@ from rich.table import Table
 
 WHO = ("network", "classical", "constant")
 
-ERROR_COLUMNS = ("L1 m", "RMSE m", "abs rel", "< 1.25")
-PLACE_COLUMNS = ("pixels", "of the network's error", "its abs rel")
+
+class Words(NamedTuple):
+    """What figures are called where they are shown: each of WHO, the ratio of errors, what joins a range's ends."""
+
+    who: Mapping[str, str]
+    ratio: str
+    joint: str
 
 
-class Parts(NamedTuple):
-    """What the parts of a range are called in a result of `evaluate_network`."""
+class Figures(NamedTuple):
+    """A table, to be laid out on a terminal or on a page."""
 
-    least: str
-    most: str
-    counted: str
-
-
-PARTS = {  # of true depths, and of angles between the optical axis and the direction of travel
-    "depth_bins": Parts("from_m", "to_m", "pixels"),
-    "travel_angles": Parts("from_deg", "to_deg", "pictures"),
-}
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
 
 
-def metrics_table(result: Mapping[str, Any]) -> Table:
-    """A row each for the network, the classical peer and the best constant of `evaluate_network`."""
-    title = f"{result['name']} on {result['set']}, {result['pairs']} pairs"
-    rows = ([who, *error_cells(result, who)] for who in WHO)
-    return laid_out(title, ("", *ERROR_COLUMNS, "L1 of network / this"), rows)
+ON_TERMINAL = Words({who: who for who in WHO}, "L1 of network / this", " to ")
 
 
-def error_cells(result: Mapping[str, Any], who: str) -> list[str]:
-    """The ERROR_COLUMNS of one of WHO, and the network's L1 over its."""
-    figures = [number(result[who][key], 3) for key in ("l1_m", "rmse_m", "abs_rel", "delta")]
-    return [*figures, number(result["l1_ratios"].get(who), 2)]
+def figures(result: Mapping[str, Any], words: Words) -> tuple[Figures, Figures, Figures, Figures]:
+    """Of `evaluate_network`'s result: errors, and L1 in metres by true depth, by angle of travel and by place."""
+    return (
+        errors(result, words),
+        by_part(result, words, "depth_bins", ("depth m", "from_m", "to_m", "pixels")),
+        by_part(result, words, "travel_angles", ("degrees", "from_deg", "to_deg", "pictures")),
+        by_place(result, words),
+    )
 
 
-def parts_table(result: Mapping[str, Any], parts: str, title: str, heading: str) -> Table:
-    """Mean error in each of the PARTS."""
-    rows = part_rows(result, parts, joint=" to ")
-    return laid_out(title, (heading, PARTS[parts].counted, *WHO), rows)
-
-
-def part_rows(result: Mapping[str, Any], parts: str, *, joint: str) -> list[list[str]]:
-    """A row for each of the PARTS: its ends, what was counted in it, and the L1 of each of WHO in metres."""
-    names = PARTS[parts]
-    several = zip(*(result[who][parts] for who in WHO), strict=True)
-    return [
+def errors(result: Mapping[str, Any], words: Words) -> Figures:
+    """A row for each of WHO, with the network's L1 over its."""
+    rows = [
         [
-            f"{each[0][names.least]:g}{joint}{each[0][names.most]:g}",
-            f"{each[0][names.counted]:,.0f}",
-            *(number(errors["l1_m"], 2) for errors in each),
+            words.who[who],
+            *(number(result[who][key], 3) for key in ("l1_m", "rmse_m", "abs_rel", "delta")),
+            number(result["l1_ratios"].get(who), 2),
         ]
-        for each in several
+        for who in WHO
     ]
+    return Figures(("", "L1 m", "RMSE m", "abs rel", "< 1.25", words.ratio), rows)
 
 
-def places_table(result: Mapping[str, Any]) -> Table:
-    """Mean error in each of `places.PLACES`."""
-    headings = ("", *PLACE_COLUMNS, *WHO)
-    return laid_out("where the error sits, L1 in metres", headings, place_rows(result))
+def by_part(result: Mapping[str, Any], words: Words, key: str, names: tuple[str, str, str, str]) -> Figures:
+    """A row for each part of a range: its ends, what was counted in it, and the L1 of each of WHO in metres.
+
+    names   what the range is called here; its ends and what was counted, in the result
+    """
+    heading, least, most, counted = names
+    rows = [
+        [
+            f"{each[0][least]:g}{words.joint}{each[0][most]:g}",
+            f"{each[0][counted]:,.0f}",
+            *(number(part["l1_m"], 2) for part in each),
+        ]
+        for each in zip(*(result[who][key] for who in WHO), strict=True)
+    ]
+    return Figures((heading, counted, *words.who.values()), rows)
 
 
-def place_rows(result: Mapping[str, Any]) -> list[list[str]]:
-    """A row for each of `places.PLACES`: the PLACE_COLUMNS, and the L1 of each of WHO in metres."""
-    return [
+def by_place(result: Mapping[str, Any], words: Words) -> Figures:
+    """A row for each of `places.PLACES`."""
+    rows = [
         [
             row["place"],
             percent(row["share"]),
@@ -79,6 +81,7 @@ def place_rows(result: Mapping[str, Any]) -> list[list[str]]:
         ]
         for row in result["places"]
     ]
+    return Figures(("", "pixels", "of the network's error", "its abs rel", *words.who.values()), rows)
 
 
 def spread_table(result: Mapping[str, Any]) -> Table:
@@ -103,13 +106,15 @@ def inside(spread: Mapping[str, Any]) -> str:
 
 def tables(result: Mapping[str, Any]) -> Sequence[Table]:
     """All tables of a result, in reading order."""
-    first = (
-        metrics_table(result),
-        parts_table(result, "depth_bins", "L1 in metres per depth", "depth m"),
-        parts_table(result, "travel_angles", "L1 in metres per angle of travel (0 = forward)", "degrees"),
-        places_table(result),
+    titles = (
+        f"{result['name']} on {result['set']}, {result['pairs']} pairs",
+        "L1 in metres per depth",
+        "L1 in metres per angle of travel (0 = forward)",
+        "where the error sits, L1 in metres",
     )
-    return (*first, spread_table(result)) if "spread" in result else first
+    shown = zip(titles, figures(result, ON_TERMINAL), strict=True)
+    first = [laid_out(title, *each) for title, each in shown]
+    return [*first, spread_table(result)] if "spread" in result else first
 
 
 def laid_out(

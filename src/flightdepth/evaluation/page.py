@@ -8,16 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flightdepth.evaluation.network_tables import (
-    ERROR_COLUMNS,
-    PARTS,
-    PLACE_COLUMNS,
-    WHO,
-    error_cells,
-    inside,
-    part_rows,
-    place_rows,
-)
+from flightdepth.evaluation.network_tables import Words, figures, inside
 from flightdepth.evaluation.pairs import TruePair
 from flightdepth.evaluation.pictures import ERROR_SHARE, answered_sheet
 from flightdepth.evaluation.sparsification import curve_svg
@@ -31,6 +22,7 @@ from flightdepth.weights.card import NetworkCard
 QUALITY = 88  # of the JPEG
 GAP_PX = 8
 NAMES = {"network": "network", "classical": "classical peer", "constant": "best constant"}
+ON_PAGE = Words(NAMES, "L1 of the network over this", "-")
 
 
 def write_page(
@@ -77,6 +69,7 @@ def predecessor(card: NetworkCard) -> list[str]:
 
 def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str, given: str = "") -> str:
     """The page; `given` are the options that say which pairs were measured."""
+    errors, by_depth, by_angle, by_place = (markdown(*each) for each in figures(result, ON_PAGE))
     parts = [
         f"# {card.name}",
         what_it_is(card),
@@ -97,14 +90,14 @@ def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str, given:
         *predecessor(card),
         *mean_of(card),
         f"## Errors\n\nOn {result['set']}, {result['pairs']} pairs:",
-        errors_table(result),
+        errors,
         "By true depth, L1 in metres:",
-        parts_table(result, "depth_bins", "depth m"),
+        by_depth,
         "By the angle between the optical axis and the direction of travel (0 = forward), L1 in metres:",
-        parts_table(result, "travel_angles", "degrees"),
+        by_angle,
         "By place, L1 in metres: where depths within 4x4 px lie apart by three tenths, beside such places, and on what "
         "is flat, with a texture or with a deviation of less than 2 of 255 grey levels:",
-        places_table(result),
+        by_place,
         *spread(card, result),
         pictures_text(card, picture),
         written_by(card, result, given),
@@ -122,23 +115,6 @@ def what_it_is(card: NetworkCard) -> str:
         f" and a focal length of {card.focal_px:g} px; at another one, depth in proportion."
         f" {card.samples:,} training pairs:"
     )
-
-
-def errors_table(result: Mapping[str, Any]) -> str:
-    """L1, RMSE, relative error of the network and its peers."""
-    rows = [(NAMES[who], *error_cells(result, who)) for who in WHO]
-    return markdown(("", *ERROR_COLUMNS, "L1 of the network over this"), rows)
-
-
-def parts_table(result: Mapping[str, Any], parts: str, heading: str) -> str:
-    """L1 of the network and its peers in each of the PARTS."""
-    headings = (heading, PARTS[parts].counted, *(NAMES[who] for who in WHO))
-    return markdown(headings, part_rows(result, parts, joint="-"))
-
-
-def places_table(result: Mapping[str, Any]) -> str:
-    """L1 of the network and its peers by place."""
-    return markdown(("", *PLACE_COLUMNS, *(NAMES[who] for who in WHO)), place_rows(result))
 
 
 def spread(card: NetworkCard, result: Mapping[str, Any]) -> list[str]:

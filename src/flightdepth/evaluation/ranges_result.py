@@ -95,7 +95,9 @@ def over_scenes(values: Sequence[float | None]) -> dict[str, Any]:
 def shift_figures(shifts: Sequence[Sequence[int]], ranges: int) -> dict[str, Any]:
     """Per range, nearest first, the quartiles of its shift in frames; how often ranges chose the same frame.
 
-    Frames with a scout beside their ranges are counted apart, and their shifts left out.
+    `shifts` tells of each frame its pairs, one for each range, but a scout is one too and is not told apart. Quartiles
+    are of the frames with as many pairs as `ranges`; those with fewer, of all frames, are the share `coincide`. So a
+    scout keeps its frame out of the quartiles, or stands there for a range that chose another's frame.
     """
     full = np.array([frame for frame in shifts if len(frame) == ranges], dtype=np.float64)
     quartiles = np.percentile(full, [25, 50, 75], axis=0).T.tolist() if full.size else []

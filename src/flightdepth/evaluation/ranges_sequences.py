@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -48,11 +48,6 @@ class Sequence:
     truth_m: Maps
     velocity: Vector
     stamps_ns: NDArray[np.int64]
-
-    def first(self, frames: int) -> Sequence:
-        """Its beginning."""
-        cut = {name: getattr(self, name)[:frames] for name in ("images", "truth_m", "velocity", "stamps_ns")}
-        return replace(self, **cut)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +14,7 @@ from flightdepth.evaluation.provenance import source_commit
 from flightdepth.evaluation.ranges_flight import MEASURED_FROM, fly
 from flightdepth.evaluation.ranges_peers import FLOW_D0_M, FlowNetwork
 from flightdepth.evaluation.ranges_sequences import KeptSequences, Sequence, Sequences
-from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Telemetry, Trial
+from flightdepth.evaluation.ranges_trials import CONSTANT, FLOW, Trial
 from flightdepth.files import without_nan, write_json
 from flightdepth.processor import cpu_name
 from flightdepth.ranges import DepthNetwork
@@ -35,15 +34,6 @@ class Task:
     number: int
     trial: Trial
     path: Path
-
-
-@dataclass(frozen=True)
-class Workload:
-    """What is still to do, and about how long it takes here and now, as measured on a few frames of each kind."""
-
-    flights: int
-    renders: int
-    seconds: float
 
 
 class Study:
@@ -125,29 +115,11 @@ class Study:
                 write_json(task.path, without_nan(part | self._fly(task.trial, sequence)))
             yield task
 
-    def workload(self) -> Workload:
-        """What is not done yet. Renders one sequence, and flies its first frames once for each kind of trial."""
-        left = [task for task in self.tasks if not task.path.exists()]
-        if not left:
-            return Workload(0, 0, 0.0)
-        pictures = list(dict.fromkeys((task.number, task.trial.noise_rad) for task in left))
-        missing = [each for each in pictures if not self._kept.path(*each).exists()]
-        started = time.monotonic()
-        sequence = self._kept.get(*(missing or pictures)[0])
-        renders, render_s = max(len(missing) - 1, 0), time.monotonic() - started
-        frame_s = {kind: self._frame_s(kind, sequence) for kind in {_kind(task.trial) for task in left}}
-        flights_s = sum(
-            frame_s[_kind(task.trial)] * max(task.trial.ranges, 1) * self.sequences.frames for task in left
-        )
-        return Workload(len(left), renders, renders * render_s + flights_s)
-
-    def _frame_s(self, kind: Trial, sequence: Sequence) -> float:
-        """Seconds a frame of a trial with one range."""
-        few = MEASURED_FROM + 2
-        self._network(kind.method, sequence.camera.fx)  # opening it does not count
-        started = time.monotonic()
-        self._fly(kind, sequence.first(few))
-        return (time.monotonic() - started) / few
+    def left(self) -> tuple[int, int]:
+        """How many flights are still to do, and how many sequences to render for them."""
+        tasks = [task for task in self.tasks if not task.path.exists()]
+        pictures = {self._kept.path(task.number, task.trial.noise_rad) for task in tasks}
+        return len(tasks), sum(not path.exists() for path in pictures)
 
     def parts(self) -> list[dict[str, Any]]:
         """The results, in the order of the tasks."""
@@ -165,9 +137,3 @@ class Study:
             flow = method == FLOW
             self._opened[method] = FlowNetwork(focal_px) if flow else load_network(method, threads=1)
         return self._opened[method]
-
-
-def _kind(trial: Trial) -> Trial:
-    """Trials of one kind take equally long, but for the number of ranges."""
-    log = Telemetry(directed=trial.telemetry.directed)
-    return Trial(trial.method, min(trial.ranges, 1), "paper", derotate=trial.derotate, telemetry=log)

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from flightdepth.camera import Camera
-from flightdepth.levels import Image
+from flightdepth.levels import AnyImage, exact_grey
 from flightdepth.motion import Vector
 from flightdepth.runtimes.arrays import Flags, Maps
 
@@ -37,22 +37,22 @@ class Match:
 
 
 class WarpedPair:
-    """Two pictures uint8 RGB [H, W, 3] of an ideal pinhole that did not turn, `displacement` (3,) metres apart.
+    """Two pictures RGB [H, W, 3] of an ideal pinhole that did not turn, `displacement` (3,) metres apart.
 
     `known_previous`, `known_current`, bool [H, W]: the pixel shows the scene, not padding.
     """
 
     def __init__(
         self,
-        previous: Image,
-        current: Image,
+        previous: AnyImage,
+        current: AnyImage,
         displacement: Vector,
         camera: Camera,
         *,
         known_previous: Flags,
         known_current: Flags,
     ) -> None:
-        self._previous, self._current = grey_float(previous), grey_float(current)
+        self._previous, self._current = exact_grey(previous), exact_grey(current)
         self._known_previous = known_previous.astype(np.float32)
         self._comparable = known_previous & known_current
         self._displacement, self._camera = displacement, camera
@@ -67,26 +67,21 @@ class WarpedPair:
         """The same without any warp: the plane at infinity."""
         return np.where(self._comparable, self._unmoved, np.float32(np.nan)).astype(np.float32)
 
-    def match(self, depth_m: Maps) -> Match:
-        """How well depth in metres, [H, W] or [h, w], NaN = unknown, explains the pair."""
-        return self._match(inverse_at(depth_m, self._camera))
+    def match(self, error: Maps) -> Match:
+        """How well the depth of an `error_map` [H, W] explains the pair."""
+        inside = np.isfinite(error)
+        without = float(self._unmoved[inside].sum(dtype=np.float64))
+        share = float(error[inside].sum(dtype=np.float64)) / without if without > 0 else float("nan")
+        return Match(share, float(inside.sum() / max(1, int(self._comparable.sum()))))
 
     def best_constant(self) -> Match:
         """The match of the one depth, chosen with both pictures in sight, that explains the pair best."""
         length_m = float(np.linalg.norm(self._displacement))
         inverses = CONSTANT_SHIFTS_PX / (self._camera.fx * length_m)
-        matches = [
-            self._match(np.full(self._current.shape, float(inverse), np.float32)) for inverse in inverses
-        ]
+        constants = (np.full(self._current.shape, float(inverse), np.float32) for inverse in inverses)
+        matches = [self.match(self._error(constant)) for constant in constants]
         kept = [match for match in matches if match.inside >= LEAST_INSIDE and np.isfinite(match.error)]
         return min(kept, key=lambda match: match.error, default=Match(float("nan"), 0.0))
-
-    def _match(self, inverse: Maps) -> Match:
-        error = self._error(inverse)
-        inside = np.isfinite(error)
-        without = float(self._unmoved[inside].sum(dtype=np.float64))
-        share = float(error[inside].sum(dtype=np.float64)) / without if without > 0 else float("nan")
-        return Match(share, float(inside.sum() / max(1, int(self._comparable.sum()))))
 
     def _error(self, inverse: Maps) -> Maps:
         x, y = self._seen_at(inverse)
@@ -107,11 +102,6 @@ class WarpedPair:
         far = 2.0 * max(self._camera.width, self._camera.height)
         x, y = (np.where(sound, part.clip(-far, far), -far).astype(np.float32) for part in (x, y))
         return x, y
-
-
-def grey_float(image: Image) -> Maps:
-    """Grey 0..255 float32 [H, W] of an RGB picture."""
-    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
 
 
 def inverse_at(depth_m: Maps, camera: Camera) -> Maps:

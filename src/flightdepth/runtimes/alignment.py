@@ -6,7 +6,7 @@ walls it is the other way round. So optical flow (DIS, Kroeger et al. 2016) star
 each point was, the rotation that it shows is taken out of both (`left_rotation`), what it finds is triangulated, and a
 few small convolutions judge from both and from what is around how far to go from the network's depth to that one, and
 how large the error is then (`judge`). They are told ratios and pixels only, so they serve every network that knows the
-motion, at any lens (`evaluation.judging` fits them).
+motion, at any lens (`benchmarks/judging.py` fits them).
 """
 
 from __future__ import annotations

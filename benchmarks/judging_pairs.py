@@ -12,9 +12,9 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from moving import with_moving_thing
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation.moving import with_moving_thing
 from flightdepth.ranges.derotation import derotated
 from flightdepth.renderers.raycast import render
 from flightdepth.scenes import Scene, StillBoxConfig, Textures, chance, draw_scene
