@@ -2,6 +2,7 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -33,6 +34,17 @@ def lattice(camera):
 def test_a_pixel_comes_back_from_its_ray(camera):
     pixels = lattice(camera)
     assert np.abs(distort(undistort(pixels, camera), camera) - pixels).max() < 0.01
+
+
+@pytest.mark.parametrize("count", [0, 4, 5, 8, 12, 14])
+def test_a_pinhole_without_distortion_needs_no_opencv(count, monkeypatch):
+    """More than half of `convert`'s time went into the distortion of a lens that has none."""
+    camera = Camera(640, 360, 450.0, 440.0, 322.0, 178.0, count * (0.0,))
+    rays = np.random.default_rng(0).normal(size=(30, 20, 2)) * np.logspace(-6, 3, 20)[:, None]
+    points = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1).reshape(-1, 3)
+    expected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.matrix, None)
+    monkeypatch.setattr(cv2, "projectPoints", None)
+    assert np.abs(distort(rays, camera) - expected.reshape(rays.shape)).max() < 1e-9
 
 
 @pytest.mark.parametrize("camera", TURNABLE, ids=lambda camera: f"{camera.model} {len(camera.distortion)}")

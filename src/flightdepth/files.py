@@ -25,6 +25,7 @@ except ImportError:  # Windows
 
 HEAD_BYTES = 512
 NEW, OLD = "partial", "old"  # in the names of folders on their way in and out
+LEFT_BY_A_LOOK = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})  # by Finder and Explorer
 # Windows moves nothing that a program has open, and virus scanners and indexers open what is new, for a moment.
 PATIENCE_S = (0.1, 0.2, 0.4, 0.8, 1.6) if os.name == "nt" else ()
 
@@ -56,6 +57,11 @@ def make_folder(option: str, path: Path) -> None:
     if path.exists() and not path.is_dir():
         raise BadInput(option, expected="a folder", got=f"the file {path}")
     path.mkdir(parents=True, exist_ok=True)
+
+
+def names_in(folder: Path) -> set[str]:
+    """Names of what lies in a folder, but for what one look with Finder or Explorer leaves there."""
+    return {entry.name for entry in folder.iterdir()} - LEFT_BY_A_LOOK
 
 
 def check_parent(option: str, path: Path | None) -> None:

@@ -21,6 +21,14 @@ GREY = (0.299, 0.587, 0.114)  # shares of red, green and blue (ITU-R BT.601), as
 PARTS = 256  # of a level, in a packed picture
 
 
+def picture_in(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] | None:
+    """The picture of a file's bytes as `cv2.imdecode` gives it (BGR); None where it reads none, or refuses its size."""
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flags) if len(data) else None
+    except cv2.error:
+        return None
+
+
 def grey(image: AnyImage) -> Image:
     """RGB [H, W, 3] as [H, W]."""
     return rounded(np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), image.dtype))

@@ -58,7 +58,7 @@ def test_a_network_of_ones_own_flies_beside_the_others(tmp_path, save_difference
     few = ("--out", tmp_path, "--scenes", 1, "--frames", 34)
     assert call(*few, "--network", path) == 0
     said = capsys.readouterr().out.replace("\n", "")
-    assert "6 flights of 34 frames" in said
+    assert "flights of 34 frames: 6;" in said
     figures = json.loads((tmp_path / "ranges.json").read_text())
     assert [row["trial"]["ranges"] for row in figures["trials"] if row["trial"]["method"] == str(path)] == [
         1,

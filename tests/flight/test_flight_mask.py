@@ -1,5 +1,8 @@
 """Masks as files: what is black, other sizes, other files."""
 
+import struct
+import zlib
+
 import cv2
 import numpy as np
 import pytest
@@ -30,6 +33,17 @@ def written(folder, picture, name="mask.png"):
 def test_black_alone_is_masked(tmp_path, picture, name):
     """As COLMAP has it; a mask of 0 and 1 looks black, and is none."""
     np.testing.assert_array_equal(PictureMask.read(written(tmp_path, picture, name)).shown, SHOWN)
+
+
+def test_a_mask_that_tells_more_pixels_than_opencv_takes_is_refused(tmp_path):
+    """It ended in OpenCV's own error."""
+    path = written(tmp_path, SHOWN * np.uint8(255))
+    data = bytearray(path.read_bytes())
+    data[16:24] = struct.pack(">II", 40_000, 40_000)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    path.write_bytes(data)
+    with pytest.raises(BadInput, match="expected a picture, such as a PNG"):
+        PictureMask.read(path)
 
 
 @pytest.mark.parametrize("size", [(160, 90), (80, 45), (640, 360), (1920, 1080), (854, 480)])

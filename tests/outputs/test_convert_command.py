@@ -90,6 +90,26 @@ def test_an_occupancy_map(convert, work):
     assert tree.getResolution() == 0.5
 
 
+@pytest.fixture
+def unfilmed(work):
+    """A flight whose preview could not be written."""
+    (write_flown(work / "unfilmed").folder / "preview.mp4").unlink()
+    return "unfilmed"
+
+
+def test_an_occupancy_map_needs_no_preview(convert, work, unfilmed):
+    """Found in review: it takes no colour from the preview, and was refused without one."""
+    assert convert("unfilmed.bt", "--every", "1", folder=unfilmed)[0] == 0
+    assert convert("filmed.bt", "--every", "1")[0] == 0
+    assert (work / "unfilmed.bt").read_bytes() == (work / "filmed.bt").read_bytes()
+
+
+@pytest.mark.parametrize("kind", ["ply", "las", "mcap"])
+def test_without_a_preview_it_says_what_needs_none(convert, unfilmed, kind):
+    outcome = convert(f"unfilmed.{kind}", folder=unfilmed)
+    refused(outcome, "the preview of this flight", "only .bt needs no preview")
+
+
 def test_a_map_of_space_that_nothing_tells_of(convert, work):
     code, _, stderr = convert("flight-none.bt", "--every", "1", "--min-confidence", "1")
     assert (code, (work / "flight-none.bt").exists()) == (2, False)

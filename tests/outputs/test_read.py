@@ -1,5 +1,7 @@
 import random
 import shutil
+import struct
+import zlib
 from dataclasses import replace
 
 import cv2
@@ -43,6 +45,18 @@ def test_a_colour_confidence_is_refused(tmp_path):
     cv2.imwrite(str(tmp_path / "confidence.png"), np.zeros((4, 4, 3), np.uint8))
     with pytest.raises(BadInput, match="8-bit"):
         read_confidence(tmp_path / "confidence.png")
+
+
+def test_a_head_of_more_pixels_than_opencv_takes_is_refused(tmp_path):
+    """Found in review: OpenCV's own error came, with a traceback, where a damaged head told 40,000 x 40,000."""
+    path = tmp_path / "depth.png"
+    cv2.imwrite(str(path), np.zeros((4, 4), np.uint16))
+    data = bytearray(path.read_bytes())
+    data[16:24] = struct.pack(">II", 40_000, 40_000)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    path.write_bytes(data)
+    with pytest.raises(BadInput, match=r"depth\.png: expected a PNG"):
+        read_depth(path)
 
 
 @pytest.mark.parametrize("kind", ["depth", "confidence", "sigma", "farther_than"])
@@ -167,5 +181,5 @@ def test_its_pictures_are_shown_until_its_film_ends(left):
 def test_without_a_film_it_is_refused(left):
     flight = FlightFolder(left)
     (left / "preview.mp4").unlink()
-    with pytest.raises(BadInput, match="preview of this flight"):
+    with pytest.raises(BadInput, match=r"preview of this flight.*only \.bt needs no preview"):
         list(pictures(flight))

@@ -280,6 +280,18 @@ def test_a_folder_with_something_else_in_it_is_refused(tmp_path):
         writer(tmp_path)
 
 
+@pytest.mark.parametrize("left", [".DS_Store", "Thumbs.db", "desktop.ini"])
+def test_an_older_result_that_somebody_looked_at_is_replaced(tmp_path, left):
+    """Found in review: one look with Finder or Explorer, and the next run was refused."""
+    write(tmp_path / "out", [known(RAMP)] * 2)
+    for folder in (tmp_path / "out", tmp_path / "out" / "depth"):
+        (folder / left).write_bytes(b"icons")
+    assert len(FlightFolder(tmp_path / "out").rows) == 2
+    write(tmp_path / "out", [known(RAMP)])
+    assert len(FlightFolder(tmp_path / "out").rows) == 1
+    assert not list(tmp_path.rglob(left))
+
+
 @pytest.mark.parametrize("where", [".", ".."])
 def test_the_folder_where_the_user_is_is_not_taken_away(tmp_path, monkeypatch, where):
     """It would be renamed, and the shell be left in one that is gone."""
@@ -318,6 +330,7 @@ def test_a_killed_flight_without_a_frame_is_removed_one_with_a_frame_is_named(tm
     for name, frames in (("aaaaaaaa", 0), ("bbbbbbbb", 1)):
         folder = tmp_path / f".out.recording-{name}" / "depth"
         folder.mkdir(parents=True)
+        (folder / "Thumbs.db").touch()  # Explorer shows the folder, and leaves that
         for index in range(frames):
             (folder / f"{index:06d}.png").touch()
     assert keep_interrupted(tmp_path / "out") == [tmp_path / "out.interrupted-1"]

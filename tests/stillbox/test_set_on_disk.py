@@ -99,6 +99,14 @@ def test_other_peoples_folders_are_refused(tmp_path):
         render_small(tmp_path)
 
 
+def test_a_folder_that_somebody_looked_at_is_empty(tmp_path):
+    """Found in review: Finder leaves .DS_Store in a new folder, and it was refused."""
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / ".DS_Store").write_bytes(b"icons")
+    render_small(tmp_path / "set")
+    assert open_stored_set(tmp_path / "set").entries
+
+
 def test_a_file_is_no_folder(tmp_path):
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(BadInput, match="--out: expected a new or empty folder"):

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.errors import BadInput
+from flightdepth.levels import picture_in
 
 ENDINGS = (".png", ".npy", ".npz", ".tif", ".tiff", ".pfm", ".exr")
 NAMED = "depth_m"  # in an .npz
@@ -70,8 +71,7 @@ def _tells_depth(kind: np.dtype[Any]) -> bool:
 
 
 def _picture(path: Path) -> Stored:
-    data = np.frombuffer(path.read_bytes(), np.uint8)
-    picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    picture = picture_in(path.read_bytes(), cv2.IMREAD_UNCHANGED)
     if picture is None:
         raise ValueError(BROKEN)
     return np.asarray(picture)

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from flightdepth.errors import BadInput
+from flightdepth.levels import picture_in
 from flightdepth.runtimes.arrays import Flags
 from flightdepth.runtimes.sampling import shown_at
 
@@ -30,10 +31,9 @@ class PictureMask:
     def read(cls, path: Path) -> PictureMask:
         """From a picture that OpenCV reads, of grey levels or of colours."""
         try:
-            data = np.frombuffer(path.read_bytes(), np.uint8)
+            grey = picture_in(path.read_bytes(), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
         except OSError as error:
             raise BadInput(f"--mask {path}", expected="a picture", got=error.strerror) from error
-        grey = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH) if len(data) else None
         if grey is None:
             raise BadInput(f"--mask {path}", expected="a picture, such as a PNG", got="another file")
         if not grey.any():

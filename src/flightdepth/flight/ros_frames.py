@@ -16,6 +16,7 @@ from flightdepth.flight.records import Frame
 from flightdepth.flight.ros_messages import COMPRESSED_IMAGE, IMAGE_KINDS, decoded, stamp_of
 from flightdepth.flight.ros_records import DamagedError, RosMessage
 from flightdepth.flight.ros_topics import ros_messages, topics_of, with_pictures
+from flightdepth.levels import picture_in
 
 Picture = NDArray[np.uint8]
 # Channels of an encoding (sensor_msgs/image_encodings.h) and how OpenCV turns it into RGB.
@@ -86,8 +87,7 @@ def picture(message: RosMessage, content: Any) -> Picture:
 
 
 def _unpacked(content: Any) -> Picture:
-    data = np.asarray(content.data, dtype=np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    image = picture_in(np.asarray(content.data, dtype=np.uint8), cv2.IMREAD_COLOR)
     if image is None:
         raise DamagedError("a packed picture that cannot be read")
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)

@@ -63,10 +63,10 @@ class View:
     """One frame: depth [H, W], the camera's place, and the camera as it zoomed.
 
     image, confidence  [h, w, 3], [h, w], of every `step`-th pixel of every `step`-th row: views wait for those after
-                       them, and of a large video whole ones would take gigabytes
+                       them, and of a large video whole ones would take gigabytes. No image where nobody asks for colour
     """
 
-    image: Picture
+    image: Picture | None
     depth_m: Map
     confidence: Map
     pose: FramePose
@@ -88,17 +88,18 @@ def cloud_of(
 ) -> Cloud:
     """The cloud of a whole flight, east-north-up, origin at the first camera of its longest segment."""
     grid = VoxelGrid(settings.voxel_m)
-    for seen in agreed_views(folder, settings, on_view):
+    for seen in agreed_views(folder, settings, on_view, coloured=True):
+        assert seen.view.image is not None
         grid.add(seen.points_enu, seen.view.image[seen.pixels], seen.view.confidence[seen.pixels])
     return grid.cloud()
 
 
 def agreed_views(
-    folder: FlightFolder, settings: CloudSettings, on_view: Callable[[], None]
+    folder: FlightFolder, settings: CloudSettings, on_view: Callable[[], None], *, coloured: bool
 ) -> Iterator[AgreedView]:
     """Each frame that is used, with its points that those before and after it agree on."""
     step = max(1, folder.record.source.camera.width // COLUMNS)
-    for view, others in with_neighbours(views(folder, settings.every, step), NEIGHBOURS):
+    for view, others in with_neighbours(views(folder, settings.every, step, coloured=coloured), NEIGHBOURS):
         points_ned, rows, columns = seen_points(view, step, settings)
         kept, farther = agreed(points_ned, others if len(points_ned) else [])
         here_ned = view.pose.position_ned
@@ -107,13 +108,18 @@ def agreed_views(
         on_view()
 
 
-def views(folder: FlightFolder, every: int, step: int) -> Iterator[View]:
-    """Each `every`-th frame, where it has depth and a known pose in the longest segment."""
+def views(folder: FlightFolder, every: int, step: int, *, coloured: bool = True) -> Iterator[View]:
+    """Each `every`-th frame, where it has depth and a known pose in the longest segment.
+
+    coloured  with its image, for which the flight needs its preview
+    """
     poses = placed(folder)
     depths = {row.index for row in folder.rows if not row.reason}
-    for index, image in pictures(folder, every):
+    colourless = ((row.index, None) for row in folder.rows[::every])
+    for index, image in pictures(folder, every) if coloured else colourless:
         if index in poses and index in depths:
-            thin, confidence = image[::step, ::step].copy(), folder.confidence(index)[::step, ::step].copy()
+            thin = None if image is None else image[::step, ::step].copy()
+            confidence = folder.confidence(index)[::step, ::step].copy()
             yield View(thin, folder.depth_m(index), confidence, poses[index], folder.camera(index))
 
 

@@ -12,7 +12,7 @@ from flightdepth.errors import MissingExtra
 from flightdepth.files import write_atomic
 from flightdepth.outputs.voxels import Cloud
 
-PLY_TYPES = {"f4": "float", "f8": "double", "u1": "uchar"}
+PLY_TYPES = {"<f4": "float", "u1": "uchar"}
 FRAME = "flightdepth: metres east, north, up; origin: the first camera"
 LAS_SCALE_M = 0.001
 
@@ -28,7 +28,7 @@ def write_ply(path: Path, cloud: Cloud) -> None:
         records[colour] = cloud.colours[:, i]
     records["confidence"] = cloud.confidence
     header = ["ply", "format binary_little_endian 1.0", f"comment {FRAME}", f"element vertex {len(cloud)}"]
-    header += [f"property {PLY_TYPES[kind.lstrip('<')]} {name}" for name, kind in kinds]
+    header += [f"property {PLY_TYPES[kind]} {name}" for name, kind in kinds]
     write_atomic(path, "\n".join([*header, "end_header", ""]).encode() + records.tobytes())
 
 

@@ -31,7 +31,7 @@ def keep_interrupted(target: Path) -> list[Path]:
     for folder in sorted(left, key=lambda path: path.stat().st_mtime_ns):
         with suppress(BadInput, PermissionError), held(folder, "recording", "work", "give another --out"):
             place = folder.rename(interrupted_name(target))
-            if any(place.glob("depth/*")):
+            if any(place.glob("depth/[0-9]*")):
                 kept.append(place)
             else:
                 shutil.rmtree(place)

@@ -36,7 +36,7 @@ def occupancy_of(
     from octomap import OcTree
 
     tree = OcTree(settings.voxel_m)
-    for seen in agreed_views(folder, settings, on_view):
+    for seen in agreed_views(folder, settings, on_view, coloured=False):
         reach_m = free_to(folder, seen.view.pose.index, seen.view.depth_m, settings)
         for layer in free_cells(seen, reach_m, settings):
             tree.updateNodes(layer, False, True)

@@ -76,4 +76,5 @@ def _decoded(folder: FlightFolder, size: tuple[int, int]) -> Iterator[av.VideoFr
 
 
 def _not_ours(folder: FlightFolder, expected: str, got: str) -> BadInput:
-    return BadInput(f"preview {folder.folder / PREVIEW}", expected=expected, got=got)
+    mend = "Of what `convert` writes only .bt needs no preview."
+    return BadInput(f"preview {folder.folder / PREVIEW}", expected=expected, got=got, mend=mend)

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.levels import picture_in
 from flightdepth.outputs.encoding import Map, confidence_from_bytes, depth_from_centimetres
 from flightdepth.outputs.frame_table import FrameRow, rows_from_csv
 from flightdepth.outputs.maps import CONFIDENCE, DEPTH, FARTHER, NEARER, SIGMA, map_file
@@ -135,8 +136,7 @@ class FlightFolder:
 
 
 def _read_png(path: Path, kind: type[Unsigned]) -> NDArray[Unsigned]:
-    data = np.frombuffer(_read_bytes(path), np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    image = picture_in(_read_bytes(path), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise BadInput(f"map {path}", expected="a PNG", got="something else")
     if image.dtype != kind or image.ndim != 2:

@@ -12,7 +12,7 @@ from types import TracebackType
 
 from flightdepth import __version__
 from flightdepth.errors import BadInput, FlightDepthError
-from flightdepth.files import NEW, folder_in_progress, move_folder, write_atomic
+from flightdepth.files import NEW, folder_in_progress, move_folder, names_in, write_atomic
 from flightdepth.flight.records import Frame
 from flightdepth.outputs.background import Background
 from flightdepth.outputs.film import Film
@@ -102,7 +102,7 @@ class FlightWriter:
                     if not finished:
                         self._abandon()
                 finally:
-                    if (finished or self._once) and any((self._folder / DEPTH).iterdir()):
+                    if (finished or self._once) and names_in(self._folder / DEPTH):
                         self._keep(failure)
                 raise
 
@@ -161,7 +161,7 @@ class FlightWriter:
             if not self._once:
                 raise
             self._filmed = False
-            self.warn(f"no preview, which `view` and `convert` need: {error}")
+            self.warn(f"no preview, which `view` and `convert` need, but for a .bt: {error}")
 
     def _finished_early(self) -> bool:
         """Finish what came so far; whether it could be."""
@@ -241,7 +241,7 @@ def check_target(target: Path) -> None:
         raise BadInput(
             f"output folder {target}", expected="a folder", got="a file", mend="Give another --out."
         )
-    foreign = sorted(entry.name for entry in target.iterdir() if entry.name not in OWN_NAMES)
+    foreign = sorted(names_in(target) - OWN_NAMES)
     if foreign:
         raise BadInput(
             f"output folder {target}",

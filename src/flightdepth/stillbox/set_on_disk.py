@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from flightdepth.errors import BadInput
-from flightdepth.files import write_json
+from flightdepth.files import names_in, write_json
 from flightdepth.stillbox.original_layout import OriginalLayout
 from flightdepth.stillbox.shards import Shards, forget_short_shard
 
@@ -66,7 +66,7 @@ def refuse_other_things(folder: Path) -> None:
         left.unlink()
     if (folder / RECORD).exists():
         return
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    if folder.exists() and (not folder.is_dir() or names_in(folder)):
         raise BadInput("--out", expected=f"a new or empty folder, or one with {RECORD}", got=str(folder))
 
 
