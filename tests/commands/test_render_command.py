@@ -158,6 +158,17 @@ def test_bad_input_is_one_line(arguments, said, capsys):
     assert len(error.splitlines()) == 1
 
 
+def test_pictures_that_no_memory_holds_are_one_line(monkeypatch, capsys):
+    """numpy's MemoryError ended it, in a traceback."""
+    monkeypatch.setattr("flightdepth.renderers.raycast.memory_bytes", lambda: 1e9)
+    assert cli.main(["render", "64", "--size", "30000x30000", "--scenes", "1", "--out", "set"]) == 2
+    assert capsys.readouterr().err == (
+        "error: pictures of a scene: expected at most 0.8 GB of memory,"
+        " got 88.2 GB, for 10 of 30000x30000 px. Smaller pictures, or fewer frames.\n"
+    )
+    assert not Path("set").exists()
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="no such locks")
 @pytest.mark.parametrize("layout", ["folder", "shards"])
 def test_a_set_is_one_render_s_at_a_time(layout, capsys):

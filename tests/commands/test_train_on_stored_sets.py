@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from flightdepth import cli
 from flightdepth.commands.export import card_of
@@ -15,7 +16,7 @@ from flightdepth.errors import BadInput
 from flightdepth.scenes import Textures
 from flightdepth.stillbox.stored import open_stored_set
 from flightdepth.stillbox.stored_pairs import StoredPairs
-from flightdepth.training import loop
+from flightdepth.training import held_out, loop
 from flightdepth.training.run_folder import keep_sets, keep_textures, read_trained
 from tests_recipes import recipe_text, stage_text
 
@@ -74,6 +75,22 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(monkeypatch):
     assert cli.main([*TRAIN, "--resume"]) == 0
     ends = [Path(runs, "small", "checkpoint.safetensors").read_bytes() for runs in ("whole", "runs")]
     assert ends[0] == ends[1]
+
+
+def test_the_test_error_is_of_scenes_that_are_held_out(monkeypatch):
+    opened, batches = [], held_out.HeldOut.batches
+
+    def watched(self, *given, **named):
+        opened.append(self.sets[64].digest)
+        return batches(self, *given, **named)
+
+    monkeypatch.setattr(held_out.HeldOut, "batches", watched)
+    assert cli.main([*TRAIN]) == 0
+    learnt_from, left_out = open_stored_set(Path("stillbox")).split()
+    assert opened == [left_out.digest]
+    assert json.loads(Path("runs/small/sets.json").read_text())["64"]["sha256"] == learnt_from.digest
+    curves = EventAccumulator("runs/small/tensorboard").Reload()
+    assert [point.step for point in curves.Scalars("test/l1_m")] == [12]
 
 
 @pytest.mark.parametrize(("option", "value"), [("--textures", "photos"), ("--procedural", "2")])

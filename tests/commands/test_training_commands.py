@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import signal
 import sys
 from pathlib import Path
@@ -18,7 +19,7 @@ from flightdepth.commands.signals import stop_request
 from flightdepth.evaluation import int8_ranges, peer
 from flightdepth.files import held
 from flightdepth.scenes.config import SET_VERSION
-from flightdepth.training import learner, loop
+from flightdepth.training import checkpoint, held_out, learner, loop
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.export import weights_of
 from flightdepth.weights.store import read_network
@@ -34,6 +35,7 @@ TRAIN = ("train", "small.toml", "--procedural", "2")
 def small_world(monkeypatch, tmp_path):
     """Eight scenes in the pool, one thread, and a folder of its own to work in."""
     monkeypatch.setattr(loop, "pool_scenes", lambda _: 8)
+    monkeypatch.setattr(held_out, "SCENES", 8)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.toml").write_text(TOML)
     before = torch.get_num_threads()
@@ -76,6 +78,7 @@ def test_train_shows_lines_where_there_is_no_terminal(monkeypatch, capsys):
     monkeypatch.setattr("flightdepth.commands.terminal.TOLD_EVERY_S", 0.0)
     cli.main([*TRAIN])
     lines = [line for line in capsys.readouterr().out.splitlines() if " of 12 samples, " in line]
+    assert re.match(r"stage wide, loss \d+\.\d{3} m, test \d+\.\d{3} m: 12 of 12 samples, ", lines[-1])
     assert lines[0].startswith("stage square, loss ")
     assert [line.split(": ")[1].split(" of ")[0] for line in lines] == ["4", "8", "12"]
 
@@ -95,6 +98,19 @@ def test_a_run_is_not_overwritten(capsys):
 def test_resume_says_where_there_is_nothing_to_resume(capsys):
     assert cli.main([*TRAIN, "--resume"]) == 0
     assert "no checkpoint in runs/small to resume: the run begins" in capsys.readouterr().out
+
+
+def test_resume_tells_of_other_versions(monkeypatch, capsys):
+    assert cli.main([*TRAIN]) == 0
+    assert cli.main([*TRAIN, "--resume"]) == 0
+    assert capsys.readouterr().err == ""
+    now = checkpoint.versions()
+    monkeypatch.setattr(checkpoint, "versions", lambda: now | {"torch": "99.1"})
+    assert cli.main([*TRAIN, "--resume"]) == 0
+    assert capsys.readouterr().err == (
+        f"warning: runs/small/checkpoint.safetensors is by torch {now['torch']}, here 99.1:"
+        " what it goes on to may be other bytes\n"
+    )
 
 
 def test_samples_scale_the_recipe():

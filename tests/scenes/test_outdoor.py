@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from flightdepth.camera import Camera
+from flightdepth.renderers.raycast import render
+from flightdepth.scenes import Textures
 from flightdepth.scenes.outdoor import draw_outdoor, outdoor_flight
-from flightdepth.scenes.outdoor_config import OutdoorConfig
+from flightdepth.scenes.outdoor_config import GROUND_PIECES, PIECES, OutdoorConfig
 from flightdepth.scenes.outdoor_textures import VARIANTS, Surface, picture
 from flightdepth.scenes.scene import Shape
+from flightdepth.scenes.textures import PYRAMID_TEXELS
 
 CONFIG = OutdoorConfig(frames=30, rate_hz=3.0)
 ANY = OutdoorConfig(frames=60, rate_hz=10.0, legs="any")
@@ -131,8 +135,6 @@ def distances_m(scene, k, path=None):
 
 
 FAR = OutdoorConfig(  # 600 m in steps of 30 m, past hills and through a country full of trees
-    frames=20,
-    rate_hz=0.5,
     legs="any",
     speed_m_s=(14.0, 16.0),
     height_m=(6.0, 8.0),
@@ -142,7 +144,7 @@ FAR = OutdoorConfig(  # 600 m in steps of 30 m, past hills and through a country
     hills=(30, 30),
     houses=(0, 0),
     bushes=(0, 0),
-)
+).model_copy(update={"frames": 20, "rate_hz": 0.5})  # farther than is taken from outside
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -177,6 +179,44 @@ def test_bounds_hold_every_object(scene):
 
 
 # What is refused
+
+
+@pytest.mark.parametrize("legs", ["forward-sideways", "any"])
+def test_as_far_as_a_flight_may_go_there_is_ground_below_the_horizon(legs):
+    """300 frames at 1 Hz flew 884 m, off the plain, with sky below."""
+    config = OutdoorConfig(frames=16, rate_hz=0.3, legs=legs)
+    camera, blank = Camera.from_fov(48, 48, 90), Textures(np.zeros((30, PYRAMID_TEXELS, 3), np.uint8))
+    rows, columns = np.mgrid[:48, :48]
+    rays = np.stack(
+        [(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones((48, 48))], -1
+    )
+    for number in range(6):
+        scene = draw_outdoor(config, 3, number)
+        down = (rays / np.linalg.norm(rays, axis=-1, keepdims=True)) @ scene.world_from_camera[0, 1]
+        assert np.isfinite(render(scene, blank, camera).depth_m[:, down > np.sin(np.radians(1.5))]).all()
+
+
+def test_a_flight_beyond_that_is_refused_and_how_to_mend_it_told():
+    with pytest.raises(
+        ValidationError, match=r"speed_m_s: expected flights of at most 300 m, .* got 1794 m; few"
+    ):
+        OutdoorConfig(frames=300, rate_hz=1.0)
+
+
+@pytest.mark.parametrize("kind", PIECES)
+def test_nothing_is_built_of_more_pieces_than_are_counted(kind):
+    nothing = dict.fromkeys(PIECES, (0, 0))
+    few, many = (OutdoorConfig(**nothing | {kind: (count, count)}) for count in (0, 12))
+    for number in range(4):
+        ground, all_of_it = (len(draw_outdoor(config, 2, number).shape) for config in (few, many))
+        assert ground <= GROUND_PIECES
+        assert 0 < all_of_it - ground <= 12 * PIECES[kind]
+
+
+def test_more_things_than_a_renderer_can_name_are_refused():
+    with pytest.raises(ValidationError, match="expected things of at most 32767 pieces, got up to 49"):
+        OutdoorConfig(woods=(0, 1000))
+    assert OutdoorConfig(woods=(0, 600)).woods[1] == 600
 
 
 @pytest.mark.parametrize("change", [{"speed_m_s": (6, 4)}, {"height_m": (2, 12)}, {"colour": 1}])

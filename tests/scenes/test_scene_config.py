@@ -26,6 +26,8 @@ def test_focal_length_of_a_narrow_lens():
         ({"angular_size": (0, 0)}, "angular_size: expected more than 0"),  # numpy: singular matrix
         ({"room_half_m": (1, 30)}, "room_half_m: expected at least half the path"),
         ({"frames": 0}, "frames"),
+        ({"lamps": (0, 32)}, "lamps: expected at most 31, got 32"),  # refused by the renderer, in the middle
+        ({"meshes": (0, 32_767)}, "meshes: expected at most 32766, got 32767"),
         ({"texture_ratio": 1.1}, "texture_ratio"),
         ({"horizontal_fov_deg": 180}, "horizontal_fov_deg"),
         ({"colour": "red"}, "colour"),
@@ -49,3 +51,8 @@ def test_an_empty_scene_can_be_drawn():
     scene = draw_scene(StillBoxConfig(meshes=(0, 0), lamps=(0, 0)), 0, 0, 0)
     assert scene.world_from_object.shape == (0, 3, 4)
     assert not np.isnan(scene.room_half).any()
+
+
+def test_the_most_lamps_and_objects_are_taken():
+    config = StillBoxConfig(lamps=(1, 31), meshes=(0, 32_766))
+    assert (config.lamps[1], config.meshes[1]) == (31, 32_766)

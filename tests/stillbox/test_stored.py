@@ -1,6 +1,7 @@
 """Sets in the original layout, read back."""
 
 import json
+import random
 import shutil
 from contextlib import suppress
 
@@ -194,3 +195,20 @@ def test_a_picture_of_another_size_is_named(copy):
     cv2.imwrite(str(copy / "00" / "RGB_0000_01.jpg"), np.zeros((8, 8, 3), np.uint8))
     with pytest.raises(BadInput, match=r"RGB_0000_01\.jpg: expected an image of 16x12 px, got 8x8"):
         open_stored_set(copy).scene(0)
+
+
+def test_sub_folders_from_the_hundredth_on_stand_by_their_number(folder, tmp_path):
+    """By name 100 came before 11; the split is of the scenes in that order, as it always was."""
+    facts = json.loads((folder / "00" / "metadata.json").read_text())
+    for number in range(103):
+        place = tmp_path / f"{number:02d}"
+        place.mkdir()
+        (place / "metadata.json").write_text(json.dumps(facts | {"scenes": facts["scenes"][:2]}))
+    stored = open_stored_set(tmp_path)
+    assert [int(place.name) for place, _ in stored.entries[::2]] == list(range(103))
+    by_name = [(name, n) for name in sorted(f"{number:02d}" for number in range(103)) for n in range(2)]
+    random.Random(0).shuffle(by_name)
+    split = [
+        (place.name, int(scene["imgs"][0][6:8])) for part in stored.split() for place, scene in part.entries
+    ]
+    assert split == by_name

@@ -117,6 +117,29 @@ def test_an_onnx_file_of_somebody_else_has_no_weights():
         weights_of(onnx.helper.make_model(graph).SerializeToString())
 
 
+def test_an_export_that_lacks_a_weight_names_it(exported):
+    """It came back as the number 0."""
+    model = onnx.load_model_from_string(exported.exact)
+    kept = [each for each in model.graph.initializer if each.name != "conv3.0.weight"]
+    del model.graph.initializer[:]
+    model.graph.initializer.extend(kept)
+    with pytest.raises(BadInput, match=r"flightdepth export wrote, got one without conv3\.0\.weight"):
+        weights_of(model.SerializeToString())
+
+
+@pytest.mark.parametrize("size", [1, 100, 5000, -1])
+def test_a_cut_export_is_refused(exported, size):
+    """Protobuf's own error came through."""
+    with pytest.raises(BadInput, match="flightdepth export"):
+        weights_of(exported.exact[:size])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_trash_is_no_export(seed):
+    with pytest.raises(BadInput, match="flightdepth export"):
+        weights_of(np.random.default_rng(seed).bytes(500))
+
+
 @pytest.fixture(scope="module")
 def flownets():
     torch.manual_seed(7)

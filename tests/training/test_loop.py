@@ -4,9 +4,11 @@ import hashlib
 import math
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -17,17 +19,23 @@ import training_runs
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from training_runs import BATCH, STEPS, small_recipe, small_stream, small_textures, stage
 
+import flightdepth
+from flightdepth.commands.export import card_of
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.files import write_json
 from flightdepth.stillbox.stored import StoredSet
+from flightdepth.training import held_out as held_out_pairs
 from flightdepth.training import learner, loop, precision
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.export import deployed, to_onnx, weights_of
+from flightdepth.training.held_out import HeldOut
 from flightdepth.training.inputs import TensorBatch, normalised
 from flightdepth.training.learner import Learner, mixed_precision
 from flightdepth.training.loop import train
 from flightdepth.training.processes import Share
-from flightdepth.training.run_folder import CHECKPOINT, RECIPE, SHIPPED, read_trained
+from flightdepth.training.run_folder import CHECKPOINT, PARENT, RECIPE, SHIPPED, read_trained
+from flightdepth.training.schedule import learning_rate
+from flightdepth.training.start import start_of
 from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.card import Stage as CardStage
 from flightdepth.weights.store import StoredNetwork, read_network
@@ -141,13 +149,11 @@ def test_batches_take_pictures_in_turn_after_a_cut_too(tmp_path, monkeypatch, wo
     assert checkpoint(tmp_path / "cut") == checkpoint(tmp_path / "whole")
 
 
-def test_each_of_two_pictures_has_scenes_of_its_own(monkeypatch):
+def test_each_of_two_pictures_has_scenes_of_its_own():
     recipe = any_lens_recipe([stage("a", 5) | {"finer": [128, 64]}])
-    monkeypatch.setattr(Share, "of", lambda *given: Share(2, range(2)))
-    each = Learner(recipe)
     opened = [
         loop.stage_stream(
-            each, 0, stream, turn, textures=small_textures(), sets={}, threads=1, workers=workers
+            recipe, 2, 0, stream, turn, textures=small_textures(), sets={}, threads=1, workers=workers
         )
         for workers, stream, turn in [(0, 0, 0), (0, 1, 0), (0, 0, 1), (0, 1, 1)]
     ]
@@ -206,6 +212,86 @@ def test_curves_are_written(tmp_path, monkeypatch):
         assert all(point.value > 0 for point in points)
 
 
+def test_the_learning_rate_that_is_drawn_is_the_step_s_own(tmp_path, monkeypatch):
+    """It was the next step's: 0 for the last one, where the floor is 0."""
+    monkeypatch.setattr(loop, "LOGGED_STEPS", 1)
+    recipe = small_recipe(stages=[stage("a", 3)], floor=0.0)
+    run(tmp_path, recipe=recipe)
+    points = EventAccumulator(str(tmp_path / "tensorboard")).Reload().Scalars("train/learning_rate")
+    rates = [learning_rate(recipe, recipe.stages[0], step * BATCH) for step in range(3)]
+    assert [point.value for point in points] == pytest.approx(rates)
+
+
+def test_a_run_that_was_killed_draws_each_step_once(tmp_path, monkeypatch):
+    """After --resume the steps since the last checkpoint stood there twice."""
+    monkeypatch.setattr(loop, "LOGGED_STEPS", 1)
+    run(tmp_path, cut_after=4, checkpoint_every_s=1e9)
+    time.sleep(1.1)  # files of events are in order by the second
+    run(tmp_path, resume=True)
+    points = EventAccumulator(str(tmp_path / "tensorboard")).Reload().Scalars("train/loss_m")
+    assert [point.step for point in points] == [BATCH * (step + 1) for step in range(STEPS)]
+
+
+@pytest.fixture
+def held_out(monkeypatch):
+    monkeypatch.setattr(held_out_pairs, "SCENES", training_runs.SMALL_POOL)
+    return HeldOut(small_recipe(), small_textures(), {}, 1)
+
+
+def test_a_test_error_changes_no_weight(whole, tmp_path, held_out, monkeypatch):
+    monkeypatch.setattr(held_out_pairs, "TEST_EVERY_S", 0.0)
+    assert run(tmp_path, held_out=held_out) == whole[1]
+    assert checkpoint(tmp_path) == checkpoint(whole[0])
+
+
+def test_the_test_error_is_measured_now_and_then_and_at_a_stage_s_end(tmp_path, held_out, monkeypatch):
+    reports, at_s = [], [0.0]
+
+    def minutes_later(step):
+        reports.append(step)
+        at_s[0] += 60.0
+
+    monkeypatch.setattr(held_out_pairs, "TEST_EVERY_S", 120.0)
+    options = {"resume": False, "report": minutes_later, "clock": lambda: at_s[0], "held_out": held_out}
+    train(small_recipe(), small_textures(), tmp_path, **options)
+    points = EventAccumulator(str(tmp_path / "tensorboard")).Reload().Scalars("test/l1_m")
+    assert [point.step for point in points] == [3 * BATCH, 4 * BATCH, 6 * BATCH]
+    told = [report.test_l1_m for report in reports]
+    assert told[:2] == [None, None]
+    assert told[4] is None  # of the stage before
+    assert [told[2], told[3], told[5]] == pytest.approx([point.value for point in points])
+
+
+def test_the_test_error_is_that_of_the_average_within_the_range(whole, held_out):
+    recipe = small_recipe()
+    batches = held_out.batches(1, workers=0, sweep_later=False)
+    learner = Learner(recipe)
+    learner.restored(whole[0] / CHECKPOINT)
+    learner.prepare()
+    network = deployed(recipe, read_weights(whole[0] / CHECKPOINT, "averaged"))
+    errors = []
+    for batch in batches:
+        with torch.no_grad(), learner.accelerator.autocast():
+            answer_m = network.network(normalised(*batch.inputs))[0].float().clamp(0, 100)
+        errors.append((answer_m - torch.nn.functional.avg_pool2d(batch.target_m, 4)).abs().mean())
+    assert learner.test_l1_m(batches) == pytest.approx(float(torch.stack(errors).mean()), rel=1e-5)
+    assert sum(len(batch.target_m) for batch in batches) == held_out_pairs.PAIRS
+
+
+def test_pairs_that_are_held_out_are_always_the_same_and_no_training_pairs(held_out):
+    first, again = (held_out.batches(0, workers=workers, sweep_later=False) for workers in (0, 2))
+    for one, other in zip(first, again, strict=True):
+        assert torch.equal(one.inputs[0], other.inputs[0])
+        assert torch.equal(one.target_m, other.target_m)
+    recipe = small_recipe(seed=4_000_000)
+    assert loop.stream_seed(recipe, len(recipe.stages), 200) < held_out_pairs.SEED
+
+
+def test_a_checkpoint_tells_what_wrote_it(whole):
+    progress = read_progress(whole[0] / CHECKPOINT)
+    assert (progress.flightdepth, progress.torch) == (flightdepth.__version__, str(torch.__version__))
+
+
 def test_reports_count_to_the_total(tmp_path):
     reports = []
     train(small_recipe(), small_textures(), tmp_path, resume=False, report=reports.append)
@@ -234,6 +320,7 @@ def test_a_recipe_starts_from_the_average_of_another(whole, tmp_path):
     (tmp_path / "small").symlink_to(whole[0])
     child = small_recipe(name="child", starts_from="small", stages=[stage("c", 1)])
     learner = Learner(child)
+    (tmp_path / "child").mkdir()
     progress = learner.started(tmp_path / "child")
     parent = read_weights(whole[0] / "checkpoint.safetensors", "averaged")
     assert progress.seen == BATCH * STEPS
@@ -247,7 +334,68 @@ def test_a_recipe_starts_from_a_stage_of_another(whole, tmp_path):
     run(tmp_path / "child", recipe=child)
     trained = read_trained(tmp_path / "child")
     assert trained.progress.seen == BATCH * (4 + 1)
-    assert [(each.name, seen) for each, seen in trained.stages] == [("a", 4 * BATCH), ("c", BATCH)]
+    assert [(each.name, each.samples) for each in trained.stages] == [("a", 4 * BATCH), ("c", BATCH)]
+
+
+def child_of_small(folder, **changes):
+    """A run of one stage that started from the run `small` beside it."""
+    facts = {"name": "child", "starts_from": "small", "stages": [stage("c", 1)]}
+    run(folder, recipe=small_recipe(**facts | changes))
+    return folder
+
+
+def test_each_stage_of_a_run_and_its_parent_is_by_its_own_recipe(whole, tmp_path):
+    """The card gave the parent's stages the child's optimizer and focal length."""
+    (tmp_path / "small").symlink_to(whole[0])
+    scenes = {"frames": 3, "horizontal_fov_deg": 60.0}
+    folder = child_of_small(tmp_path / "child", optimizer="muon", scenes=scenes)
+    stages = card_of(read_trained(folder), "child").stages
+    assert [(each.name, each.optimizer) for each in stages] == [("a", "adamw"), ("b", "adamw"), ("c", "muon")]
+    assert [each.focal_px for each in stages] == pytest.approx([32, 32, 55.4256], abs=1e-4)
+
+
+@pytest.mark.parametrize("later", ["gone", "another"])
+def test_a_run_keeps_what_its_parent_had_been_through(whole, tmp_path, later):
+    """The card read the parent as it stood at the export: resumed or deleted since, it told of other training."""
+    copied = shutil.copytree(whole[0], tmp_path / "small")
+    first = shipped_after(whole[0], [("before", 99)]).card
+    write_json(copied / SHIPPED, first.model_dump(mode="json"))
+    folder = child_of_small(tmp_path / "child")
+    told = card_of(read_trained(folder), "child")
+    shutil.rmtree(copied)
+    if later == "another":
+        run(copied, recipe=small_recipe(stages=[stage("a", 1)]))
+    assert [each.name for each in told.stages] == ["before", "a", "b", "c"]
+    assert card_of(read_trained(folder), "child") == told
+    assert read_trained(folder).first_shipped == first
+
+
+def test_a_run_that_did_not_write_that_down_reads_its_parent(whole, tmp_path):
+    (tmp_path / "small").symlink_to(whole[0])
+    folder = child_of_small(tmp_path / "child")
+    told = card_of(read_trained(folder), "child")
+    (folder / PARENT).unlink()
+    assert card_of(read_trained(folder), "child") == told
+
+
+def test_a_run_that_has_learnt_nothing_is_no_start(tmp_path):
+    """Its random weights were taken."""
+    run(tmp_path / "small", stop=lambda: True)
+    child = small_recipe(name="child", starts_from="small", stages=[stage("c", 1)])
+    with pytest.raises(BadInput, match=r"has learnt, .*small.*, got 0 pairs\. Train small first"):
+        start_of(child, tmp_path)
+
+
+def test_the_origin_tells_of_a_run_that_has_not_finished(whole, tmp_path):
+    (tmp_path / "small").symlink_to(whole[0])
+    run(tmp_path / "cut" / "small", cut_after=3)
+    for runs, parent, told in (
+        (tmp_path, "small", "24 pairs"),
+        (tmp_path, "small/a", "16 pairs"),
+        (tmp_path / "cut", "small", "8 pairs, a run that has not finished"),
+    ):
+        child = small_recipe(name="child", starts_from=parent, stages=[stage("c", 1)])
+        assert start_of(child, runs).origin.split(": ")[1] == told
 
 
 @pytest.mark.parametrize("steps", [1, 2, 3, 4])
@@ -295,7 +443,7 @@ def test_where_the_recipe_before_was_not_trained_its_shipped_network_is_taken(tm
     learner.save(tmp_path / "child" / CHECKPOINT, replace(progress, sample=BATCH))
     write_json(tmp_path / "child" / RECIPE, child.model_dump(mode="json"))
     trained = read_trained(tmp_path / "child")
-    assert [(each.name, seen) for each, seen in trained.stages] == [(last.name, BATCH)]
+    assert [(each.name, each.samples) for each in trained.stages] == [(last.name, BATCH)]
     assert trained.first_shipped == shipped.card
 
 
@@ -344,7 +492,7 @@ def test_a_shipped_network_goes_on_with_the_stages_that_it_lacks(whole, tmp_path
     run(tmp_path, recipe=longer, shipped=shipped)
     trained = read_trained(tmp_path)
     assert trained.progress.seen == BATCH * (STEPS + 1)
-    assert [(each.name, seen) for each, seen in trained.stages] == [("c", BATCH)]
+    assert [(each.name, each.samples) for each in trained.stages] == [("c", BATCH)]
     assert [each.name for each in trained.shipped.stages] == ["before", "a", "b"]
 
 

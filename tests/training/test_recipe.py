@@ -346,6 +346,12 @@ def test_two_stages_of_one_name_would_write_one_checkpoint(written):
             'activation = "elu+1"\narchitecture = "MotionNet"\nreference_focal_px = 64.0\nleaky_slope = 0.2',
             "expected no leaky_slope, which a MotionNet has no use for",
         ),
+        # Their gradient is 0.
+        (
+            "seed = 0",
+            'seed = 0\nloss_space = "inverse-depth"',
+            'expected activation = "elu\\+1", since with loss_',
+        ),
         ("batch = 10", "batch = 10\nphotometric_share = 0.3", "stages.0: expected photometric = true"),
         ("batch = 10", "batch = 10\nfov_deg = [55.0, 120.0]", "expected reference_focal_px, since a stage"),
         ("batch = 10", "batch = 10\nupright = true", "stages.0: expected open_share, of whose scenes"),

@@ -5,12 +5,12 @@ import torch
 from training_runs import small_recipe, stage
 
 from flightdepth.architectures.motionnet import RESIDUAL
-from flightdepth.commands.export import card_stage
 from flightdepth.commands.train import introduce
 from flightdepth.errors import BadInput
 from flightdepth.training import load_recipe
 from flightdepth.training.export import deployed, to_onnx
 from flightdepth.training.network import network_of
+from flightdepth.training.run_folder import card_stage
 from flightdepth.training.start import Start, start_of
 from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.store import save_network

@@ -20,10 +20,9 @@ if TYPE_CHECKING:
     from flightdepth.runtimes.contract import Precision
     from flightdepth.runtimes.network import Network
     from flightdepth.stillbox import OutdoorTestSet, TestPair, TestSet
-    from flightdepth.training import Recipe, Stage
+    from flightdepth.training import Recipe
     from flightdepth.training.run_folder import Trained
     from flightdepth.weights.card import NetworkCard
-    from flightdepth.weights.card import Stage as CardStage
     from flightdepth.weights.store import StoredNetwork
 
 Weights: TypeAlias = "dict[str, Tensor]"
@@ -102,7 +101,7 @@ def card_of(run: Trained, name: str) -> NetworkCard:
     recipe, before = run.recipe, run.first_shipped
     if not run.stages:
         raise BadInput(f"checkpoint {run.checkpoint}", expected="some training", got="none yet")
-    stages = (before.stages if before else ()) + tuple(card_stage(recipe, *each) for each in run.stages)
+    stages = (before.stages if before else ()) + run.stages
     went_on_from = None
     if before is not None and before.name == name:
         l1_m = before.metrics.get("l1_m")
@@ -123,19 +122,6 @@ def card_of(run: Trained, name: str) -> NetworkCard:
         set_version=SET_VERSION,
     )
     return card.at_focal(FLIGHT_DETAIL * card.focal_px)
-
-
-def card_stage(recipe: Recipe, stage: Stage, samples: int) -> CardStage:
-    """What a card says of a stage of which so many pairs were seen."""
-    from flightdepth.weights.card import Stage as CardStage
-
-    common = CardStage.model_fields.keys() - {"focal_px", "samples", "optimizer"}
-    return CardStage(
-        **stage.model_dump(include=common),
-        focal_px=round(recipe.scenes.focal_px(stage.full_width), 6),
-        samples=samples,
-        optimizer=recipe.optimizer_in(stage),
-    )
 
 
 def mean_of(weights: Weights, other: StoredNetwork) -> Weights:

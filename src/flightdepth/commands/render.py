@@ -92,6 +92,7 @@ def render(
         --engine ray --address auto
     """
     with extra_packages("flightdepth render", "train"):
+        from flightdepth.renderers.raycast import check_memory
         from flightdepth.stillbox.encoding import Source
         from flightdepth.stillbox.set_on_disk import Layout, open_set, refuse_other_things
         from flightdepth.stillbox.sets import named_set, read_overrides
@@ -101,6 +102,8 @@ def render(
     wanted, original = named_set(name, **knobs | given(seed, size))
     count = scene_count(scenes, knobs.get("scenes", SCENES), original)
     source = Source(wanted, chosen(renderer, samples))
+    if engine == "threads":  # a cluster's machines have memory of their own
+        check_memory(wanted.camera, wanted.config.frames)
     dressed = dressing(wanted, textures, procedural)
     with (
         room_on_the_disk(out),

@@ -12,7 +12,7 @@ import typer
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.full_disk import room_on_the_disk
 from flightdepth.commands.signals import stop_request
-from flightdepth.commands.terminal import ToldProgress, progress_bar, say
+from flightdepth.commands.terminal import ToldProgress, progress_bar, say, warn
 from flightdepth.commands.textures import ProceduralOption, TexturesOption, gathered_textures
 from flightdepth.errors import BadInput
 from flightdepth.files import held, make_folder
@@ -131,6 +131,7 @@ def run(
     """Train with a progress bar, until the end, Ctrl-C or SIGTERM."""
     from flightdepth.machine import usable_cores
     from flightdepth.training.freed_memory import keep_freed_memory
+    from flightdepth.training.held_out import HeldOut
     from flightdepth.training.loop import train as train_on
     from flightdepth.training.processes import this_process
 
@@ -139,21 +140,25 @@ def run(
         keep_freed_memory()
     # The launcher of several processes passes on what the terminal has told them already.
     alone = state.num_processes == 1
+    threads = max(1, usable_cores() // state.num_processes)
+    learnt_from, left_out = (
+        {width: each.split()[part] for width, each in (sets or {}).items()} for part in (0, 1)
+    )
     with stop_request(SAVING if alone else None, insist=alone) as stop, ExitStack() as stack:
         options: dict[str, Any] = {}
         if state.is_main_process:
             stack.enter_context(held(folder, "run folder", "training", "train elsewhere: --runs DIR"))
             bar = stack.enter_context(progress_bar(recipe.name, recipe.samples, "samples"))
-            options["report"] = Display(bar)
+            options |= {"report": Display(bar), "held_out": HeldOut(recipe, textures, left_out, threads)}
         train_on(
             recipe,
             textures,
             folder,
             resume=resume,
             shipped=shipped,
-            sets=sets,
+            sets=learnt_from,
             stop=stop.is_set,
-            threads=max(1, usable_cores() // state.num_processes),
+            threads=threads,
             workers=workers,
             **options,
         )
@@ -171,7 +176,7 @@ def refuse_to_overwrite(folder: Path, *, resume: bool) -> None:
 
 
 def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
-    """The training part of each stored set, by width; every stage of the recipe finds one, if there are any."""
+    """Each stored set by its width; every stage of the recipe finds one that it can learn from, if there are any."""
     from flightdepth.stillbox.stored import open_stored_set
     from flightdepth.stillbox.stored_pairs import refuse_unfit
 
@@ -191,11 +196,12 @@ def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
         say(
             f"{each.folder}: {len(each):,} scenes of {each.width}x{each.height} px, four fifths of them to learn from"
         )
-    learnt_from = {width: each.split()[0] for width, each in sets.items()}
+    parts = {width: each.split() for width, each in sets.items()}  # to learn from, and held out
     for stage in recipe.stages if sets else ():
         for picture in stage.pictures:
-            refuse_unfit(learnt_from[picture.full_width], recipe.scenes_in(stage), picture)
-    return learnt_from
+            for part in parts[picture.full_width]:
+                refuse_unfit(part, recipe.scenes_in(stage), picture)
+    return sets
 
 
 def introduce(
@@ -214,6 +220,8 @@ def introduce(
     if (processes := this_process().num_processes) > 1:
         say(f"{processes} processes, which share each batch")
     stands = (folder / CHECKPOINT).exists()
+    if resume and stands and this_process().is_main_process:
+        warn_of_other_versions(folder / CHECKPOINT)
     if resume and not stands:
         say(f"no checkpoint in {folder} to resume: the run begins")
     if not stands and (start := start_of(recipe, folder.parent, shipped)) is not None:
@@ -222,6 +230,20 @@ def introduce(
             keys = "looks, thorough_last_look and residual_blocks"
             say(f"left behind: {', '.join(left)}; with its {keys} {recipe.name} has no place for them")
     say(f"run folder: {folder}; curves: tensorboard --logdir {folder / 'tensorboard'}")
+
+
+def warn_of_other_versions(checkpoint: Path) -> None:
+    """A run goes on exactly by what it was begun with."""
+    from flightdepth.training.checkpoint import read_progress, versions
+
+    before = read_progress(checkpoint)
+    others = [
+        f"{name} {kept}, here {now}"
+        for name, now in versions().items()
+        if (kept := getattr(before, name)) not in (None, now)
+    ]
+    if others:
+        warn(f"{checkpoint} is by {'; by '.join(others)}: what it goes on to may be other bytes")
 
 
 class Display:
@@ -237,6 +259,8 @@ class Display:
             self._begun = True
             self._bar.begin_at(report.seen, report.total)
         text = f"stage {report.stage}, loss {report.loss_m:.3f} m"
+        if report.test_l1_m is not None:
+            text += f", test {report.test_l1_m:.3f} m"
         self._bar.reach(report.seen, text)
 
 

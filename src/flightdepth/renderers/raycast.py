@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.machine import memory_bytes
 from flightdepth.renderers.antialiasing import AROUND, is_fold, mark_edges, supersample
 from flightdepth.renderers.bundles import BUNDLE, LANES
 from flightdepth.renderers.compiling import compiled
@@ -26,12 +27,12 @@ from flightdepth.renderers.surfaces import encoded
 from flightdepth.renderers.tiles import NOBODY, TILE, shade_tile
 from flightdepth.renderers.tracing import PARTS, Labels, trace_picture
 from flightdepth.renderers.view import Records, World, place_things, prepare_cameras, prepare_world
-from flightdepth.scenes.scene import Floats, Ints, Scene
-from flightdepth.scenes.textures import Textures
+from flightdepth.scenes.scene import MOST_LAMPS, MOST_OBJECTS, Floats, Ints, Scene
+from flightdepth.scenes.textures import MEMORY_SHARE, Textures
 
 VERSION = "raycast-2"
-MOST_LAMPS = 31  # a bit each says where they are dark
-MOST_OBJECTS = np.iinfo(np.int16).max  # shadows name them by numbers of 16 bits
+DONE_BYTES = 3 + 4  # a pixel, of each frame that is returned
+WORKED_BYTES = 8 + 4 + 12 + 4  # a pixel, of the frame that is worked on, without its lamps
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,19 @@ def check_textures(scene: Scene, textures: Textures) -> None:
         )
 
 
+def check_memory(camera: Camera, frames: int) -> None:
+    """Refuse pictures of `camera`, of so many frames at once, that this machine has not the memory for."""
+    needed = camera.width * camera.height * (frames * DONE_BYTES + WORKED_BYTES)
+    most = MEMORY_SHARE * memory_bytes()
+    if needed > most:
+        raise BadInput(
+            "pictures of a scene",
+            expected=f"at most {most / 1e9:.1f} GB of memory",
+            got=f"{needed / 1e9:.1f} GB, for {frames} of {camera.width}x{camera.height} px",
+            mend="Smaller pictures, or fewer frames.",
+        )
+
+
 def render(
     scene: Scene,
     textures: Textures,
@@ -67,7 +81,8 @@ def render(
     threads the frames are rendered side by side; the result is the same.
 
     Raises:
-        BadInput: the scene wears a texture that `textures` does not hold, or has too many lamps or objects.
+        BadInput: the scene wears a texture that `textures` does not hold, or has too many lamps or objects, or its
+            pictures do not fit into memory.
     """
     check_textures(scene, textures)
     counts = {"lamps": (len(scene.lamp_position), MOST_LAMPS), "objects": (len(scene.shape), MOST_OBJECTS)}
@@ -75,6 +90,7 @@ def render(
         if count > most:
             raise BadInput(f"{what} of the scene", expected=f"at most {most}", got=str(count))
     numbers = range(scene.frames) if frames is None else frames
+    check_memory(camera, len(numbers))
     world, cameras = prepare_world(scene), prepare_cameras(scene, camera, numbers)
     images = np.empty((len(numbers), camera.height, camera.width, 3), np.uint8)
     depth_m = np.empty((len(numbers), camera.height, camera.width), np.float32)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from flightdepth.camera import Camera
+from flightdepth.scenes.scene import MOST_LAMPS, MOST_OBJECTS
 
 SET_VERSION = "2"
 
@@ -58,6 +59,13 @@ class StillBoxConfig(BaseModel):
             raise ValueError(f"distance_m: expected more than 0, got {self.distance_m[0]}")
         if self.angular_size[1] <= 0:
             raise ValueError(f"angular_size: expected more than 0, got {self.angular_size[1]}")
+        # The ground of a scene in the open is an object more.
+        for name, (_, many), most in (
+            ("meshes", self.meshes, MOST_OBJECTS - 1),
+            ("lamps", self.lamps, MOST_LAMPS),
+        ):
+            if many > most:
+                raise ValueError(f"{name}: expected at most {most}, got {many}")
         least_m = self.path_length_m / 2 + self.clearance_m
         if self.room_half_m[0] < least_m:
             raise ValueError(

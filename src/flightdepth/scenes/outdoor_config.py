@@ -9,10 +9,14 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from flightdepth.scenes import chance
 from flightdepth.scenes.config import Counts, Range
-from flightdepth.scenes.scene import Floats
+from flightdepth.scenes.scene import MOST_OBJECTS, Floats
 
 OUTDOOR_VERSION = "1"
 HIGHEST_MOUND_M = 2.5
+FARTHEST_M = 300.0  # from there on the plain's end comes into view, and sky below it
+# Objects of the ray caster that one of each may be built of, and the ground and its fields.
+PIECES = {"mounds": 1, "hills": 1, "houses": 5, "near_trees": 16, "trees": 10, "woods": 12 * 4, "bushes": 3}
+GROUND_PIECES = 100
 
 
 class OutdoorConfig(BaseModel):
@@ -65,6 +69,16 @@ class OutdoorConfig(BaseModel):
                 f"height_m: expected at least clearance + mounds = "
                 f"{self.clearance_m + HIGHEST_MOUND_M} m, got {self.height_m[0]} m"
             )
+        if self.farthest_m > FARTHEST_M:
+            raise ValueError(
+                f"speed_m_s: expected flights of at most {FARTHEST_M:g} m, where the plain has no end in sight, "
+                f"got {self.farthest_m:.0f} m; fewer frames, a higher rate_hz or a lower speed mend it"
+            )
+        pieces = GROUND_PIECES + sum(each * getattr(self, name)[1] for name, each in PIECES.items())
+        if pieces > MOST_OBJECTS:
+            raise ValueError(
+                f"{', '.join(PIECES)}: expected things of at most {MOST_OBJECTS} pieces, got up to {pieces}"
+            )
         if self.legs == "any" and self.turn_over_s > self.duration_s:
             raise ValueError(
                 f"turn_over_s: expected at most the scene's {self.duration_s:.2f} s, got {self.turn_over_s} s"
@@ -75,6 +89,11 @@ class OutdoorConfig(BaseModel):
     def time_step_s(self) -> float:
         """Time between two frames."""
         return 1.0 / self.rate_hz
+
+    @property
+    def farthest_m(self) -> float:
+        """Longest way over the ground from the first frame to the last."""
+        return self.speed_m_s[1] * (self.frames - 1) / self.rate_hz
 
     @property
     def duration_s(self) -> float:

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+MOST_LAMPS = 31  # a bit each says where they are dark
+MOST_OBJECTS = np.iinfo(np.int16).max  # shadows name them by numbers of 16 bits
+
 
 class Shape(IntEnum):
     """Unit primitives in object space; `world_from_object` scales, turns and moves them."""

@@ -22,7 +22,7 @@ EDGE = 512  # texels, a power of two
 LEVELS = EDGE.bit_length()  # 512, 256, ... 1
 PYRAMID_TEXELS = sum((EDGE >> level) ** 2 for level in range(LEVELS))
 LINEAR = (np.arange(256, dtype=np.float32) / 255) ** 2.2  # light of a byte, 0..1
-MEMORY_SHARE = 0.8  # of the machine's, that textures may take
+MEMORY_SHARE = 0.8  # of the machine's, that textures may take, or the pictures of a scene
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}
 
 

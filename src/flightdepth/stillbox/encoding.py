@@ -16,6 +16,7 @@ from flightdepth.errors import BadInput
 from flightdepth.renderers import raycast
 from flightdepth.renderers.raycast import Rendered
 from flightdepth.scenes import Scene, Textures
+from flightdepth.scenes.pictures import jpeg
 from flightdepth.stillbox.camera_path import described_path
 from flightdepth.stillbox.sets import SceneSet
 
@@ -68,7 +69,7 @@ class Source:
         return EncodedScene(
             number,
             described_path(scene, self.scenes.config.time_step_s),
-            tuple(jpeg(image) for image in rendered.images),
+            tuple(jpeg(image, JPEG_QUALITY) for image in rendered.images),
             tuple(npy(depth_m.clip(*DEPTH_CLIP_M)) for depth_m in rendered.depth_m),
         )
 
@@ -85,12 +86,6 @@ class Source:
             "depth_clip_m": list(DEPTH_CLIP_M),
             "jpeg": f"quality {JPEG_QUALITY}, opencv {cv2.__version__}",
         } | self.scenes.config.model_dump(mode="json")
-
-
-def jpeg(image: NDArray[np.uint8]) -> bytes:
-    """An RGB picture [H, W, 3] as JPEG."""
-    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
 
 
 def npy(array: NDArray[np.float32]) -> bytes:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.scenes.pictures import jpeg
 from flightdepth.stillbox.pairs import Image, Pair
 
 LARGEST_PX = 1024  # edge of the field that noise is cut from
@@ -59,6 +60,5 @@ def _tone_curve(gain: NDArray[np.float64], gamma: float, lift: float) -> Image:
 
 def through_jpeg(image: Image, quality: int) -> Image:
     """The picture, uint8 RGB, as a JPEG of that quality (0..100) shows it."""
-    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    data = np.frombuffer(jpeg(image, quality), np.uint8)
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), dtype=np.uint8)

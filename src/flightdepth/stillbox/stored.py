@@ -120,7 +120,8 @@ class StoredSet:
 
     def split(self, seed: int = 0) -> tuple[StoredSet, StoredSet]:
         """80 % of the shuffled scenes to train with, and the others: the authors' split, if theirs lists by name."""
-        entries = list(self.entries)
+        # Shuffled from where sub-folders stand by name, 100 before 11.
+        entries = sorted(self.entries, key=lambda entry: entry[0].name)
         random.Random(seed).shuffle(entries)
         first = len(entries) * TRAIN_PERCENT // 100
         return replace(self, entries=tuple(entries[:first])), replace(self, entries=tuple(entries[first:]))
@@ -133,7 +134,7 @@ def open_stored_set(folder: Path | str) -> StoredSet:
         BadInput: there is no metadata, some of it is damaged or lacks what is needed, or sizes differ.
     """
     folder = Path(folder)
-    paths = sorted(folder.glob(f"*/{METADATA}"))
+    paths = sorted(folder.glob(f"*/{METADATA}"), key=lambda path: _place_of(path.parent.name))
     if not paths:
         mend = "Shards are not read: render with --format folder." if any(folder.glob("*.tar")) else None
         raise BadInput(f"set {folder}", expected=f"sub-folders with {METADATA}", got="none", mend=mend)
@@ -151,6 +152,12 @@ def open_stored_set(folder: Path | str) -> StoredSet:
     if not entries:
         raise BadInput(f"set {folder}", expected="at least one scene", got="none")
     return StoredSet(folder, *heads.pop(), tuple(entries))
+
+
+def _place_of(name: str) -> tuple[bool, int, str]:
+    """What sub-folders are sorted by: numbers first, 100 after 99, then other names."""
+    is_number = name.isdecimal()
+    return not is_number, int(name) if is_number else 0, name
 
 
 def unclipped(depth_m: Depth) -> Depth:

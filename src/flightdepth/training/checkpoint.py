@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
+from importlib import import_module
 from pathlib import Path
 
 import torch
@@ -24,7 +25,8 @@ class Progress:
 
     `parts`: of each batch, an equal share of it each; 0 where none came. `workers`: processes that make a part's pairs,
     0 where it is made by the one that learns; each has a stream of scenes of its own.
-    `precision`: what it is computed in; None in checkpoints from before it was kept.
+    `precision`: what it is computed in; `flightdepth`, `torch`: the versions that wrote it; None in checkpoints from
+    before they were kept.
     """
 
     recipe: str
@@ -36,6 +38,14 @@ class Progress:
     parts: int = 0
     precision: Arithmetic | None = None
     workers: int = 0
+    flightdepth: str | None = None
+    torch: str | None = None
+
+
+def versions() -> dict[str, str]:
+    """Of what trains here, by their names in `Progress`."""
+    package = import_module("flightdepth")  # an import at the top would be of all that it gives a name to
+    return {"flightdepth": package.__version__, "torch": str(torch.__version__)}
 
 
 def save_checkpoint(

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import onnx
 import torch
+from google.protobuf.message import DecodeError  # type: ignore[import-untyped]
 from onnx import helper, numpy_helper
 from torch import Tensor, nn
 
@@ -27,6 +28,7 @@ from flightdepth.training.recipe import STRIDE, Recipe
 
 OPSET = 18
 ROWS = 128  # of the example that the graph is traced with
+COUNTER = "num_batches_tracked"  # of batch norm: not needed for inference, not exported
 HALF = ".half"  # suffix of an initialiser stored in half precision
 
 
@@ -122,15 +124,21 @@ def weights_of(onnx_bytes: bytes) -> dict[str, Tensor]:
     """State dict in an exported file, float32.
 
     Raises:
-        BadInput: the file holds no weights under the names of a state dict.
+        BadInput: the file is damaged, or holds not all weights under the names of a state dict.
     """
-    graph = onnx.load_model_from_string(onnx_bytes).graph
+    expected = "an ONNX file that flightdepth export wrote"
+    try:
+        graph = onnx.load_model_from_string(onnx_bytes).graph
+    except DecodeError as error:
+        raise BadInput("weights", expected=expected, got=str(error)) from error
     arrays = {i.name.removesuffix(HALF): numpy_helper.to_array(i) for i in graph.initializer}
     keys = _architecture_with(arrays.keys()).state_dict().keys()
     found = {k: torch.from_numpy(arrays[k].copy()) for k in keys if k in arrays}
     if not found:
-        raise BadInput("weights", expected="an ONNX file that flightdepth export wrote", got="other names")
-    for key in keys - found.keys():  # counters of batch norm: not needed for inference, not exported
+        raise BadInput("weights", expected=expected, got="other names")
+    for key in (key for key in keys if key not in found):
+        if not key.endswith(COUNTER):
+            raise BadInput("weights", expected=expected, got=f"one without {key}")
         found[key] = torch.zeros((), dtype=torch.int64)
     return {k: v.float() if v.is_floating_point() else v for k, v in found.items()}
 

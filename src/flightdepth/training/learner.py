@@ -17,7 +17,6 @@ from accelerate.utils import DistributedDataParallelKwargs
 from torch import Tensor, nn, optim
 
 from flightdepth.errors import BadInput, FlightDepthError
-from flightdepth.files import write_json
 from flightdepth.training.averaging import MovingAverage
 from flightdepth.training.checkpoint import (
     Progress,
@@ -25,16 +24,17 @@ from flightdepth.training.checkpoint import (
     read_progress,
     read_weights,
     save_checkpoint,
+    versions,
 )
 from flightdepth.training.graph import StepGraph
 from flightdepth.training.inputs import TensorBatch, network_inputs
-from flightdepth.training.loss import loss_m
+from flightdepth.training.loss import l1_m, loss_m
 from flightdepth.training.muon import Muon
 from flightdepth.training.network import network_of
 from flightdepth.training.precision import Arithmetic, mixed_precision
 from flightdepth.training.processes import Share, mean_over, weigh_part, without_gpu
 from flightdepth.training.recipe import OptimizerName, Recipe, Stage
-from flightdepth.training.run_folder import SHIPPED
+from flightdepth.training.run_folder import keep_origin
 from flightdepth.training.schedule import learning_rate
 from flightdepth.training.start import start_of
 from flightdepth.weights.store import StoredNetwork
@@ -99,13 +99,14 @@ class Learner:
         What a recipe starts from is the run in the same folder of runs, or else the network that ships.
         """
         recipe = self.recipe
-        (folder / SHIPPED).unlink(missing_ok=True)  # of a run that ended before its first checkpoint
         start = start_of(recipe, folder.parent, shipped)
         if start is None:
+            keep_origin(folder)
             return Progress(recipe.name, recipe.digest, 0, 0, 0, math.nan)
         self._load_what_fits(start.weights)
-        if start.card is not None:  # kept, so that what its weights have seen is known
-            write_json(folder / SHIPPED, start.card.model_dump(mode="json"))
+        keep_origin(
+            folder, shipped=start.card, parent=start.parent
+        )  # so that what its weights have seen is known
         return Progress(recipe.name, recipe.digest, start.stage, 0, start.seen, math.nan)
 
     def _load_what_fits(self, weights: Mapping[str, Tensor]) -> None:
@@ -185,6 +186,16 @@ class Learner:
         self.accelerator.backward(loss)
         return loss.detach()
 
+    @torch.no_grad()
+    def test_l1_m(self, batches: Sequence[TensorBatch]) -> float:
+        """Mean error of the average on batches of one size, metres; of this process alone, and no weight changes."""
+        errors = []
+        for batch in (each.to(self.accelerator.device) for each in batches):
+            with self.accelerator.autocast():
+                output = self.averaged(*network_inputs(self.recipe, batch))
+            errors.append(float(l1_m(self.recipe, output, batch.target_m)))
+        return sum(errors) / len(errors)
+
     def agreed(self, flag: bool) -> bool:
         """Whether any process says so; all get the same answer."""
         if self.accelerator.num_processes == 1:
@@ -205,7 +216,10 @@ class Learner:
                 " the last checkpoint stands. Try a lower learning_rate"
             )
         if self.accelerator.is_main_process:
-            progress = replace(progress, precision=self.precision)
+            now = versions()
+            progress = replace(
+                progress, precision=self.precision, flightdepth=now["flightdepth"], torch=now["torch"]
+            )
             save_checkpoint(path, progress, self.network, self.averaged, self.optimizer)
         self.accelerator.wait_for_everyone()
 

@@ -23,6 +23,7 @@ from flightdepth.stillbox.stored_pairs import StoredPairs
 from flightdepth.stillbox.stream import CHUNK, POOL_SCENES
 from flightdepth.training.checkpoint import Progress, read_progress
 from flightdepth.training.feed import Feed
+from flightdepth.training.held_out import HeldOut, StageTest
 from flightdepth.training.inputs import TensorBatch
 from flightdepth.training.learner import Learner
 from flightdepth.training.processes import without_gpu
@@ -40,12 +41,13 @@ LOGGED_STEPS = 20  # one in so many is drawn by tensorboard
 
 @dataclass(frozen=True)
 class Report:
-    """What a progress bar shows."""
+    """What a progress bar shows; `test_l1_m` is the test error where there is one, as last measured in the stage."""
 
     stage: str
     seen: int
     total: int
     loss_m: float
+    test_l1_m: float | None = None
 
 
 def train(
@@ -56,6 +58,7 @@ def train(
     resume: bool,
     shipped: StoredNetwork | None = None,
     sets: Mapping[int, StoredSet] | None = None,
+    held_out: HeldOut | None = None,
     report: Callable[[Report], None] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
     checkpoint_every_s: float = 120.0,
@@ -67,10 +70,11 @@ def train(
 
     With `resume` a checkpoint in `folder` is taken up where it was; without one, the run starts: from random
     weights, or from those of `shipped`, after the stages that its card lists. With `sets`, by their width,
-    pairs come from stored scenes: each stage takes the set as wide as its full picture. `stop` is asked after every
-    step; when it says yes, the run is saved and ends there. `threads` make pairs when it is their turn; with `workers`,
-    so many processes for each part of a batch make them ahead of time, a thread each. None: as many as the run
-    that goes on had, else one for each free thread beside a GPU, and none without one.
+    pairs come from stored scenes: each stage takes the set as wide as its full picture. On pairs of `held_out` the
+    first process measures the test error, which changes no weight. `stop` is asked after every step; when it says yes,
+    the run is saved and ends there. `threads` make pairs when it is their turn; with `workers`, so many processes for
+    each part of a batch make them ahead of time, a thread each. None: as many as the run that goes on had, else one for
+    each free thread beside a GPU, and none without one.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / CHECKPOINT
@@ -78,28 +82,19 @@ def train(
     learner = Learner(recipe, read_progress(path).precision if goes_on else None)
     progress = learner.restored(path) if goes_on else learner.started(folder, shipped)
     learner.prepare(progress.stage)
-    if workers is None:
-        known = progress.sample or progress.workers
-        workers = progress.workers if known else usual_workers(learner, threads)
+    workers = _workers(learner, progress, threads) if workers is None else workers
     if workers and sys.platform != FORKING:
         raise BadInput("--workers", expected="Linux, whose processes share what is read", got=sys.platform)
-    streams = [
-        partial(
-            stage_stream,
-            learner,
-            number,
-            textures=textures,
-            sets=sets or {},
-            threads=threads,
-            workers=workers,
-        )
-        for number in range(len(recipe.stages))
-    ]
-    # What a stage can't learn from is told before the stages that come first.
-    for stage, stream in zip(recipe.stages[progress.stage :], streams[progress.stage :], strict=True):
-        for turn in range(len(stage.pictures)):
-            with stream(learner.share.mine[0], turn):
-                pass
+    streamed = partial(
+        stage_stream,
+        recipe,
+        learner.share.parts,
+        textures=textures,
+        sets=sets or {},
+        threads=threads,
+        workers=workers,
+    )
+    _open_each(recipe, streamed, progress.stage, learner.share.mine[0])
     keep_sets(folder, sets or {})
     keep_textures(folder, textures)
     write_json(folder / RECIPE, recipe.model_dump(mode="json"))
@@ -107,10 +102,10 @@ def train(
         progress = replace(progress, workers=workers)
     if not goes_on:  # from here on it is known what the run began from
         learner.save(path, progress)
-    main = learner.accelerator.is_main_process
-    with SummaryWriter(str(folder / "tensorboard")) if main else nullcontext() as board:
+    with _board(folder, progress.seen) if learner.accelerator.is_main_process else nullcontext() as board:
         for number in range(progress.stage, len(recipe.stages)):
-            run = _Run(learner, number, streams[number], workers, board, report, stop, clock)
+            stream = partial(streamed, number)
+            run = _Run(learner, number, stream, workers, board, held_out, report, stop, clock)
             progress = run.to_end(progress, path, checkpoint_every_s)
             if learner.agreed(stop()):
                 learner.save(path, progress)
@@ -122,15 +117,37 @@ def train(
     return path
 
 
+def _workers(learner: Learner, progress: Progress, threads: int) -> int:
+    """Where nobody says how many: those that the run goes on with, else the usual number."""
+    known = progress.sample or progress.workers
+    return progress.workers if known else usual_workers(learner, threads)
+
+
+def _open_each(
+    recipe: Recipe, streamed: Callable[[int, int, int], PairStream], first: int, part: int
+) -> None:
+    """What a stage can't learn from, of stage `first` and later ones, is told before the stages that come first."""
+    for number, stage in enumerate(recipe.stages[first:], start=first):
+        for turn in range(len(stage.pictures)):
+            with streamed(number, part, turn):
+                pass
+
+
+def _board(folder: Path, seen: int) -> SummaryWriter:
+    """Curves from `seen` pairs on; what a run that was killed drew beyond its last checkpoint is drawn anew."""
+    return SummaryWriter(str(folder / "tensorboard"), purge_step=seen + 1)
+
+
 @dataclass
 class _Run:
-    """One stage."""
+    """One stage; it has a `board`, and measures the test error, in the first process alone."""
 
     learner: Learner
     number: int
     stream: Callable[[int, int], PairStream]
     workers: int
     board: SummaryWriter | None
+    held_out: HeldOut | None
     report: Callable[[Report], None]
     stop: Callable[[], bool]
     clock: Callable[[], float]
@@ -155,6 +172,7 @@ class _Run:
                 "--resume", expected=f"--workers {progress.workers}, as it began", got=f"{self.workers}"
             )
         self.learner.begin(self.stage)
+        test = self._test()
         saved = began = self.clock()
         began_at, total = progress.seen, self._total(progress)
         with ExitStack() as stack:
@@ -163,8 +181,11 @@ class _Run:
             while progress.sample < self.stage.samples and not self.learner.agreed(self.stop()):
                 loss_m = self.learner.step([next(feed) for feed in feeds], self.stage, progress.sample)
                 progress = self._advanced(progress, loss_m)
+                if test is not None:
+                    test.measure(progress.seen, ended=progress.sample >= self.stage.samples)
                 rate = (progress.seen - began_at) / max(self.clock() - began, 1e-9)
-                self.report(Report(self.stage.name, progress.seen, total, progress.loss_m))
+                test_l1_m = None if test is None else test.l1_m
+                self.report(Report(self.stage.name, progress.seen, total, progress.loss_m, test_l1_m))
                 self._log(progress, loss_m, rate)
                 if self.learner.agreed(self.clock() - saved >= every_s):
                     self.learner.save(path, progress)
@@ -205,16 +226,24 @@ class _Run:
         rest = sum(stage.samples for stage in self.recipe.stages[self.number + 1 :])
         return progress.seen - progress.sample + self.stage.samples + rest
 
+    def _test(self) -> StageTest | None:
+        if self.held_out is None or self.board is None:
+            return None
+        sweep_later = self.learner.on_gpu
+        batches = self.held_out.batches(self.number, workers=self.workers, sweep_later=sweep_later)
+        return StageTest(batches, self.learner.test_l1_m, self.board, self.clock)
+
     def _log(self, progress: Progress, loss_m: float, rate: float) -> None:
         if self.board is None or (progress.sample // self.stage.batch) % LOGGED_STEPS:
             return
-        rate_now = learning_rate(self.recipe, self.stage, progress.sample)
-        for name, value in {"loss_m": loss_m, "samples_per_s": rate, "learning_rate": rate_now}.items():
+        learnt_at = learning_rate(self.recipe, self.stage, progress.sample - self.stage.batch)
+        for name, value in {"loss_m": loss_m, "samples_per_s": rate, "learning_rate": learnt_at}.items():
             self.board.add_scalar(f"train/{name}", value, progress.seen)
 
 
 def stage_stream(
-    learner: Learner,
+    recipe: Recipe,
+    parts: int,
     number: int,
     stream: int,
     turn: int = 0,
@@ -225,14 +254,14 @@ def stage_stream(
     workers: int = 0,
 ) -> PairStream:
     """Pairs of stage `number` from stream number `stream` of its picture number `turn`, of drawn scenes or of the set
-    as wide as the full picture.
+    as wide as the full picture. A batch is made in `parts` parts, each of which has a stream.
 
     Of several workers each has a thread, and of several streams each a smaller pool of scenes.
 
     Raises:
         BadInput: the set is not one that the stage can learn from.
     """
-    recipe, stage = learner.recipe, learner.recipe.stages[number]
+    stage = recipe.stages[number]
     picture, each = stage.pictures[turn], max(workers, 1)
     opened = partial(StoredPairs, stored=sets[picture.full_width]) if sets else PairStream
     return opened(
@@ -240,7 +269,7 @@ def stage_stream(
         textures=textures,
         picture=picture,
         rule=replace(recipe.rule, wide_share=stage.wide_share),
-        seed=stream_seed(recipe, number, turn * learner.share.parts * each + stream),
+        seed=stream_seed(recipe, number, turn * parts * each + stream),
         photometric_share=stage.photometric_share if stage.photometric else 0.0,
         h264_share=stage.h264_share,
         noise=stage.noise,

@@ -36,6 +36,13 @@ def loss_m(recipe: Recipe, output: list[Tensor] | tuple[list[Tensor], Tensor], t
     return total + SPREAD_WEIGHT * pinball(spread_m, error_m, INSIDE_ONE_SIGMA)
 
 
+def l1_m(recipe: Recipe, output: list[Tensor] | tuple[list[Tensor], Tensor], target_m: Tensor) -> Tensor:
+    """Mean error of what is exported, the finest scale, clipped; a scalar in metres. The rest as for `loss_m`."""
+    depths = output if isinstance(output, list) else output[0]
+    answer_m = depths[0].float().clamp(recipe.depth_min_m, recipe.depth_max_m)
+    return (answer_m - _pooled(target_m, answer_m)).abs().mean()
+
+
 def multi_scale_l1(
     depths: Sequence[Tensor],
     target_m: Tensor,

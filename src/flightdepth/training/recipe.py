@@ -167,6 +167,10 @@ class Recipe(_Strict):
             raise ValueError("reference_focal_px, since a stage has many lenses (fov_deg)")
         if self.reference_focal_px is None and any(stage.finer for stage in self.stages):
             raise ValueError("reference_focal_px, since a stage has two focal lengths (finer)")
+        if self.loss_space == "inverse-depth" and self.activation == "none":
+            raise ValueError(
+                'activation = "elu+1", since with loss_space = "inverse-depth" an answer below 0 m never learns'
+            )
         if self.scenes.open_share:
             raise ValueError("open_share in each stage, not in scenes")
         if self.scenes.frames < 2:

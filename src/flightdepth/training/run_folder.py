@@ -17,10 +17,12 @@ from flightdepth.stillbox.stored import StoredSet
 from flightdepth.training.checkpoint import Progress, read_progress
 from flightdepth.training.recipe import Recipe, Stage
 from flightdepth.weights.card import NetworkCard
+from flightdepth.weights.card import Stage as CardStage
 
 CHECKPOINT, RECIPE, TEXTURES = "checkpoint.safetensors", "recipe.json", "textures.json"
 SETS = "sets.json"  # the stored sets that the run learns from, where there are any
 SHIPPED = "shipped.json"  # the card of the network that the run went on from
+PARENT = "parent.json"  # of the run that the run started from, as it stood then
 
 Kept = TypeVar("Kept")
 
@@ -43,26 +45,34 @@ class UsedSet:
 
 
 @dataclass(frozen=True)
+class Parent:
+    """What a run that another starts from had been through by then: `stages` and `first_shipped` as of `Trained`."""
+
+    stages: tuple[CardStage, ...]
+    first_shipped: NetworkCard | None
+
+
+@dataclass(frozen=True)
 class Trained:
     """A checkpoint and the recipe that it follows.
 
-    `parent` is the run that it started from, where that still lies beside it; `shipped` is the card of the
-    network that it went on from.
+    `parent` is the run that it started from; of a run that did not write that down yet, as it stands now, where it
+    still lies beside it. `shipped` is the card of the network that it went on from.
     """
 
     checkpoint: Path
     recipe: Recipe
     progress: Progress
-    parent: Trained | None
+    parent: Trained | Parent | None
     shipped: NetworkCard | None = None
 
     @property
-    def stages(self) -> tuple[tuple[Stage, int], ...]:
+    def stages(self) -> tuple[CardStage, ...]:
         """Each stage that was begun here, the parent's first, with the pairs seen in it."""
         before = self.parent.stages if self.parent else ()
         first = stages_behind(self.shipped, self.recipe) if self.shipped else 0
         return before + tuple(
-            (stage, seen)
+            card_stage(self.recipe, stage, seen)
             for number, stage in enumerate(self.recipe.stages)
             if number >= first and (seen := self._seen(number, stage))
         )
@@ -76,6 +86,17 @@ class Trained:
         if number == self.progress.stage:
             return self.progress.sample
         return _whole_batches(stage) if number < self.progress.stage else 0
+
+
+def card_stage(recipe: Recipe, stage: Stage, samples: int) -> CardStage:
+    """What a card says of a recipe's stage of which so many pairs were seen."""
+    common = CardStage.model_fields.keys() - {"focal_px", "samples", "optimizer"}
+    return CardStage(
+        **stage.model_dump(include=common),
+        focal_px=round(recipe.scenes.focal_px(stage.full_width), 6),
+        samples=samples,
+        optimizer=recipe.optimizer_in(stage),
+    )
 
 
 def parent_checkpoint(runs: Path, starts_from: str) -> Path:
@@ -120,6 +141,15 @@ def read_trained(folder_or_checkpoint: Path) -> Trained:
 def read_recipe(path: Path) -> Recipe:
     """The recipe that a run wrote down."""
     return _read(path, Recipe)
+
+
+def keep_origin(folder: Path, *, shipped: NetworkCard | None = None, parent: Parent | None = None) -> None:
+    """Write down what a fresh run begins from, instead of what one began from that came to no checkpoint."""
+    for name, kind, kept in ((SHIPPED, NetworkCard, shipped), (PARENT, Parent, parent)):
+        if kept is None:
+            (folder / name).unlink(missing_ok=True)
+        else:
+            write_json(folder / name, TypeAdapter(kind).dump_python(kept, mode="json"))
 
 
 def keep_textures(folder: Path, textures: Textures) -> None:
@@ -200,8 +230,10 @@ def _shipped(path: Path) -> NetworkCard | None:
     return _read(path, NetworkCard) if path.exists() else None
 
 
-def _parent(checkpoint: Path, recipe: Recipe) -> Trained | None:
+def _parent(checkpoint: Path, recipe: Recipe) -> Trained | Parent | None:
     if recipe.starts_from is None:
         return None
+    if (kept := checkpoint.parent / PARENT).exists():
+        return _read(kept, Parent)
     before = parent_checkpoint(checkpoint.parent.parent, recipe.starts_from)
     return read_trained(before) if before.exists() else None

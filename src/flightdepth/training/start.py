@@ -10,11 +10,11 @@ import torch
 from torch import Tensor
 
 from flightdepth.errors import BadInput
-from flightdepth.training.checkpoint import read_progress, read_weights
+from flightdepth.training.checkpoint import read_weights
 from flightdepth.training.export import weights_of
 from flightdepth.training.network import network_of
 from flightdepth.training.recipe import Recipe
-from flightdepth.training.run_folder import parent_checkpoint, read_trained, stages_behind
+from flightdepth.training.run_folder import CHECKPOINT, Parent, parent_checkpoint, read_trained, stages_behind
 from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.store import StoredNetwork, read_network, shipped_networks
 
@@ -28,6 +28,7 @@ class Start:
     seen     pairs that they learnt from
     stage    number of the recipe's stage that comes next
     card     of the network that ships, where it is one
+    parent   what the run had been through, where it is one
     """
 
     origin: str
@@ -35,6 +36,7 @@ class Start:
     seen: int
     stage: int = 0
     card: NetworkCard | None = None
+    parent: Parent | None = None
 
     def left_behind(self, recipe: Recipe) -> tuple[str, ...]:
         """What of it the recipe's network has no place for: the outermost modules, as `refinement`."""
@@ -76,9 +78,20 @@ def start_of(recipe: Recipe, runs: Path, shipped: StoredNetwork | None = None) -
 
 def _run(recipe: Recipe, checkpoint: Path) -> Start:
     """The averaged weights of a run at a checkpoint."""
-    before, seen = read_trained(checkpoint).recipe, read_progress(checkpoint).seen
+    run = read_trained(checkpoint)
+    before, seen = run.recipe, run.progress.seen
     _check_same_size(recipe, before.name, before.architecture, before.base_width)
-    return Start(f"{checkpoint}: {seen:,} pairs", read_weights(checkpoint, "averaged"), seen)
+    if not seen:
+        raise BadInput(
+            f"recipe {recipe.name}",
+            expected=f"a run to start from that has learnt, {checkpoint}",
+            got="0 pairs",
+            mend=f"Train {before.name} first.",
+        )
+    goes_on = checkpoint.name == CHECKPOINT and run.progress.stage < len(before.stages)
+    origin = f"{checkpoint}: {seen:,} pairs{', a run that has not finished' if goes_on else ''}"
+    weights = read_weights(checkpoint, "averaged")
+    return Start(origin, weights, seen, parent=Parent(run.stages, run.first_shipped))
 
 
 def _shipped_after_its_stages(recipe: Recipe, shipped: StoredNetwork) -> Start:
