@@ -76,6 +76,11 @@ class Camera:
         return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2, model=model)
 
     @property
+    def is_ideal(self) -> bool:
+        """Whether it is a pinhole, whose pictures need only be resized to be another's."""
+        return self.model == "pinhole" and not any(self.distortion)
+
+    @property
     def matrix(self) -> NDArray[np.float64]:
         """Intrinsic matrix K, shape (3, 3)."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])

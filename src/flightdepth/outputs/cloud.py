@@ -26,7 +26,6 @@ from flightdepth.outputs.pictures import pictures
 from flightdepth.outputs.poses import FramePose
 from flightdepth.outputs.read import FlightFolder
 from flightdepth.outputs.voxels import Cloud, VoxelGrid
-from flightdepth.runtimes.grid import is_ideal
 from flightdepth.runtimes.lens import distort, inside, pixel_rays, view_bounds
 
 NEIGHBOURS = 8  # frames on either side whose depth must agree
@@ -202,7 +201,7 @@ def field_of(camera: Camera) -> tuple[Vector, Vector]:
     Beyond, the polynomial of its lens may fold back into the picture.
     """
     widest = np.full(2, WIDEST)
-    if is_ideal(camera):
+    if camera.is_ideal:
         return -widest, widest
     left, right, top, bottom = view_bounds(camera)
     return np.maximum((left, top), -widest), np.minimum((right, bottom), widest)

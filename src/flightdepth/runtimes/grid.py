@@ -57,7 +57,7 @@ class NetworkGrid:
         """
         self.source, self.focal_px = camera, focal_px or camera.fx
         self._sampling: Sampling = (
-            PinholeSampling(camera, focal_px) if is_ideal(camera) else LensSampling(camera, self.focal_px)
+            PinholeSampling(camera, focal_px) if camera.is_ideal else LensSampling(camera, self.focal_px)
         )
         self.camera = self._sampling.camera
         self._resampled = resampled or self.camera == camera
@@ -125,7 +125,7 @@ class NetworkGrid:
 
 def filling_focal_px(camera: Camera, focal_px: float) -> float:
     """The focal length at which `camera` fills the grid that it has at `focal_px`: finer, at the same price."""
-    if is_ideal(camera):
+    if camera.is_ideal:
         rooms = [axis.size / axis.extent for axis in pinhole_axes(camera, focal_px)]
     else:
         rooms = [padded(side * focal_px) / (side * focal_px) for side in shown(camera)]
@@ -139,15 +139,10 @@ def wide_focal_px(camera: Camera, across_px: float) -> float:
 
 def shown(camera: Camera) -> tuple[float, float]:
     """Width and height of what a camera shows, over its focal length."""
-    if is_ideal(camera):
+    if camera.is_ideal:
         return camera.width / camera.fx, camera.height / camera.fy
     left, right, top, bottom = view_bounds(camera)
     return right - left, bottom - top
-
-
-def is_ideal(camera: Camera) -> bool:
-    """Whether resizes are all that leads from the camera to a pinhole."""
-    return camera.model == "pinhole" and not any(camera.distortion)
 
 
 def check_image(what: str, image: AnyImage, camera: Camera, *, resampled: bool = False) -> None:

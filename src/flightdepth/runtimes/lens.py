@@ -166,7 +166,7 @@ def distort(rays: Points, camera: Camera) -> Points:
     flat = np.ascontiguousarray(rays.reshape(-1, 1, 2))
     if camera.model == "fisheye":
         pixels = cv2.fisheye.distortPoints(flat, camera.matrix, coefficients(camera))
-    elif not any(camera.distortion):  # as OpenCV has it, in a fraction of the time
+    elif camera.is_ideal:  # as OpenCV has it, in a fraction of the time
         pixels = flat * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     else:
         points = np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)
