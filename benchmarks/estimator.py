@@ -65,7 +65,12 @@ class StandIn:
         return NetworkGrid(camera, self.card.focal_px)
 
     def predict(
-        self, previous_n: Sequence[Any], current: Any, displacements_n3: np.ndarray, camera: Camera
+        self,
+        previous_n: Sequence[Any],
+        current: Any,
+        displacements_n3: np.ndarray,
+        camera: Camera,
+        valid: np.ndarray | None = None,
     ) -> Prediction:
         shape = camera.height // 4, camera.width // 4
         middle = (64 - shape[0]) // 2
@@ -74,7 +79,7 @@ class StandIn:
             :, None, None
         ]
         beta = np.clip(depth_m / reach_m, self.card.beta_min, 1)
-        return Prediction(beta, beta * reach_m, None, np.ones(shape, dtype=np.bool_))
+        return Prediction(beta, beta * reach_m, None, np.ones(shape, np.bool_) if valid is None else valid)
 
 
 class Stages:
@@ -114,8 +119,8 @@ def measure(network: Any, camera: Camera, ranges: int, options: argparse.Namespa
             (flight, "_fuse", "fusion"),
             (flight._choice._first.planner, "learn", "k-means, plan"),
             (flight, "_held_still", "temporal average"),
-            (flight._grid, "along_edges", "depth along edges"),
-            (flight, "_result", "other maps"),
+            (flight, "_result", "maps at the source"),
+            (flight._grid, "along_edges", "  depth along edges"),
         ):
             undo.callback(setattr, owner, method, getattr(owner, method))
             stages.watch(owner, method, stage)

@@ -83,6 +83,12 @@ def test_train_shows_lines_where_there_is_no_terminal(monkeypatch, capsys):
     assert [line.split(": ")[1].split(" of ")[0] for line in lines] == ["4", "8", "12"]
 
 
+def test_a_folder_that_somebody_looked_into_is_a_new_run_s(capsys):
+    Path("runs/small").mkdir(parents=True)
+    Path("runs/small/.DS_Store").write_bytes(b"Bud1")
+    assert cli.main([*TRAIN]) == 0
+
+
 def test_a_run_is_not_overwritten(capsys):
     cli.main([*TRAIN])
     before = Path("runs/small/checkpoint.safetensors").stat().st_mtime_ns

@@ -152,7 +152,7 @@ def test_fault_8_a_repeated_picture_is_predicted_once_and_has_the_same_depth(net
 
 def test_fault_8_the_depth_of_a_repeated_picture_is_the_callers_own(network):
     """Found in review: who scaled the first one's depth in place had scaled the repeat's, too."""
-    estimator, known = MultiRangeEstimator(load_network(network), CAMERA), []
+    estimator, known = MultiRangeEstimator(load_network(network), CAMERA), {}
     for index in range(21):
         estimator.add_velocity(index * 20_000_000, (0, 4.0, 0))
         estimator.add_attitude(index * 20_000_000, (1, 0, 0, 0))
@@ -160,13 +160,16 @@ def test_fault_8_the_depth_of_a_repeated_picture_is_the_callers_own(network):
         unusable = "turns" if index == 19 else None  # between the picture and its repeat
         result = estimator.add_frame(index * 20_000_000, picture, unusable=unusable)
         if index == 18:
-            known = [result.depth_m.copy(), result.confidence.copy(), result.range_depths_m.copy()]
-            shifts = result.shifts.copy()
-            for each in (result.depth_m, result.confidence, result.range_depths_m):
+            known = {name: each.copy() for name, each in arrays_of(result).items()}
+            for each in arrays_of(result).values():
                 each[:] = 7
-    for told, own in zip(known, (result.depth_m, result.confidence, result.range_depths_m), strict=True):
-        np.testing.assert_array_equal(told, own)
-    np.testing.assert_array_equal(result.shifts, shifts + 2)
+    assert known.keys() == arrays_of(result).keys() >= {"depth_m", "range_depths_m", "farther_than_m"}
+    for name, each in arrays_of(result).items():
+        np.testing.assert_array_equal(each, known[name] + 2 * (name == "shifts"))
+
+
+def arrays_of(result):
+    return {name: each for name, each in vars(result).items() if isinstance(each, np.ndarray)}
 
 
 def test_fault_8_a_repeated_picture_that_an_encoder_mends_is_no_new_one():

@@ -251,6 +251,16 @@ def test_a_velocity_that_is_none_is_refused(velocity) -> None:
         Trajectory().add_velocity(0, velocity, frame="world", sigma=None)
 
 
+@pytest.mark.parametrize("speed_m_s", [3, 300])
+@pytest.mark.parametrize("posed", [False, True])
+def test_a_velocity_s_time_is_looked_at_whether_it_counts_or_not(speed_m_s, posed) -> None:
+    track = Trajectory()
+    if posed:
+        track.add_pose(0, np.eye(4))
+    with pytest.raises(BadInput, match="whole nanoseconds"):
+        track.add_velocity(1.5, (speed_m_s, 0, 0), frame="world", sigma=None)
+
+
 @pytest.mark.parametrize("frame", ["body", "NED"])
 def test_an_unknown_frame_is_refused(frame: str) -> None:
     with pytest.raises(BadInput, match="velocity frame: expected world or camera"):

@@ -108,6 +108,15 @@ def test_a_network_of_another_focal_length_answers_on_the_same_grid():
     assert found.valid.mean() > 0.9
 
 
+def test_a_mask_is_told_to_a_network_on_the_same_grid():
+    shown = np.ones((32, 48), np.bool_)
+    shown[:8] = False
+    found = OnGridOf(spare(focal_px=96.0)).predict(
+        [picture(0)], picture(1), np.array([[0.3, 0.0, 0.0]]), CAMERA, shown
+    )
+    np.testing.assert_array_equal(found.valid, shown)
+
+
 class Columns(Same):
     """As deep as the pixel's number in its row."""
 

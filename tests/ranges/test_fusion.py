@@ -11,6 +11,7 @@ from flightdepth.ranges.fusion import (
     BETA_MAX,
     EPSILON,
     FARTHEST_TOLD_M,
+    LEAST_SIGMA,
     LOWER_MARGIN,
     Fusion,
     chance,
@@ -250,6 +251,12 @@ def test_an_output_just_above_the_lower_end_is_no_measurement_where_a_shorter_pa
 def test_an_answer_well_inside_the_range_still_contradicts(beta: float) -> None:
     fused = fuse(one(0.3, beta), np.array([0.025, 1.0]), CLAMPED)
     assert np.isnan(fused.depth_m).all()
+
+
+def test_no_depth_is_better_known_than_a_hundredth() -> None:
+    """Whatever the network says: the weights heeded that, and what was told did not."""
+    found = fused_with_sigma((0.6, 0.2), (0.001, 0.001))
+    np.testing.assert_allclose(found.sigma_m, LEAST_SIGMA * found.depth_m, rtol=1e-5)
 
 
 def test_what_lies_beyond_reach_is_a_bound() -> None:

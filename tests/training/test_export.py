@@ -134,6 +134,19 @@ def test_a_cut_export_is_refused(exported, size):
         weights_of(exported.exact[:size])
 
 
+@pytest.mark.parametrize("damage", ["too short", "of no type"])
+def test_an_export_with_a_damaged_weight_is_refused(exported, damage):
+    """NumPy's and onnx's own errors came through."""
+    model = onnx.load_model_from_string(exported.exact)
+    weight = model.graph.initializer[0]
+    if damage == "too short":
+        weight.raw_data = weight.raw_data[:-4]
+    else:
+        weight.data_type = 77
+    with pytest.raises(BadInput, match="flightdepth export"):
+        weights_of(model.SerializeToString())
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_trash_is_no_export(seed):
     with pytest.raises(BadInput, match="flightdepth export"):

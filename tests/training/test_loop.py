@@ -287,6 +287,14 @@ def test_pairs_that_are_held_out_are_always_the_same_and_no_training_pairs(held_
     assert loop.stream_seed(recipe, len(recipe.stages), 200) < held_out_pairs.SEED
 
 
+def test_pairs_that_are_held_out_are_as_far_apart_as_the_stage_s(held_out):
+    [stage, *_] = held_out.recipe.stages
+    wide = held_out.recipe.model_copy(update={"stages": (stage.model_copy(update={"wide_share": 0.4}),)})
+    with replace(held_out, recipe=wide)._stream(0, 0) as stream:
+        assert stream.rule.wide_share == 0.4
+        assert not stream.rule.still
+
+
 def test_a_checkpoint_tells_what_wrote_it(whole):
     progress = read_progress(whole[0] / CHECKPOINT)
     assert (progress.flightdepth, progress.torch) == (flightdepth.__version__, str(torch.__version__))

@@ -15,7 +15,7 @@ from flightdepth.commands.signals import stop_request
 from flightdepth.commands.terminal import ToldProgress, progress_bar, say, warn
 from flightdepth.commands.textures import ProceduralOption, TexturesOption, gathered_textures
 from flightdepth.errors import BadInput
-from flightdepth.files import held, make_folder
+from flightdepth.files import held, make_folder, names_in
 
 if TYPE_CHECKING:
     from flightdepth.scenes import Textures
@@ -166,7 +166,7 @@ def run(
 
 def refuse_to_overwrite(folder: Path, *, resume: bool) -> None:
     """A run is never begun on top of another."""
-    if not resume and folder.exists() and any(folder.iterdir()):
+    if not resume and folder.exists() and names_in(folder):
         raise BadInput(
             f"run folder {folder}",
             expected="a new one",

@@ -113,7 +113,7 @@ class Trajectory:
         self, stamp_ns: int, velocity: ArrayLike, *, frame: VelocityFrame, sigma: float | None
     ) -> None:
         """Velocity (m/s, shape (3,)) in `frame`, with its standard deviation per axis (m/s)."""
-        v = np.asarray(velocity, dtype=np.float64)
+        stamp_ns, v = checked_stamp(stamp_ns), np.asarray(velocity, dtype=np.float64)
         if v.shape != (3,) or not np.isfinite(v).all():
             raise BadInput("velocity", expected="three finite numbers in m/s", got=str(v.tolist()))
         if frame not in ("world", "camera"):
@@ -127,7 +127,7 @@ class Trajectory:
             return
         self.frame = frame
         if not self.from_poses:  # which replace velocities
-            self._take_velocity(checked_stamp(stamp_ns), np.append(v, sigma or 0.0))
+            self._take_velocity(stamp_ns, np.append(v, sigma or 0.0))
 
     def add_attitude(self, stamp_ns: int, quaternion: ArrayLike) -> None:
         """`world_from_camera` as a quaternion (w, x, y, z)."""

@@ -38,7 +38,10 @@ class OnGridOf:
         valid: Flags | None = None,
         /,
     ) -> Prediction:
-        """As the network's own, [n, h, w] with a quarter of the sides of `camera`."""
+        """As the network's own, [n, h, w] with a quarter of the sides of `camera`.
+
+        On another grid `valid` is not passed on: it matters to error bars, which a network without directions has not.
+        """
         grid = self._network.grid(camera)
         if grid.camera == camera:  # the same size is not enough: its pixels may be of another focal length
             return self._network.predict(previous_n, current, displacements_n3, camera, valid)

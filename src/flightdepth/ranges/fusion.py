@@ -56,8 +56,9 @@ class Fused:
                     chance that depth is right within RIGHT_WITHIN, by sigma_m.
     farther_than_m  where depth is NaN: largest "at least" of the ranges that say so
     nearer_than_m   where depth is NaN: smallest "at most" of the ranges that say so
-    sigma_m         weighted mean of the ranges' deviations, None where the network does not tell. The ranges
-                    share the current frame, so their errors are taken as fully correlated.
+    sigma_m         weighted mean of the ranges' deviations, each at least LEAST_SIGMA of its depth but in the
+                    paper's fusion; None where the network does not tell. The ranges share the current frame, so
+                    their errors are taken as fully correlated.
     """
 
     depth_m: Map

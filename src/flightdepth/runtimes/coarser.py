@@ -29,7 +29,7 @@ def coarser_grid(card: NetworkCard, camera: Camera) -> NetworkGrid | None:
 
 
 def beyond_reach(card: NetworkCard, depth_m: Maps, valid: Flags) -> list[int]:
-    """Which of n pairs' outputs [n, h, w] say that enough of what is `valid` [h, w] moved too far."""
+    """Which of n pairs' outputs [n, h, w] say, where `valid` [h, w], that enough of the picture moved too far."""
     near = (depth_m < _nearest_m(card)) & valid
     return [int(i) for i in np.flatnonzero(near.mean(axis=(1, 2)) > FEW)]
 

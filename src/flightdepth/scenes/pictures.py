@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.errors import FlightDepthError
+from flightdepth.levels import picture_in
 
 Image = NDArray[np.uint8]
 
@@ -23,9 +24,9 @@ def read_picture(path: Path) -> Image | None:
     try:
         # OpenCV on Windows opens no file whose name holds other than its own letters.
         data = path.read_bytes()
-        bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
-    except (OSError, cv2.error):  # cv2's own: more pixels than it takes
+    except OSError:
         return None
+    bgr = picture_in(data, cv2.IMREAD_COLOR)
     if bgr is None or not is_whole(data):
         return None
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)

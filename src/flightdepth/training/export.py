@@ -124,14 +124,14 @@ def weights_of(onnx_bytes: bytes) -> dict[str, Tensor]:
     """State dict in an exported file, float32.
 
     Raises:
-        BadInput: the file is damaged, or holds not all weights under the names of a state dict.
+        BadInput: the file cannot be read, or holds not all weights under the names of a state dict.
     """
     expected = "an ONNX file that flightdepth export wrote"
     try:
         graph = onnx.load_model_from_string(onnx_bytes).graph
-    except DecodeError as error:
+        arrays = {i.name.removesuffix(HALF): numpy_helper.to_array(i) for i in graph.initializer}
+    except (DecodeError, ValueError, KeyError, TypeError) as error:  # the last three of a damaged tensor
         raise BadInput("weights", expected=expected, got=str(error)) from error
-    arrays = {i.name.removesuffix(HALF): numpy_helper.to_array(i) for i in graph.initializer}
     keys = _architecture_with(arrays.keys()).state_dict().keys()
     found = {k: torch.from_numpy(arrays[k].copy()) for k in keys if k in arrays}
     if not found:

@@ -26,7 +26,8 @@ SEED = LAST_SEED  # of their scenes: no stage's (`loop.stream_seed`)
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Such pairs for each stage of a recipe: its crops and lenses, without camera effects or wrong motion.
+    """Such pairs for each stage of a recipe, of its first size: its crops and lenses, without camera effects or wrong
+    motion.
 
     Their scenes are drawn, in `textures`, from a seed of their own, or read from `sets`, by width, which hold none that
     training learns from. Made by `threads` threads.
@@ -58,7 +59,8 @@ class HeldOut:
             config=self.recipe.scenes_in(stage),
             textures=self.textures,
             picture=picture,
-            rule=replace(self.recipe.rule, still=False),  # whose answer is known without looking
+            # The answer to still pairs is known without looking.
+            rule=replace(self.recipe.rule, still=False, wide_share=stage.wide_share),
             seed=SEED,
             upright=stage.upright,
             objects_for_lens=stage.objects_for_lens,
