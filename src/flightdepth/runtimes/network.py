@@ -201,7 +201,7 @@ class Network:
         grid: NetworkGrid,
         valid: Flags,
     ) -> dict[str, Maps]:
-        """Outputs for pictures on `grid`; what moved too far there, if it is enough that counts, is seen in smaller ones."""
+        """Outputs for pictures on `grid`; what moved too far there, if that is enough, is seen in smaller ones."""
         output = self.runtime(self._batch(previous_n, current, displacements, grid.camera))
         far = beyond_reach(self.card, output[DEPTH], valid)
         smaller = coarser_grid(self.card, grid.camera) if far else None
