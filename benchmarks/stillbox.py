@@ -17,7 +17,8 @@ from contact_sheet import GAP, contact_sheet
 
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.files import write_atomic, write_json
-from flightdepth.outputs.encoding import jpeg, rgb_png
+from flightdepth.levels import jpeg
+from flightdepth.outputs.encoding import rgb_png
 from flightdepth.renderers.raycast import VERSION, render
 from flightdepth.scenes import StillBoxConfig, Textures
 from flightdepth.stillbox.sets import SceneSet, named_set

@@ -6,11 +6,14 @@ it brighter, gives float32, which is rounded once: where a network or a search f
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from flightdepth.errors import FlightDepthError
 
 # RGB [H, W, 3] or grey [H, W].
 Image = NDArray[np.uint8]
@@ -27,6 +30,19 @@ def picture_in(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] | No
         return cv2.imdecode(np.frombuffer(data, np.uint8), flags) if len(data) else None
     except cv2.error:
         return None
+
+
+def picture_file(kind: str, image: AnyImage, settings: Sequence[int]) -> bytes:
+    """A picture as `cv2.imencode` writes it (BGR or one channel); `kind` is the ending of such files."""
+    done, data = cv2.imencode(kind, image, settings)
+    if not done:
+        raise FlightDepthError(f"could not encode a {image.shape[1]}x{image.shape[0]} picture as {kind}")
+    return data.tobytes()
+
+
+def jpeg(picture: Image, quality: int) -> bytes:
+    """JPEG of RGB [H, W, 3], quality 0..100."""
+    return picture_file(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), (cv2.IMWRITE_JPEG_QUALITY, quality))
 
 
 def grey(image: AnyImage) -> Image:

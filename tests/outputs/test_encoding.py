@@ -4,12 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flightdepth.levels import jpeg
 from flightdepth.outputs.encoding import (
     bytes_from_confidence,
     centimetres_from_depth,
     confidence_from_bytes,
     depth_from_centimetres,
-    jpeg,
     png,
     rounded_centimetres,
 )

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
+from flightdepth import levels
 from flightdepth.errors import FlightDepthError
-from flightdepth.scenes import pictures
 from flightdepth.scenes.pictures import is_whole, read_picture
 
 NOISE = np.random.default_rng(0).integers(0, 256, (40, 60, 3), dtype=np.uint8)
@@ -97,8 +97,7 @@ def test_16_bits_and_alpha_become_8_bits_of_colour(tmp_path):
 def test_a_picture_becomes_a_jpeg_file_of_the_quality():
     smooth = cv2.GaussianBlur(NOISE, (0, 0), 5)
     back = [
-        cv2.imdecode(np.frombuffer(pictures.jpeg(smooth, q), np.uint8), cv2.IMREAD_COLOR_RGB)
-        for q in (95, 20)
+        cv2.imdecode(np.frombuffer(levels.jpeg(smooth, q), np.uint8), cv2.IMREAD_COLOR_RGB) for q in (95, 20)
     ]
     errors = [np.abs(each.astype(float) - smooth).mean() for each in back]
     assert errors[0] < 1.5 < errors[1]
@@ -106,6 +105,6 @@ def test_a_picture_becomes_a_jpeg_file_of_the_quality():
 
 def test_a_jpeg_that_opencv_does_not_write_is_told(monkeypatch):
     """Its flag was not looked at: an empty file was stored."""
-    monkeypatch.setattr(pictures.cv2, "imencode", lambda *_: (False, np.empty(0, np.uint8)))
-    with pytest.raises(FlightDepthError, match="could not write a picture of 60x40 px as JPEG"):
-        pictures.jpeg(NOISE, 95)
+    monkeypatch.setattr(levels.cv2, "imencode", lambda *_: (False, np.empty(0, np.uint8)))
+    with pytest.raises(FlightDepthError, match=r"could not encode a 60x40 picture as \.jpg"):
+        levels.jpeg(NOISE, 95)

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.flight.gimbal import looking
+from flightdepth.flight.gimbal import looking, screwed
 from flightdepth.flight.records import AttitudeSample
 from flightdepth.flight.ros_frames import picture
 from flightdepth.flight.ros_messages import IMAGE, ODOMETRY, orientation_of, stamp_of, twist_of
 from flightdepth.flight.ros_records import RosMessage
-from flightdepth.motion import Vector, quaternion_from_rotation, rotation_from_quaternion
+from flightdepth.motion import Vector
 
 # CameraInfo.distortion_model (sensor_msgs/distortion_models.hpp) and the model here.
 MODELS = {"plumb_bob": "pinhole", "rational_polynomial": "pinhole", "equidistant": "fisheye", "": "pinhole"}
@@ -42,10 +42,8 @@ def camera_attitude_of(message: Any, now_ns: int, pitch_deg: float) -> tuple[int
     """
     told = orientation_of(_unread(ODOMETRY, now_ns), message)
     assert told is not None  # an Odometry always tells it
-    if isinstance(told, AttitudeSample):
-        return told.stamp_ns, told.world_from_camera
-    ned_from_camera = rotation_from_quaternion(told.world_from_body) @ looking(pitch_deg)
-    return told.stamp_ns, quaternion_from_rotation(ned_from_camera)
+    camera = told if isinstance(told, AttitudeSample) else screwed(told, looking(pitch_deg))
+    return camera.stamp_ns, camera.world_from_camera
 
 
 def camera_of(info: Any) -> Camera:

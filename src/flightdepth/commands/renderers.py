@@ -99,7 +99,8 @@ def keep(result: dict[str, Any], frames: list[Frame], json: Path | None, picture
     """Write what was asked for."""
     from flightdepth.evaluation.provenance import source_commit
     from flightdepth.evaluation.renderer import picture as drawn
-    from flightdepth.outputs.encoding import jpeg, rgb_png
+    from flightdepth.levels import jpeg
+    from flightdepth.outputs.encoding import rgb_png
     from flightdepth.renderers.raycast import VERSION
 
     write_figures(json, {"commit": source_commit(), "renderer": VERSION, "seed": SEED} | result)

@@ -14,8 +14,7 @@ from flightdepth.evaluation.pictures import ERROR_SHARE, answered_sheet
 from flightdepth.evaluation.sparsification import curve_svg
 from flightdepth.evaluation.spread import LEFT_OUT
 from flightdepth.files import write_atomic
-from flightdepth.levels import Image
-from flightdepth.outputs.encoding import jpeg
+from flightdepth.levels import Image, jpeg
 from flightdepth.runtimes.network import Network
 from flightdepth.weights.card import NetworkCard
 

@@ -17,9 +17,9 @@ from flightdepth.evaluation.ranges_peers import FixedShift, least_relative_m
 from flightdepth.evaluation.ranges_sequences import SPEED_M_S, STEP_S, Sequence, log_of
 from flightdepth.evaluation.ranges_trials import CONSTANT, Trial
 from flightdepth.flight.records import VelocityFrame
-from flightdepth.levels import Image
+from flightdepth.levels import Image, jpeg
 from flightdepth.motion import Vector
-from flightdepth.outputs.encoding import centimetres_from_depth, jpeg, png
+from flightdepth.outputs.encoding import centimetres_from_depth, png
 from flightdepth.ranges import DepthNetwork, MultiRangeEstimator
 from flightdepth.ranges.estimator import MAX_RANGES
 from flightdepth.ranges.fusion import Fusion

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flightdepth.flight.records import AttitudeSample, Telemetry, by_time
+from flightdepth.flight.records import AttitudeSample, BodyAttitudeSample, Telemetry, by_time
 from flightdepth.motion import (
     NED_FROM_CAMERA,
     Vector,
@@ -89,14 +89,14 @@ def looking(pitch_deg: float) -> Vector:
     return np.asarray(rotation_from_euler(0.0, math.radians(pitch_deg), 0.0) @ NED_FROM_CAMERA)
 
 
+def screwed(body: BodyAttitudeSample, body_from_camera: Vector) -> AttitudeSample:
+    """The attitude of a camera that is screwed to the body, `body_from_camera`, (3, 3)."""
+    ned_from_camera = rotation_from_quaternion(body.world_from_body) @ body_from_camera
+    return AttitudeSample(body.stamp_ns, quaternion_from_rotation(ned_from_camera))
+
+
 def with_fixed_camera(telemetry: Telemetry, body_from_camera: Vector) -> Telemetry:
     """The telemetry with the attitude of a camera that is screwed to the body, `body_from_camera`, (3, 3)."""
-    cameras = [
-        AttitudeSample(
-            body.stamp_ns,
-            quaternion_from_rotation(rotation_from_quaternion(body.world_from_body) @ body_from_camera),
-        )
-        for body in telemetry.body_attitudes
-    ]
+    cameras = [screwed(body, body_from_camera) for body in telemetry.body_attitudes]
     motion = [sample for sample in telemetry.samples if not isinstance(sample, AttitudeSample)]
     return replace(telemetry, samples=by_time(motion, cameras))

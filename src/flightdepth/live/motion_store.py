@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flightdepth.flight.gimbal import screwed
 from flightdepth.flight.records import (
     NS_PER_S,
     AttitudeSample,
@@ -21,9 +22,7 @@ from flightdepth.live.meters import Rate
 from flightdepth.motion import (
     Vector,
     mixed_quaternions,
-    quaternion_from_rotation,
     rotation_angle_rad,
-    rotation_from_quaternion,
 )
 from flightdepth.ranges.attitude import neighbours, orientations
 from flightdepth.ranges.timeline import Rows, Stamps, Timeline
@@ -146,8 +145,7 @@ class MotionStore:
     def _add_body(self, sample: BodyAttitudeSample) -> None:
         self._bodies.add(sample.stamp_ns, sample.world_from_body)
         if self._body_from_camera is not None:
-            rotation = rotation_from_quaternion(sample.world_from_body) @ self._body_from_camera
-            self._add_camera(AttitudeSample(sample.stamp_ns, quaternion_from_rotation(rotation)))
+            self._add_camera(screwed(sample, self._body_from_camera))
 
     def _height_at(self, stamp_ns: int) -> float | None:
         if self._height is None or abs(stamp_ns - self._height[0]) > HEIGHT_AGE_NS:

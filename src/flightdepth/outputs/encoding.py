@@ -9,15 +9,13 @@ stored        depth                      stored        confidence
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 from functools import cache
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.errors import FlightDepthError
+from flightdepth.levels import picture_file
 
 UNIT_M = 0.01
 UNKNOWN = 0
@@ -72,26 +70,14 @@ def confidence_from_bytes(stored: NDArray[np.uint8]) -> Map:
     return stored.astype(np.float32) / np.float32(255)
 
 
-def jpeg(picture: NDArray[np.uint8], quality: int) -> bytes:
-    """JPEG of RGB [H, W, 3], quality 0..100."""
-    return _packed(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), (cv2.IMWRITE_JPEG_QUALITY, quality))
-
-
 def rgb_png(picture: NDArray[np.uint8]) -> bytes:
     """PNG of RGB [H, W, 3], lossless."""
-    return _packed(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), ())
+    return picture_file(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), ())
 
 
 def png(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     """PNG of a one-channel image [H, W], lossless."""
-    return _packed(".png", image, PNG_SETTINGS)
-
-
-def _packed(kind: str, image: NDArray[Any], settings: Sequence[int]) -> bytes:
-    done, data = cv2.imencode(kind, image, settings)
-    if not done:
-        raise FlightDepthError(f"could not encode a {image.shape[1]}x{image.shape[0]} picture as {kind}")
-    return data.tobytes()
+    return picture_file(".png", image, PNG_SETTINGS)
 
 
 def npz(**maps: Map) -> bytes:

@@ -25,9 +25,10 @@ from flightdepth.camera import Camera
 from flightdepth.files import file_in_progress
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.flight.universal_time import UniversalTime
+from flightdepth.levels import jpeg
 from flightdepth.motion import ENU_FROM_NED, Vector, quaternion_from_rotation
 from flightdepth.outputs.cloud import placed
-from flightdepth.outputs.encoding import bytes_from_confidence, jpeg
+from flightdepth.outputs.encoding import bytes_from_confidence
 from flightdepth.outputs.pictures import pictures
 from flightdepth.outputs.poses import FramePose
 from flightdepth.outputs.read import FlightFolder

@@ -9,9 +9,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from flightdepth.errors import BadInput
+from flightdepth.levels import jpeg
 from flightdepth.motion import ENU_FROM_NED
 from flightdepth.outputs.cloud import CloudSettings, cloud_of
-from flightdepth.outputs.encoding import UNIT_M, bytes_from_confidence, centimetres_from_depth, jpeg, png
+from flightdepth.outputs.encoding import UNIT_M, bytes_from_confidence, centimetres_from_depth, png
 from flightdepth.outputs.frame_table import FrameRow
 from flightdepth.outputs.palette import Picture
 from flightdepth.outputs.pictures import panels

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.errors import FlightDepthError
 from flightdepth.levels import picture_in
 
 Image = NDArray[np.uint8]
@@ -30,20 +29,6 @@ def read_picture(path: Path) -> Image | None:
     if bgr is None or not is_whole(data):
         return None
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
-
-
-def jpeg(image: Image, quality: int) -> bytes:
-    """A picture, uint8 RGB [H, W, 3], as a JPEG file of that quality (0..100).
-
-    Raises:
-        FlightDepthError: OpenCV made none of it.
-    """
-    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    done, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    if not done:
-        height, width = image.shape[:2]
-        raise FlightDepthError(f"OpenCV could not write a picture of {width}x{height} px as JPEG")
-    return data.tobytes()
 
 
 def is_whole(data: bytes) -> bool:

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.levels import jpeg
 from flightdepth.renderers import raycast
 from flightdepth.renderers.raycast import Rendered
 from flightdepth.scenes import Scene, Textures
-from flightdepth.scenes.pictures import jpeg
 from flightdepth.stillbox.camera_path import described_path
 from flightdepth.stillbox.sets import SceneSet
 

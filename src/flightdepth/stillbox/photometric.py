@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.scenes.pictures import jpeg
+from flightdepth.levels import jpeg
 from flightdepth.stillbox.pairs import Image, Pair
 
 LARGEST_PX = 1024  # edge of the field that noise is cut from

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+from flightdepth.levels import jpeg
 from flightdepth.live.status import LiveResult
-from flightdepth.outputs.encoding import jpeg
 from flightdepth.outputs.palette import DepthScale, Palette, Picture
 
 WIDEST_PX = 800
