@@ -127,7 +127,8 @@ def test_a_velocity_that_is_told_comes_before_positions(tmp_path):
     [
         ("all of north_m, east_m, down_m, got no down_m", "time_s,north_m,east_m\n0,1,2\n"),
         ("line 3.*a finite number for east_m, got ''", "time_s,north_m,east_m,down_m\n0,1,2,3\n1,2,,3\n"),
-        ("positions that tell one, got none", "time_s,north_m,east_m,down_m\n0,1,2,3\n"),
+        ("two positions or more within 1.5 s, got none", "time_s,north_m,east_m,down_m\n0,1,2,3\n"),
+        ("two positions or more within 1.5 s", "time_s,north_m,east_m,down_m\n0,1,2,3\n2,4,2,3\n4,7,2,3\n"),
     ],
 )
 def test_what_is_wrong_with_positions_is_said(tmp_path, said, text):

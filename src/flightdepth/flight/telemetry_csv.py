@@ -49,6 +49,7 @@ from flightdepth.flight.order import rising_counted
 from flightdepth.flight.places import SEA_LEVEL
 from flightdepth.flight.positions import place_track, velocities_by_fixes
 from flightdepth.flight.records import (
+    MAX_GAP_S,
     AttitudeSample,
     Sample,
     Telemetry,
@@ -139,12 +140,14 @@ def _telemetry(
         at_ns = np.array(stamps_ns)[kept]
         along: Sequence[Sample]
         if columns.frame == ALONG:
+            expected = f"two positions or more within {MAX_GAP_S:g} s"
             along = samples_along(at_ns, np.array([row.metres for row in rows])[kept])
         else:
+            expected = "a velocity, or positions that tell one"
             of = places[kept]
             along = velocities_by_fixes(at_ns, of[:, :2], of[:, 2], counts).samples()
         if not along:
-            raise BadInput(what, expected="a velocity, or positions that tell one", got=none_of(counts))
+            raise BadInput(what, expected=expected, got=none_of(counts))
         samples = by_time(along, samples)
     # Those that jump have been counted where the velocities are the slopes of the same.
     jumps = Counter[str]() if columns.frame == BY_PLACES else counts
