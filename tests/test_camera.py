@@ -1,6 +1,8 @@
 """Laws of the camera model; OpenCV is the oracle for what falls on which pixel."""
 
 import math
+import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -122,3 +124,45 @@ def test_zooming_narrows_the_view_and_moves_nothing_else():
     zoomed = camera.zoomed(2.0)
     assert zoomed.horizontal_fov_deg == pytest.approx(np.degrees(2 * np.arctan(0.5)))
     assert zoomed.zoomed(0.5) == camera
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"fx": 0.0}, "camera focal length: expected a positive number of pixels, got fx=0.0, fy=440.0"),
+        ({"fx": math.inf}, "got fx=inf, fy=440.0"),
+        ({"fy": -440.0}, "got fx=450.0, fy=-440.0"),
+        ({"fy": math.inf}, "got fx=450.0, fy=inf"),
+        ({"cx": math.nan}, "camera principal point: expected finite pixels, got nan, 178.0"),
+        ({"cy": math.inf}, "got 322.0, inf"),
+        ({"model": "omni"}, "camera model: expected pinhole or fisheye, got 'omni'"),
+        (
+            {"distortion": (0.1,) * 3},
+            "pinhole distortion: expected 0 or 4 or 5 or 8 or 12 or 14 coefficients, got 3",
+        ),
+        (
+            {"model": "fisheye", "distortion": (0.1,) * 5},
+            "fisheye distortion: expected 0 or 4 coefficients, got 5",
+        ),
+    ],
+)
+def test_what_is_no_lens_is_refused(changes, message):
+    with pytest.raises(BadInput, match=re.escape(message)):
+        replace(CAMERAS[0], **changes)
+
+
+@pytest.mark.parametrize(
+    ("fov_deg", "model"), [(0, "pinhole"), (180, "pinhole"), (math.nan, "pinhole"), (360, "fisheye")]
+)
+def test_a_field_of_view_that_is_none_is_refused(fov_deg, model):
+    with pytest.raises(BadInput, match="horizontal field of view: expected more than 0 and less than"):
+        Camera.from_fov(640, 360, fov_deg, model=model)
+
+
+def test_the_field_of_view_of_a_lens_that_is_not_in_the_middle():
+    """20 pixels of 50 px of focal length to the left edge, 80 to the right one."""
+    camera = Camera(100, 50, 50.0, 50.0, 19.5, 24.5)
+    degrees = math.degrees(math.atan(20 / 50) + math.atan(80 / 50))
+    assert camera.horizontal_fov_deg == pytest.approx(degrees)
+    fisheye = replace(camera, model="fisheye")
+    assert fisheye.horizontal_fov_deg == pytest.approx(math.degrees(20 / 50 + 80 / 50), abs=1e-3)

@@ -9,7 +9,8 @@ import pytest
 from plane_pairs import plane_pair
 
 from flightdepth.camera import Camera
-from flightdepth.runtimes.alignment import clues_of
+from flightdepth.runtimes import alignment
+from flightdepth.runtimes.alignment import align, clues_of
 from flightdepth.runtimes.network import Network, load_network
 from tests_networks import swept_card
 
@@ -111,3 +112,44 @@ def test_what_the_judge_is_told_of_a_plane() -> None:
     assert held == 1
     assert not clues[-1][:, -1].any()  # 10 px to the right: the last two columns were outside
     assert not clues[0][:, -1].any()  # and of them flow knows nothing
+
+
+@pytest.mark.parametrize(
+    ("direction", "change"), [([1.0, 0, 0], 1.0), ([0.6, 0.8, 0], 1.96), ([0.6, -0.8, 0], 0.04)]
+)
+def test_the_judge_is_told_the_change_of_grey_along_the_line(direction: list[float], change: float) -> None:
+    """A level a pixel to the right, and one down; squared."""
+    slope = np.add.outer(np.arange(128), np.arange(128)).astype(np.uint8)
+    depth, sigma = np.full((32, 32), 6.6, np.float32), np.full((32, 32), 0.1, np.float32)
+    clues, _ = clues_of(slope, slope, depth, sigma, np.array(direction), camera=SQUARE)
+    assert clues[5][MIDDLE] == pytest.approx(np.log1p(change), abs=1e-4)
+
+
+def test_an_aligned_depth_stays_within_the_network_s_range(monkeypatch: pytest.MonkeyPatch) -> None:
+    """60 of 100 m, and a judge who says e times as far: that is the upper end, which fusion takes for a bound."""
+    says = np.stack([np.full((32, 32), 1.0, np.float32), np.full((32, 32), 0.1, np.float32)])
+    monkeypatch.setattr(alignment, "judge", lambda: lambda _: says)
+    found = network(200.0, 1.0).predict([BLANK], BLANK, [[1.0, 0, 0]], SQUARE)
+    assert found.beta == pytest.approx(1.0)
+    assert found.depth_m == pytest.approx(100 / 0.3, rel=1e-5)
+
+
+def test_a_depth_is_aligned_through_another_lens_than_the_card_s() -> None:
+    """Twice the focal length, at which an output is worth another depth; one that is a fourth wrong is mended."""
+    camera, card = SQUARE.zoomed(2.0), swept_card()
+    pair = plane_pair(camera, (1.0, 0.0, 0.0), distance_m=6.0)
+    worth = card.at_focal(128.0).alpha / card.depth_max_m
+    depth_m = np.full((1, 32, 32), 1.25 * 6.0 / worth, np.float32)
+    output = {"depth_m": depth_m, "sigma_m": 0.15 * depth_m}
+    align(card, output, [pair.previous], pair.current, pair.displacement[None], camera=camera)
+    assert np.median(output["depth_m"][0][MIDDLE]) * worth == pytest.approx(6.0, rel=0.08)
+
+
+def test_the_judge_is_told_how_far_the_flow_left_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two pixels, which no rotation made."""
+    monkeypatch.setattr(alignment, "left_rotation", lambda *_: None)
+    pair = plane_pair(SQUARE, (1.0, 0.0, 0.0), distance_m=6.0)
+    previous, current = np.roll(pair.previous[..., 0], 2, axis=0), pair.current[..., 0].copy()
+    depth, sigma = np.full((32, 32), 6.0, np.float32), np.full((32, 32), 0.1, np.float32)
+    clues, _ = clues_of(previous, current, depth, sigma, np.array([1.0, 0, 0]), camera=SQUARE)
+    assert np.median(clues[3][MIDDLE]) == pytest.approx(np.log1p(3 * 2), abs=0.05)

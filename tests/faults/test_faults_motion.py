@@ -60,6 +60,15 @@ def test_fault_8_key_frames_of_a_picture_that_hangs_are_no_cadence():
         assert not repeats.is_usual(FRAME_NS)
 
 
+def test_fault_8_one_picture_that_hung_makes_no_long_wait_usual():
+    """25 pictures a second in a file of 50, of which one was shown for a quarter of a second."""
+    repeats = Repeats()
+    for index, number in enumerate([*np.arange(20) // 2, *[9] * 10, *(20 + np.arange(6)) // 2]):
+        repeats.add(index * 20_000_000, np.full((40, 50, 3), 10 * number, np.uint8))
+    assert repeats.is_usual(30_000_000)
+    assert not repeats.is_usual(60_000_000)
+
+
 def test_fault_8_the_written_depth_is_unknown_too(tmp_path, network):
     video = film(tmp_path / "flight.mp4", 20, group=30, phase=lambda i: min(i, 8))
     log(tmp_path / "log.csv")

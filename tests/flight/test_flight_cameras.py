@@ -85,6 +85,18 @@ def test_what_a_gopro_leaves_open_is_asked_with_likely_values(tmp_path, told, li
     assert len(str(refusal.value).splitlines()) == 1
 
 
+@pytest.mark.parametrize(
+    ("told", "warned"),
+    [
+        (settings("HERO10 Black", "S"), "mode S of the HERO10 Black stretches the picture"),
+        (settings("HERO10 Black", "L", zoom=2), "the HERO10 Black zoomed digitally"),
+    ],
+)
+def test_what_a_figure_cannot_mend_is_warned_of(tmp_path, told, warned):
+    (warning,) = choose(gopro_video(tmp_path / "v.mp4", told), hfov_deg=60).warnings
+    assert warned in warning
+
+
 def test_a_figure_that_contradicts_the_file_is_warned_of(tmp_path):
     path = gopro_video(tmp_path / "v.mp4", settings("HERO10 Black", "L"))
     (warning,) = choose(path, hfov_deg=64.4).warnings

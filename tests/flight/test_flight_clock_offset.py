@@ -10,7 +10,7 @@ from flightdepth.flight.apparent_motion import ApparentMotion
 from flightdepth.flight.correlation import correlations
 from flightdepth.flight.offset import estimate_offset
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, BodyAttitudeSample, by_time
-from flightdepth.flight.signals import Signal, turn_signal
+from flightdepth.flight.signals import STEP_S, Signal, turn_signal
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
 
 VIDEO_S = 30.0
@@ -109,6 +109,21 @@ def test_speed_alone(offset_s):
     assert found.offset_s == pytest.approx(offset_s, abs=0.1)
 
 
+def test_two_witnesses_that_contradict_each_other_tell_nothing():
+    """Both fit well, but a second apart."""
+    (at_s, turn), (_, change) = wandering(1), wandering(3, cut_hz=0.3)
+    speed = np.abs(6 + 2 * change[:, 0])
+    late = [
+        replace(each, stamp_ns=each.stamp_ns + NS_PER_S)
+        for each in even_speed(speed=lambda t: np.interp(t, at_s, speed))
+    ]
+    track = GyroscopeTrack(np.array(stamps_of(at_s)), 0.1 * turn)
+    seen = pictures((at_s, 0.1 * turn), (at_s, speed / 20), 0.03)
+    found = estimate_offset(seen, Telemetry("t", tuple(late), gyroscope=track))
+    assert found.offset_s is None
+    assert found.reason == "turn rate and speed disagree"
+
+
 YEARS_S = 50 * 365.25 * 86400
 
 
@@ -149,6 +164,36 @@ def test_parts_of_a_log_are_laid_to_the_video_as_the_whole_would_be(monkeypatch,
     assert same[known].all()
     np.testing.assert_array_equal(split.values, whole.values[same])
     np.testing.assert_array_equal(split.samples, whole.samples[same])
+
+
+def test_nothing_is_told_within_a_gap_but_up_to_its_ends():
+    at_s = np.array([0.0, 1.0, 2.01, 4.01, 5.0])
+    first, values = Signal(at_s, 3 * at_s[:, None]).on_grid()
+    step_s = (first + np.arange(len(values))) * STEP_S
+    told = (step_s < 2.01) | (step_s > 4.01)
+    np.testing.assert_allclose(values[:, 0], np.where(told, 3 * step_s, np.nan))
+
+
+def test_the_camera_tells_its_turns_before_its_gyroscope_does_and_that_before_the_drone():
+    stamps_ns = np.arange(5) * NS_PER_S // 10
+    camera, body = (
+        [quaternion_from_rotation(rotation_from_euler(0, 0, rate * k / 10)) for k in range(5)]
+        for rate in (0.1, 0.3)
+    )
+    rates = np.tile([0.2, 0.0, 0.0], (5, 1))
+    log = Telemetry(
+        "t",
+        by_time([VelocitySample(0, [1, 0, 0])], list(map(AttitudeSample, stamps_ns.tolist(), camera))),
+        gyroscope=GyroscopeTrack(stamps_ns, rates),
+        body_attitudes=tuple(map(BodyAttitudeSample, stamps_ns.tolist(), body)),
+    )
+    without_camera = replace(log, samples=log.samples[:1])
+    logs = {0.1: log, 0.2: without_camera, 0.3: replace(without_camera, gyroscope=None)}
+    for rate, each in logs.items():
+        signal = turn_signal(each)
+        assert signal.axes == (rate == 0.1)
+        np.testing.assert_allclose(np.linalg.norm(signal.values, axis=1), rate, rtol=1e-3)
+    assert turn_signal(replace(without_camera, gyroscope=None, body_attitudes=())) is None
 
 
 def aside(at_s, times=(15.0,)):

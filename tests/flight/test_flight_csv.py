@@ -214,6 +214,7 @@ def test_fewer_than_two_positions_tell_no_velocity(tmp_path, rows):
         (GOOD.replace("time_s", "stamp_ns"), "line 3.*whole number"),
         (GOOD + "1e30,2,3,4\n", "line 4.*a time within"),
         (GOOD + "1e300,2,3,4\n", "line 4.*a time within"),
+        (GOOD.replace("\n0,", "\n-1e30,"), "line 2.*a time within"),
         (GOOD.replace("time_s", "stamp_ns").replace("0.5", "9" * 20), "line 3.*a time within"),
         ("time_s,north_m,east_m,down_m\n0,0,0,0\n1,-1e308,0,0\n", "line 3.*within 1e\\+08 m, got 1e\\+308"),
         (WORLD.replace("\n", ",sigma_m_s\n") + "0,1,2,3,-1\n", "line 2.*sigma"),
@@ -305,6 +306,12 @@ def test_a_speed_alone_tells_no_direction(tmp_path):
     assert log.any_direction and log.later_by(10).any_direction
     assert [(np.linalg.norm(v.velocity), v.sigma) for v in log.velocities] == [(3, 0.2), (4, None)]
     assert not read(tmp_path, GOOD).any_direction
+
+
+@pytest.mark.parametrize("speed_m_s", [0, 150])
+def test_a_speed_may_be_none_and_as_fast_as_a_drone_flies(tmp_path, speed_m_s):
+    log = read(tmp_path, f"time_s,speed_m_s\n0,{speed_m_s}\n0.5,{speed_m_s}\n")
+    assert [np.linalg.norm(sample.velocity) for sample in log.samples] == [speed_m_s] * 2
 
 
 def test_an_attitude_beside_a_speed_turns_no_direction(tmp_path):

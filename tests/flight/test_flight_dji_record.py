@@ -149,6 +149,15 @@ def test_a_log_whose_gimbal_tells_nothing_has_no_camera_attitude(tmp_path):
     assert len(telemetry.body_attitudes) == 600
 
 
+@pytest.mark.parametrize("speed_m_s", [0.0, 0.3])
+def test_a_drone_that_hovers_all_the_time_is_as_sure_of_its_speeds(tmp_path, speed_m_s):
+    """No instant is fast enough to tell of the axes, nor of the error: all are taken."""
+    telemetry = read(tmp_path, airdata(record(steady((speed_m_s, 0.0, 0.0)))))
+    assert velocity_table(telemetry)[1] == pytest.approx(np.tile((speed_m_s, 0, 0), (600, 1)), abs=1e-4)
+    assert all(0 <= sample.sigma < 0.1 for sample in telemetry.velocities)
+    assert "from its speeds" in telemetry.name
+
+
 def test_positions_overrule_other_axes(tmp_path):
     """AirData's manual calls x east; its files of DJI's drones say north. Others may do as the manual says."""
     log = record()

@@ -59,6 +59,23 @@ def test_times_are_those_of_the_cues_at_which_the_position_changed(tmp_path):
     assert np.diff(stamps).tolist() == pytest.approx([200_000_000] * (len(stamps) - 1), abs=1)
 
 
+def test_hours_and_minutes_count(tmp_path):
+    text = cues(VELOCITY, mavic_3, seconds=3, rate=30, fixes_per_s=5)
+    soon, late = (read(tmp_path, each).samples for each in (text, text.replace("00:00:", "12:34:")))
+    later_ns = (12 * 3600 + 34 * 60) * 10**9
+    assert [each.stamp_ns for each in late] == [each.stamp_ns + later_ns for each in soon]
+
+
+def test_a_last_subtitle_that_may_have_lost_digits_is_left_out(tmp_path):
+    text = cues(VELOCITY, mavic_3, seconds=3, rate=30, fixes_per_s=5)
+    telemetry = read(tmp_path, text)
+    cut = read(tmp_path, text.rstrip()[:-8])
+    assert telemetry.counts == {}
+    assert cut.counts == {"subtitles cut off at the end": 1}
+    assert len(cut.view.stamps_ns) == len(telemetry.view.stamps_ns) - 1
+    np.testing.assert_allclose(velocity_table(cut)[:10], velocity_table(telemetry)[:10], atol=0.1)
+
+
 def test_the_error_is_told_and_holds(tmp_path):
     telemetry = read(tmp_path, cues(VELOCITY, mavic_3, seconds=20))
     sigmas = np.array([sample.sigma for sample in of_kind(telemetry, VelocitySample)])

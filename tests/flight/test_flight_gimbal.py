@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from flightdepth.flight.gimbal import GimbalAttitude, camera_attitude, looking, with_fixed_camera
+from flightdepth.flight.gimbal_heading import followed_offset_deg
 from flightdepth.flight.records import BodyAttitudeSample, Telemetry, VelocitySample
 from flightdepth.motion import (
     NED_FROM_CAMERA,
@@ -60,6 +61,46 @@ def test_a_neutral_gimbal_looks_ahead_of_the_vehicle_though_it_says_locked():
 
 def test_no_heading_no_attitude():
     assert camera_attitude(GimbalAttitude((1, 0, 0, 0), VEHICLE), None) is None
+
+
+TIMES_S = np.arange(600) / 10
+NOSE_DEG = (7 * TIMES_S + 180) % 360 - 180  # more than once around
+
+
+def offset_deg(off_deg):
+    """What puts a gimbal right that looks `off_deg` to the left of the nose; None where it does not follow."""
+    return followed_offset_deg(TIMES_S, (NOSE_DEG - off_deg + 180) % 360 - 180, NOSE_DEG)
+
+
+@pytest.mark.parametrize("off_deg", [-59, -12, 0, 36, 59])
+def test_a_gimbal_is_put_right_by_as_much_as_it_is_off(off_deg):
+    np.testing.assert_allclose(offset_deg(off_deg), off_deg, atol=1e-9)
+
+
+def test_a_gimbals_heading_that_drifts_is_followed():
+    drifting = 20 + 0.3 * TIMES_S
+    np.testing.assert_allclose(offset_deg(drifting)[100:-100], drifting[100:-100], atol=0.2)
+
+
+@pytest.mark.parametrize("moments", [slice(4, None, 10), slice(300, 310)], ids=["each second", "one second"])
+@pytest.mark.parametrize("more_deg", [15, -15])
+def test_what_differs_for_moments_is_not_the_gimbals_error(moments, more_deg):
+    off = np.full(600, 36.0)
+    off[moments] += more_deg
+    np.testing.assert_allclose(offset_deg(off), 36, atol=1e-9)
+
+
+@pytest.mark.parametrize("aside_deg", [-45, 45])
+@pytest.mark.parametrize(("seldom", "follows"), [(slice(0, 600, 4), False), (slice(0, 600, 6), True)])
+def test_a_gimbal_follows_that_seldom_looks_aside(aside_deg, seldom, follows):
+    off = np.full(600, 5.0)
+    off[seldom] += aside_deg
+    assert (offset_deg(off) is not None) == follows
+
+
+@pytest.mark.parametrize("off_deg", [61, -61, 180, np.nan])
+def test_a_gimbal_that_was_turned_aside_or_tells_nothing_stays(off_deg):
+    assert offset_deg(off_deg) is None
 
 
 def flight(*bodies):

@@ -58,6 +58,17 @@ def test_the_speed_is_the_receivers_and_the_direction_that_of_the_positions(plai
     assert np.median(found[:, 1] / found[:, 0]) == pytest.approx(EAST_M_S / NORTH_M_S, rel=0.02)
 
 
+@pytest.mark.parametrize(("fix", "left_out"), [(0, 54), (1, 54), (2, 0), (3, 0)])
+@pytest.mark.parametrize("key", ["GPS5", "GPS9"])
+def test_a_fix_in_two_dimensions_is_one(key, fix, left_out):
+    samples, counts = rows(), Counter()
+    values = samples if key == "GPS5" else with_time(samples, fix)
+    stream = Stream("camera", key, "GPS", (), values, fix=fix if key == "GPS5" else None)
+    found = gps_velocities([stream], np.arange(len(samples)) * 10**9 // RATE_HZ, counts)
+    assert counts[NO_FIX] == left_out
+    assert (len(found) > 0) == (left_out == 0)
+
+
 def test_samples_without_a_fix_are_left_out_and_counted(plain):
     first, second, third = in_seconds(rows())
     log = read_gpmf(add_gpmf(plain, [gps5_payload(first, fix=0), gps5_payload(second), gps5_payload(third)]))

@@ -45,6 +45,14 @@ def test_a_stream_is_scaled_and_has_units():
     assert (stream.device, stream.name) == ("Karma", "Local Position NED")
 
 
+@pytest.mark.parametrize(("told", "units"), [(1, ("rad/s",) * 3), (3, ("rad/s",) * 3), (2, ("",) * 3)])
+def test_one_unit_is_that_of_all_columns(told, units):
+    rates = struct.pack(">3h", 1, 2, 3)
+    parts = [klv("SIUN", "c", 5, told, b"rad/s" * told), klv("GYRO", "s", 6, 1, rates)]
+    (stream,) = streams(nest("DEVC", nest("STRM", *parts)), frozenset(["GYRO"]))
+    assert stream.units == units
+
+
 def test_one_scale_divides_all_columns():
     stream = streams(gyro_payload([[0.5, -0.25, 1.0]]), frozenset(["GYRO"]))[0]
     assert np.allclose(stream.values, [[0.5, -0.25, 1.0]])

@@ -3,7 +3,13 @@ import math
 import pytest
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.lenses import HALF_DIAGONAL_35MM, find_lens, fov_of_equivalent_deg, known_lenses
+from flightdepth.flight.lenses import (
+    HALF_DIAGONAL_35MM,
+    find_lens,
+    fov_of_equivalent_deg,
+    known_lenses,
+    millimetres,
+)
 
 LENSES = known_lenses()
 
@@ -41,6 +47,20 @@ def test_hypersmooth_narrows_the_view_by_the_published_crop(mode):
 def test_a_lens_scales_with_the_picture():
     lens = find_lens("dji-mini-2")
     assert lens.seen(3840, 2160).fx == pytest.approx(2 * lens.seen(1920, 1080).fx)
+
+
+@pytest.mark.parametrize("name", ["gopro-hero11-linear", "dji-mini-2"])
+def test_a_lens_looks_through_the_middle_of_the_picture(name):
+    camera = find_lens(name).seen(1920, 1080)
+    assert (camera.cx, camera.cy) == (959.5, 539.5)
+
+
+@pytest.mark.parametrize(
+    ("told", "expected"),
+    [("26.00MM", 26.0), (24, 24.0), ("0", None), (5000, None), ("nan", None), ("wide", None)],
+)
+def test_an_equivalent_is_millimetres_that_a_lens_may_have(told, expected):
+    assert millimetres(told) == expected
 
 
 @pytest.mark.parametrize(

@@ -84,6 +84,31 @@ def test_rows_that_lost_a_cell_are_counted(tmp_path):
     }
 
 
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [("time", "-1"), ("time", "1e30"), ("speed_north", "151.0"), ("speed_down", "-151.0")],
+)
+def test_rows_beyond_reason_are_counted(tmp_path, column, value):
+    rows = [line.split() for line in parrot_csv(VELOCITY).splitlines()]
+    rows[3][rows[0].index(column)] = value
+    telemetry = read(tmp_path, "\n".join(map(" ".join, rows)) + "\n")
+    assert len(telemetry.velocities) == 9
+    assert telemetry.counts == {"rows beyond reason": 1}
+
+
+def test_a_table_that_was_cut_off_loses_its_last_row(tmp_path):
+    telemetry = read(tmp_path, parrot_csv(VELOCITY).rstrip("\n"))
+    assert len(telemetry.velocities) == 9
+    assert telemetry.counts == {"rows cut off at the end": 1}
+
+
+def test_a_list_that_was_cut_off_between_two_frames_is_counted(tmp_path):
+    text = parrot_json(VELOCITY)
+    telemetry = read(tmp_path, text[: text.rindex("]")])
+    assert len(telemetry.velocities) == 10
+    assert telemetry.counts == {"lists of frames cut off": 1}
+
+
 def test_the_name_counts_what_is_used(tmp_path):
     header, first, *others = parrot_csv(VELOCITY).splitlines()
     telemetry = read(tmp_path, "\n".join([header, first, first, *others]) + "\n")

@@ -132,6 +132,13 @@ def test_fewer_than_two_fixes_are_no_track(way):
     assert told(np.reshape(way, (-1, 2))) is None
 
 
+def test_an_altitude_that_is_told_now_and_then_counts_from_where_it_counts():
+    way = [(48 + i * 1e-6, 11.0) for i in range(20)]
+    track = told(way, [np.nan] * 19 + [5.0])
+    assert track.above == SEA_LEVEL
+    assert np.isfinite(track.places[:, 2]).tolist() == [False] * 19 + [True]
+
+
 def test_an_altitude_that_is_never_told_counts_from_nowhere():
     assert told([(48 + i * 1e-6, 11) for i in range(9)], np.full(9, np.nan)).above is None
 

@@ -1,8 +1,22 @@
+from collections import Counter
+
 import numpy as np
 import pytest
 
-from flightdepth.flight.local_regression import line_slopes
-from flightdepth.flight.positions import decimal_step, filled, fixes, local_ned, velocities, without_jumps
+from flightdepth.flight.local_regression import half_window_s, line_slopes
+from flightdepth.flight.places import SEA_LEVEL
+from flightdepth.flight.positions import (
+    JUMPING,
+    decimal_step,
+    filled,
+    fixes,
+    local_ned,
+    on_earth,
+    place_track,
+    velocities,
+    velocities_by_places,
+    without_jumps,
+)
 from tests_recordings import place
 
 
@@ -27,6 +41,12 @@ def test_north_east_and_up_have_their_signs():
     assert ned[1, 0] > 0
     assert ned[1, 1] > 0
     assert ned[1, 2] - ned[0, 2] == -20
+
+
+def test_what_is_a_place_on_earth():
+    there = [(90, 180), (-90, -180), (0, 5), (5, 0)]
+    nowhere = [(90.1, 5), (-90.1, 5), (5, 180.1), (5, -180.1), (0, 0), (np.nan, 5), (5, np.nan)]
+    assert on_earth(np.array([*there, *nowhere])).tolist() == [True] * 4 + [False] * 7
 
 
 def test_the_date_line_is_crossed():
@@ -84,6 +104,14 @@ def test_sigma_is_the_error_really_made(noise, rounding):
     assert 0.35 < ratio < 1.3  # coarse steps are seen at the instant they happen, so better than rounding
 
 
+def test_half_a_window_by_hand():
+    """Half a second; one period and a half; at most 5 s; or by rounding: (3 T q^2 / (24 * 0.2^2))^(1/3)."""
+    expected = {(10, 0.0): 0.5, (1, 0.0): 1.5, (0.1, 0.0): 5.0, (10, 1.0): 0.678604, (10, 99.0): 5.0}
+    found = {(hz, step_m): half_window_s(np.arange(20) / hz, step_m) for hz, step_m in expected}
+    assert found == pytest.approx(expected, rel=1e-5)
+    assert half_window_s(np.zeros(1), 0.0) == 1.5  # of one fix, which may come once a second
+
+
 def test_coarse_positions_get_a_longer_window():
     stamps, ned = flight((10.0, 0.0, 0.0), rate=1.0, seconds=60, rounding=11.0)
     errors = velocities(stamps, ned, steps_m=(11.0, 0.1)).velocity_ned[5:-5, 0] - 10
@@ -104,6 +132,16 @@ def test_a_jump_is_found_at_either_end_too(count, wrong):
     assert without_jumps(ned).all()
     ned[wrong, 0] += 500
     assert np.flatnonzero(~without_jumps(ned)).tolist() == [wrong % count]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_positions_that_all_jump_tell_no_way(seed):
+    stamps = np.arange(12) * 10**9
+    places = np.random.default_rng(seed).uniform((-60, -170), (60, 170), (12, 2))
+    counts = Counter()
+    assert not len(velocities_by_places(stamps, places, np.zeros(12), counts))
+    assert counts[JUMPING] >= 11
+    assert place_track(stamps, places, np.zeros(12), SEA_LEVEL, counts) is None
 
 
 def test_of_few_positions_none_jumps_for_sure():

@@ -2,7 +2,15 @@ import numpy as np
 import pytest
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.records import AttitudeSample, Frame, GyroscopeTrack, Telemetry, VelocitySample
+from flightdepth.flight.records import (
+    AttitudeSample,
+    Frame,
+    GyroscopeTrack,
+    PositionSample,
+    Telemetry,
+    VelocitySample,
+    ViewTrack,
+)
 
 
 @pytest.mark.parametrize(
@@ -23,6 +31,25 @@ def test_a_velocity_is_three_finite_numbers(velocity):
 def test_sigma_is_not_negative(sigma):
     with pytest.raises(BadInput, match="sigma"):
         VelocitySample(0, [1, 2, 3], "world", sigma)
+
+
+@pytest.mark.parametrize("position", [[0, 0, float("nan")], [0, 0]])
+def test_a_position_is_three_finite_numbers(position):
+    with pytest.raises(BadInput, match=r"position at 1\.500 s"):
+        PositionSample(1_500_000_000, position)
+
+
+@pytest.mark.parametrize("degrees", [[0.0, 60.0], [180.0, 60.0], [float("nan"), 60.0], [60.0], []])
+def test_a_field_of_view_is_told_for_each_stamp(degrees):
+    with pytest.raises(BadInput, match="fields of view"):
+        ViewTrack(np.arange(2 if degrees else 0), np.array(degrees))
+
+
+def test_the_pictures_of_a_part_have_the_views_from_the_one_before_it():
+    track = ViewTrack(np.array([10, 20, 30]), np.array([50.0, 60.0, 70.0]))
+    parts = {(0, 5): [50], (10, 20): [50], (15, 30): [50, 60], (20, None): [60, 70], (99, None): [70]}
+    assert {part: track.between(*part).tolist() for part in parts} == parts
+    assert [track.at(stamp_ns) for stamp_ns in (0, 14, 16, 99)] == [50, 50, 60, 70]
 
 
 def test_a_velocity_frame_is_known():

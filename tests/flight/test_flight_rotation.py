@@ -57,6 +57,15 @@ def test_standing_still_is_no_turn():
     assert np.linalg.norm(likeliest_rotation(scene(0, (0, 0, 0), (0, 0, 0), noise=0), NOISE)) < 1e-9
 
 
+def test_a_view_too_narrow_to_tell_turning_from_flying_makes_a_turn_smaller_and_never_larger():
+    """Of 3.4 degrees; all moves by three noises. A large turn is rarer than a small one."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        motions = rng.normal((0.01, 0.0), NOISE, (80, 2))
+        found = likeliest_rotation(Flow(rng.uniform(-0.03, 0.03, (80, 2)), motions), 0.003)
+        assert np.linalg.norm(found) < 0.01
+
+
 def test_outliers_do_not_turn_the_camera():
     flow = scene(0, (0, 0, 0.5), (0, 0, 0))
     motions = flow.motions.copy()

@@ -228,6 +228,40 @@ def test_odometry_that_cannot_be_placed_is_counted(tmp_path, changes, reason):
     assert reason in counted and number == 1
 
 
+@pytest.mark.parametrize("changes", [{"vy": math.nan}, {"q": (0, 0, 0, 0)}, {"q": (math.nan, 0, 0, 1)}])
+def test_odometry_that_is_not_numbers_is_counted(tmp_path, changes):
+    damaged = odometry(1)
+    for name, value in changes.items():
+        setattr(damaged, name, value)
+    messages = [odometry(0), damaged, odometry(2)]
+    telemetry = read(tmp_path, *[tlog_part(RECEIVED_US + i, each) for i, each in enumerate(messages)])
+    assert len(telemetry.velocities) == len(telemetry.body_attitudes) == 2
+    assert telemetry.counts == {"odometry that is not numbers": 1}
+
+
+def test_an_attitude_in_angles_is_that_of_the_quaternion(tmp_path):
+    """ATTITUDE is what most autopilots send unasked."""
+    parts = []
+    for i in range(5):
+        yaw = math.nan if i == 3 else 1.2
+        now = RECEIVED_US + i * 100_000
+        parts += [
+            tlog_part(now, ned_message(5000 + i * 100, velocity(i))),
+            tlog_part(now, mavlink.MAVLink_attitude_message(5000 + i * 100, 0.1, -0.3, yaw, 0, 0, 0)),
+        ]
+    telemetry = read(tmp_path, *parts)
+    assert [body.stamp_ns for body in telemetry.body_attitudes] == [0, 10**8, 2 * 10**8, 4 * 10**8]
+    axes = rotation_from_quaternion(telemetry.body_attitudes[0].world_from_body)
+    # Forward: by the yaw from north to east, then up by a pitch that is negative, so down. Down leans with the roll.
+    np.testing.assert_allclose(
+        axes[:, 0], [math.cos(0.3) * math.cos(1.2), math.cos(0.3) * math.sin(1.2), math.sin(0.3)], atol=1e-6
+    )
+    assert axes[2, 1:] == pytest.approx(
+        [math.sin(0.1) * math.cos(0.3), math.cos(0.1) * math.cos(0.3)], abs=1e-6
+    )
+    assert telemetry.counts == {"attitudes that are no rotation": 1}
+
+
 HALF_TURN_EAST = (math.cos(math.pi / 4), 0, 0, math.sin(math.pi / 4))
 
 

@@ -192,7 +192,7 @@ def node(conversion, monkeypatch):
     )()
     made.camera = Camera.from_fov(64, 48, 75)
     made.estimator = MultiRangeEstimator(load_network("tiny-clamped-256"), made.camera, ranges=1)
-    made.steadiness = Steadiness(made.camera, max_turn_rad=made.estimator.max_turn_rad)
+    made.steadiness = Steadiness(made.camera)
     yield made
     sys.modules.pop("flightdepth_ros.node", None)
 

@@ -116,6 +116,22 @@ def test_an_edge_and_its_surroundings_are_left_out():
     assert kept[:, 42:].all()
 
 
+@pytest.mark.parametrize(("ratio", "edge"), [(1.19, False), (1.21, True)])
+def test_a_slope_is_no_edge(ratio, edge):
+    depth_m = np.full((9, 9), 10, np.float32)
+    depth_m[:, 5:] *= ratio
+    assert off_edges(depth_m)[4].tolist() == [True] * 3 + [not edge] * 4 + [True] * 2
+
+
+@pytest.mark.parametrize(
+    ("agree", "differ", "counts"), [(2, 0, False), (3, 0, True), (3, 3, True), (3, 4, False), (4, 4, True)]
+)
+def test_three_must_agree_and_half_of_those_that_see_it(agree, differ, counts):
+    points, _, _ = seen_points(view(10, step=16), 16, EVERY)
+    kept, _ = agreed(points, [*[view(10.9)] * agree, *[view(11.1)] * differ])
+    assert (kept == counts).all()
+
+
 def test_a_point_that_the_others_contradict_is_left_out():
     wrong, right = view(5, step=4), [view(10, pose(i, 0.5 * i)) for i in range(1, 5)]
     points, _, _ = seen_points(wrong, 4, EVERY)
@@ -159,6 +175,14 @@ def test_settings_that_cannot_be(wrong):
         CloudSettings(**wrong)
 
 
+@pytest.mark.parametrize(
+    "extreme",
+    [{"voxel_m": 0.01}, {"min_confidence": 0}, {"min_confidence": 1}, {"max_range_m": 1e-3}, {"every": 1}],
+)
+def test_settings_that_just_can_be(extreme):
+    assert CloudSettings(**extreme)
+
+
 # Voxels
 
 
@@ -170,6 +194,28 @@ def test_a_voxel_keeps_the_mean_weighted_by_confidence():
     assert cloud.points_m == pytest.approx(np.array([[0.3, 0.5, 0.5]]))
     assert cloud.colours.tolist() == [[125, 0, 0]]
     assert cloud.confidence == pytest.approx(0.5)
+
+
+def gathered(points_m, voxel_m):
+    grid, count = VoxelGrid(voxel_m), len(points_m)
+    grid.add(np.asarray(points_m, float), np.zeros((count, 3), np.uint8), np.ones(count, np.float32))
+    return grid.cloud().points_m
+
+
+def test_a_voxel_begins_at_whole_lengths():
+    found = gathered([(-0.5, 0, 0), (0.0, 0, 0), (0.5, 0, 0), (1.0, 0, 0)], 1.0)
+    assert sorted(found[:, 0].tolist()) == [-0.5, 0.25, 1.0]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_flight_beyond_the_last_voxel_is_refused(axis, sign):
+    """2^20 of 1 cm either way."""
+    within, beyond = np.zeros((2, 1, 3))
+    within[0, axis], beyond[0, axis] = sign * 10485.755, sign * 10485.765
+    np.testing.assert_allclose(gathered(within, 0.01), within)
+    with pytest.raises(BadInput, match="leaves 10486 m"):
+        gathered(beyond, 0.01)
 
 
 def test_the_order_of_frames_does_not_matter():

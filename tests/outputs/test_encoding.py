@@ -62,6 +62,12 @@ def test_a_rounded_sigma_is_within_a_64th_and_half_a_centimetre(sigma_m):
     assert abs(back - sigma_m) <= sigma_m / 64 + 0.005 + 1e-4
 
 
+def test_a_rounded_sigma_has_six_binary_digits():
+    """1234 lies between 38 and 39 steps of 32; up to 63 nothing is rounded."""
+    stored = rounded_centimetres(np.array([[12.34, 0.63, 0.67, 1.29]], np.float32))
+    assert stored.tolist() == [[39 * 32, 63, 34 * 2, 32 * 4]]
+
+
 def test_a_rounded_sigma_keeps_its_ends():
     stored = rounded_centimetres(np.array([[np.nan, 0.01, 655.35, 9000]], np.float32))
     assert stored.tolist() == [[0, 1, 65535, 65535]]
@@ -75,6 +81,11 @@ def test_unknown_comes_back_as_nan():
 def test_confidence_comes_back_within_a_255th(confidence):
     back = confidence_from_bytes(bytes_from_confidence(np.array([[confidence]], np.float32)))[0, 0]
     assert 0 <= back - confidence <= 1 / 255 + 1e-6
+
+
+def test_a_confidence_that_rounding_put_above_1_is_1():
+    """256 would be stored as 0: do not use."""
+    assert bytes_from_confidence(np.array([[1.0000001]], np.float32)).tolist() == [[255]]
 
 
 def test_only_no_confidence_is_stored_as_zero():

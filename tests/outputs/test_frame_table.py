@@ -39,6 +39,7 @@ def test_the_row_of_a_frame_with_depth():
     row = FrameRow.of(frame(2), known(depth_m))
     assert (row.index, row.stamp_ns, row.shifts, row.displacements_m) == (2, 66_733_334, (3, 7), (0.25, 1.5))
     assert row.valid_fraction == 0.75
+    assert row.reason == ""
 
 
 def test_a_frame_of_nothing_but_bounds_says_so():
@@ -72,6 +73,12 @@ def test_the_error_bar_of_a_frame_is_the_median_of_what_is_known():
     row = FrameRow.of(frame(), result)
     assert row.sigma_share == pytest.approx(0.04)
     assert rows_from_csv(table(row))[0].sigma_share == pytest.approx(0.04)
+
+
+def test_depth_without_an_error_bar_does_not_spoil_that_of_the_rest():
+    sigma_m = np.where(np.arange(WIDTH) < WIDTH / 4, np.nan, np.float32(0.5)) * np.ones((HEIGHT, 1))
+    row = FrameRow.of(frame(), replace(known(10), sigma_m=sigma_m.astype(np.float32)))
+    assert row.sigma_share == pytest.approx(0.05)
 
 
 def test_what_has_no_error_bar_tells_none():

@@ -34,6 +34,15 @@ def _other_fits(body, moved, pitch):
     return abs(pitch_that_lifts(body / length, moved[2] / length, near_rad=0.0)) < abs(pitch) - 1e-6
 
 
+def test_of_two_pitches_that_fit_the_one_is_taken_that_was_known():
+    """A motion ahead and down, seen at a slant: looking down by 80 degrees or by 10, and 80 was told before."""
+    true = rotation_from_euler(0, np.radians(-80), 0)
+    level = LevelCamera()
+    for i, body in enumerate(([1.0, 0, 0], [0.5**0.5, 0, 0.5**0.5])):
+        level.add(i * S // 10, NED_FROM_CAMERA.T @ body, true @ body)
+        assert rotation_angle_rad(level.at(i * S // 10).T @ true @ NED_FROM_CAMERA) < 1e-6
+
+
 def test_flying_exactly_sideways_tells_no_pitch():
     level = LevelCamera()
     for i in range(30):
@@ -45,6 +54,8 @@ def test_an_attitude_does_not_hold_for_long():
     level = LevelCamera()
     level.add(0, np.array([0, 0, 1.0]), np.array([1.0, 0, 0]))
     assert level.at(S // 4) is not None
+    assert level.at(S // 2) is not None
+    assert level.at(S // 2 + S // 100) is None
     assert level.at(2 * S) is None
 
 

@@ -37,6 +37,11 @@ def test_position_by_hand(depth_m, position):
     assert SCALE.position(depth_m) == pytest.approx(position)
 
 
+@pytest.mark.parametrize(("step", "rgb"), [(0, (0, 0, 4)), (128, (188, 55, 84)), (255, (252, 255, 164))])
+def test_the_colours_are_matplotlibs_inferno(step, rgb):
+    assert coloured(np.full((1, 1), step, np.uint8))[0, 0] == pytest.approx(rgb, abs=3)
+
+
 def test_beyond_the_ends_the_colour_stays():
     colours = paint([0.3, 1, 100, 600])
     assert (colours[0] == colours[1]).all()
@@ -46,6 +51,13 @@ def test_beyond_the_ends_the_colour_stays():
 def test_depth_has_the_colour_of_the_scale_bar():
     bar = coloured(steps_of(np.array([[SCALE.position(10)]])))[0, 0]
     assert np.abs(paint([10.0])[0] - bar).max() <= 1
+
+
+def test_a_scale_that_begins_farther_off_colours_as_its_bar_too():
+    scale = DepthScale(4, 100)
+    stored = centimetres_from_depth(np.array([[4.0, 20.0, 100.0]], np.float32))
+    bar = coloured(steps_of(np.array([[1, 0.5, 0]])))  # 20 is halfway from 4 to 100
+    assert np.abs(Palette(scale).paint(stored).astype(int) - bar).max() <= 1
 
 
 @pytest.mark.parametrize("hatch", [UNKNOWN_HATCH, FARTHER_HATCH, NEARER_HATCH])

@@ -19,12 +19,14 @@ TEXTURE = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (HEIGHT, 60
 class Recorder:
     """An estimator that writes down what it was given."""
 
-    max_turn_rad = MAX_TURN_RAD
     shown = None
 
     def __init__(self):
         self.calls = []
         self.dropped = Counter({"late velocities": 3})
+
+    def max_turn_rad(self, stamp_ns):
+        return 10 * MAX_TURN_RAD if ("attitude", stamp_ns, (1, 0, 0, 0)) in self.calls else MAX_TURN_RAD
 
     def add_velocity(self, stamp_ns, velocity, *, frame, sigma):
         self.calls.append(("velocity", stamp_ns, tuple(velocity), frame, sigma))
@@ -97,6 +99,21 @@ def test_a_frame_that_cannot_be_followed_is_said_to_be_unusable(go):
     done = go(picture(0), picture(1), picture(2, x=300))
     assert [unusable is None for _, _, unusable in done.calls] == [True, True, False]
     assert "too fast" in done.calls[2][2]
+
+
+def test_a_turn_counts_against_what_the_estimator_bears_at_that_time(go):
+    camera, down = FlightOf.camera.matrix, np.array([[1.0, 0, -100], [0, 1, 0], [0, 0, 1]])
+
+    def panned(index):
+        turn = camera @ cv2.Rodrigues(np.array([0.0, -0.01 * index, 0.0]))[0] @ np.linalg.inv(camera)
+        seen = cv2.warpPerspective(TEXTURE, turn @ down, (WIDTH, HEIGHT))
+        return Frame(index, index * FRAME_NS, seen)
+
+    attitude = AttitudeSample(4 * FRAME_NS, np.array([1.0, 0, 0, 0]))
+    done = go(*map(panned, range(4)), attitude, panned(4), panned(5))
+    refused = [call[2] for call in done.calls if call[0] == "frame"]
+    assert [reason is None for reason in refused] == [True, False, False, False, True, False]
+    assert "degrees in" in refused[-1]
 
 
 def test_what_was_dropped_by_either_side_is_recorded(go):

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from range_oracle import card
 
 from flightdepth.ranges.clusters import MAX_SAMPLES, centroids, wanted_displacements
+from tests_networks import swept_card
 
 CARD = card()
 
@@ -93,3 +94,8 @@ def test_the_wanted_displacement_is_the_papers() -> None:
 
 def test_the_wanted_displacement_is_limited() -> None:
     np.testing.assert_allclose(wanted_displacements(np.array([40.0, 400.0]), CARD, 1.0), [0.3, 1.0])
+
+
+def test_a_network_that_sweeps_sees_best_what_moved_by_fewer_pixels() -> None:
+    """Beta 0.13, not the paper's 0.4: D = 39 m / (100 m / 0.3 m * 0.13)."""
+    np.testing.assert_allclose(wanted_displacements(np.array([39.0]), swept_card(), np.inf), [0.9])

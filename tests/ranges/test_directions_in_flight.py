@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from sideways_flight import CAMERA, FRAME_NS, picture
 
-from flightdepth.ranges import MultiRangeEstimator, derotation, direction
-from flightdepth.ranges.choice import NO_DIRECTION
+from flightdepth.ranges import MultiRangeEstimator, derotation, direction, estimator
+from flightdepth.ranges.choice import NO_DIRECTION, PairChoice
+from flightdepth.ranges.tracks import Tracker
 from flightdepth.runtimes.network import Network
 from tests_networks import BestHypothesis, difference_card, swept_card
 
@@ -83,6 +84,7 @@ def test_without_an_attitude_the_pictures_tell():
     units = np.array(network.displacements) / np.array(lengths)[:, None]
     assert np.degrees(np.arccos(np.clip(units @ [1.0, 0.0, 0.0], -1, 1))).max() < 3
     assert result.displacements_m == pytest.approx(lengths[-1:], rel=1e-6)
+    np.testing.assert_array_equal(result.moved_m, network.displacements[-1:])
     # 3 px a frame, 0.1 m a frame, 96 px of focal length.
     assert np.nanmedian(result.depth_m) == pytest.approx(96 * 0.1 / 3, rel=0.25)
 
@@ -131,3 +133,40 @@ def test_a_frame_s_direction_is_seen_once_for_all_its_pairs(monkeypatch):
         pairs += len(estimator.add_frame(number * FRAME_NS, picture(number)).shifts)
     assert pairs > 14
     assert len(calls) == 11  # each frame but the first
+
+
+def test_a_plan_is_told_the_smaller_side_of_the_view():
+    """192 x 128 pixels, whatever the lens zooms to."""
+    told = []
+
+    class Plan:
+        def __init__(self, card, *, sides):
+            told.append(sides)
+
+        def look_through(self, card, sides):
+            told.append(sides)
+
+    network = Network(swept_card(), BestHypothesis())
+    choice = PairChoice(network, CAMERA, Tracker(CAMERA), planner=Plan, derotate=True, fallback=None)
+    zoomed = CAMERA.zoomed(2.0)
+    choice.look_through(zoomed, Tracker(zoomed))
+    assert told == pytest.approx([128 / 96, 128 / 192])
+
+
+@pytest.mark.parametrize(("frame", "unit"), [("world", [1.0, 0.0, 0.0]), ("camera", None)])
+def test_depth_is_averaged_along_the_direction_that_is_seen_where_the_log_tells_none(
+    monkeypatch, frame, unit
+):
+    units = []
+    monkeypatch.setattr(estimator, "step_between", lambda *given: units.append(given[2]))
+    flown([1.0, 0.0, 0.0], frame)
+    assert len(units) == 4  # from the second depth on
+    for each in units:
+        assert each is None if unit is None else np.linalg.norm(each - unit) < 0.05
+
+
+def test_a_frame_whose_pairs_are_all_left_out_says_why(monkeypatch):
+    monkeypatch.setattr(derotation.Derotation, "of", lambda *_: ())
+    _, result = flown([1.0, 0.0, 0.0], "camera")
+    assert result.reason == estimator.NOT_RIGID
+    assert np.isnan(result.depth_m).all()

@@ -142,6 +142,17 @@ def test_poses_are_interpolated() -> None:
     np.testing.assert_allclose(displacement(track, 0.5, 1.5), [3, 0, 0], atol=1e-8)
 
 
+def test_poses_tell_attitudes_too_in_whatever_precision() -> None:
+    turns, track = [rotation_from_euler(0.1 * k, -0.2 * k, 0.3 * k) for k in range(4)], Trajectory()
+    for k, turn in enumerate(turns):
+        pose = np.eye(4, dtype=np.float32)
+        pose[:3, :3], pose[0, 3] = turn, k
+        track.add_pose(EPOCH + k * S, pose)
+    states = track.at(EPOCH + np.arange(4) * S)
+    assert track.knows_attitude and states.oriented.all()
+    np.testing.assert_allclose(states.world_from_camera, turns, atol=1e-6)
+
+
 def test_positions_replace_velocities_and_leave_attitudes_to_themselves() -> None:
     track = trajectory((0, (9, 9, 9)), (1, (9, 9, 9)))
     turn = quaternion_from_rotation(rotation_from_euler(0, 0, 0.5))
@@ -182,6 +193,13 @@ def test_after_the_last_pose_before_a_gap_the_speed_holds(seconds) -> None:
     np.testing.assert_allclose(displacement(track, 1.0, 1.4), [2.0, 0, 0], atol=1e-6)
 
 
+def test_after_the_last_pose_before_a_gap_it_is_not_the_mean_speed_over_the_gap() -> None:
+    """5 m/s, and after three seconds of silence it stands where it was last seen."""
+    made = placed((0, 0), (0.5, 2.5), (1, 5), (4, 5), (4.5, 5))
+    np.testing.assert_allclose(displacement(made, 0.6, 1.4), [4.0, 0, 0], atol=1e-6)
+    assert not made.dropped
+
+
 def posed_at(*places_m: ArrayLike, every_s: float = 0.1) -> Trajectory:
     """Poses at these places: metres north, or north, east, down."""
     made = Trajectory()
@@ -206,6 +224,43 @@ def test_a_lone_pose_that_jumps_is_dropped() -> None:
     track = posed_at(0.0, 0.2, 0.4, 3.6, 0.8, 1.0)
     np.testing.assert_allclose(displacement(track, 0.0, 0.5), [1.0, 0, 0], atol=1e-8)
     assert track.dropped == {"pose glitch": 1}
+
+
+def test_poses_that_jump_each_elsewhere_are_dropped() -> None:
+    track = posed_at(0.0, 0.2, 0.4, 300.0, -300.0, 1.0, 1.2)
+    np.testing.assert_allclose(displacement(track, 0.0, 0.6), [1.2, 0, 0], atol=1e-8)
+    assert track.dropped == {"pose glitch": 2}
+
+
+def placed(*samples: tuple[float, float]) -> Trajectory:
+    """Positions: seconds, metres north."""
+    made = Trajectory()
+    for seconds, north_m in samples:
+        made.add_position(EPOCH + round(seconds * S), (north_m, 0, 0))
+    return made
+
+
+def test_full_throttle_at_changing_rates_is_no_jump() -> None:
+    """20 m/s^2 from rest: the speed over a step is that of its middle, so a long step tells little of a short one."""
+    assert placed(*((t, 10 * t * t) for t in (0, 1, 1.1, 2.1, 2.2, 2.3, 3.3))).dropped == {}
+
+
+def test_a_pose_that_jumped_waits_no_longer_than_a_gap() -> None:
+    """Two seconds later nothing is known of the way from there either."""
+    track = placed((0, 0), (0.1, 0.2), (0.2, 0.4), (0.3, 200.6), (2.3, 205), (2.4, 205.2))
+    assert track.dropped == {"pose glitch": 1, "way between two poses: a jump": 1}
+    np.testing.assert_allclose(displacement(track, 2.3, 2.4), [0.2, 0, 0], atol=1e-8)
+
+
+@pytest.mark.parametrize("waiting", [[], [(0.3, 60.0)]])
+def test_a_pose_that_does_not_advance_is_dropped(waiting) -> None:
+    """Also one that is not after one that jumped and waits."""
+    before = [(0, 0), (0.1, 0.2), (0.2, 0.4), *waiting]
+    late = [(before[-1][0], 0.4), (before[-1][0] - 0.05, 0.4)]
+    track = placed(*before, *late, (0.5, 1.0))
+    np.testing.assert_allclose(displacement(track, 0.0, 0.5), [1.0, 0, 0], atol=1e-8)
+    expected = {"pose not after the one before": 2} | ({"pose glitch": 1} if waiting else {})
+    assert track.dropped == expected
 
 
 def test_a_jump_after_the_first_pose_costs_no_more_than_that_pose() -> None:
@@ -245,6 +300,34 @@ def test_a_velocity_that_does_not_advance_is_dropped(seconds: float) -> None:
     assert track.dropped == {"velocity not after the one before": 1}
 
 
+def test_a_velocity_not_after_one_that_waits_is_dropped() -> None:
+    track = trajectory(
+        (0, (2, 0, 0)),
+        (0.1, (2, 0, 0)),
+        (0.2, (90, 0, 0)),
+        (0.15, (2, 0, 0)),
+        (0.2, (2, 0, 0)),
+        (0.3, (2, 0, 0)),
+    )
+    np.testing.assert_allclose(displacement(track, 0, 0.3), [0.6, 0, 0], atol=1e-8)
+    assert track.dropped == {"velocity glitch": 1, "velocity not after the one before": 2}
+
+
+def test_a_deviation_that_jumps_is_no_glitch() -> None:
+    """A fix that is lost for a moment tells 20 m/s where it told 0.1, of the same velocity."""
+    track = Trajectory()
+    for k, sigma in enumerate((0.1, 0.1, 20.0, 0.1)):
+        track.add_velocity(EPOCH + k * S // 10, (2, 0, 0), frame="world", sigma=sigma)
+    assert track.dropped == {}
+    assert track.at(EPOCH + np.array([0.1, 0.2]) * S).sigma_m[1] > 1
+
+
+@pytest.mark.parametrize("sigma", [-0.1, float("nan"), float("inf")])
+def test_a_deviation_that_is_none_is_refused(sigma: float) -> None:
+    with pytest.raises(BadInput, match="velocity sigma: expected 0 or more m/s, got"):
+        Trajectory().add_velocity(0, (1, 0, 0), frame="world", sigma=sigma)
+
+
 @pytest.mark.parametrize("velocity", [(1, 2), (1, 2, float("nan")), (1, 2, float("inf"))])
 def test_a_velocity_that_is_none_is_refused(velocity) -> None:
     with pytest.raises(BadInput, match="velocity: expected three finite numbers in m/s, got"):
@@ -274,7 +357,11 @@ def test_frames_are_not_mixed() -> None:
 
 
 @pytest.mark.parametrize(
-    "pose", [np.eye(3), 2 * np.eye(4), np.diag([1.0, 1, -1, 1]), np.full((4, 4), np.nan)]
+    "pose",
+    [
+        *(np.eye(3), 2 * np.eye(4), np.diag([1.0, 1, -1, 1]), np.full((4, 4), np.nan)),
+        np.vstack([np.eye(4)[:3], [1, 2, 3, 1]]),  # as who multiplies rows writes it
+    ],
 )
 def test_a_pose_that_is_not_rigid_is_refused(pose) -> None:
     with pytest.raises(BadInput, match="pose: expected a rigid 4x4 matrix"):

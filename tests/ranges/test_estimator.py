@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from range_oracle import (
@@ -18,7 +19,8 @@ from range_oracle import (
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
+from flightdepth.flight.steadiness import MAX_DEROTATED_RAD, MAX_REPORTED_RAD, MAX_TURN_RAD
+from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.ranges.pairs import MAX_FRAMES
 from flightdepth.ranges.plan import SCOUT_EVERY_S
@@ -483,3 +485,93 @@ def test_shifts_count_all_frames_of_a_fast_camera() -> None:
         result = estimator.add_frame(index * 10**7, picture(index))
     np.testing.assert_allclose(result.displacements_m, 0.03 * result.shifts, rtol=1e-6)
     assert result.shifts[0] > 4
+
+
+@pytest.mark.parametrize(
+    ("fusion", "frame", "averaged"),
+    [("saturation", "camera", True), ("saturation", "world", False), ("paper", "camera", False)],
+)
+def test_depth_is_averaged_where_the_way_is_known_but_in_the_papers_fusion(fusion, frame, averaged) -> None:
+    """Of a wall that seems a tenth farther away in every second frame; nobody tells the camera's attitude."""
+
+    def flickering(position, camera):
+        odd = round(position[0] / (3.0 * FRAME_NS * 1e-9)) % 2
+        return np.full((camera.height, camera.width), 44.0 if odd else 40.0)
+
+    oracle, told_m = Oracle(flickering, straight(SIDEWAYS), card()), []
+    estimator = MultiRangeEstimator(oracle, CAMERA, ranges=1, fusion=fusion)
+    for i in range(10):
+        estimator.add_velocity(i * FRAME_NS, SIDEWAYS, frame=frame)
+        told_m.append(float(np.median(estimator.add_frame(i * FRAME_NS, picture(i)).depth_m)))
+    if averaged:
+        assert min(told_m[-2:]) > 41 and max(told_m[-2:]) < 43
+    else:
+        assert told_m[-2:] == pytest.approx([40, 44], rel=1e-4)
+
+
+@pytest.mark.parametrize(("degrees", "paired"), [(21.0, True), (24.0, False)])
+def test_pairs_may_turn_by_a_quarter_of_the_view(degrees: float, paired: bool) -> None:
+    """Of 90 degrees."""
+    estimator = MultiRangeEstimator(Oracle(wall(40), straight(SIDEWAYS)), CAMERA, ranges=1)
+    for i in range(6):
+        turn = rotation_from_euler(0, np.radians(degrees) if i == 5 else 0.0, 0)
+        estimator.add_attitude(i * FRAME_NS, quaternion_from_rotation(turn))
+    assert (fly(estimator, SIDEWAYS, range(6))[-1].reason is None) == paired
+
+
+def test_who_derotates_bears_a_larger_turn_and_a_larger_one_still_where_attitudes_tell_it() -> None:
+    bears = []
+    for derotate in (True, False):
+        oracle = Oracle(wall(40), straight(SIDEWAYS))
+        estimator = MultiRangeEstimator(oracle, CAMERA, derotate=derotate)
+        before = estimator.max_turn_rad(0)
+        for at_ns in (0, 10**9):
+            estimator.add_attitude(at_ns, (1, 0, 0, 0))
+        bears.append([before, *(estimator.max_turn_rad(at_ns) for at_ns in (5 * 10**8, 4 * 10**9))])
+    assert bears == [[MAX_DEROTATED_RAD, MAX_REPORTED_RAD, MAX_DEROTATED_RAD], [MAX_TURN_RAD] * 3]
+
+
+def test_a_map_of_a_lens_before_the_zoom_is_none_at_the_source() -> None:
+    estimator = MultiRangeEstimator(Oracle(wall(10.0), straight(SIDEWAYS)), CAMERA)
+    map_hw = np.full((32, 32), 7.0, np.float32)
+    np.testing.assert_allclose(estimator.to_source(map_hw), np.full((128, 128), 7.0))
+    estimator.see_through(Camera.from_fov(128, 128, 40))
+    assert estimator.to_source(map_hw) is None
+
+
+def test_nothing_of_frames_that_are_forgotten_is_averaged() -> None:
+    """They may be damaged, or of another flight: a wall at 20 m before, at 18 m since."""
+    far_m = 9.5 * 3.0 * FRAME_NS * 1e-9
+
+    def changing(position, camera):
+        return np.full((camera.height, camera.width), 20.0 if position[0] < far_m else 18.0)
+
+    estimator = MultiRangeEstimator(Oracle(changing, straight(SIDEWAYS), card()), CAMERA, ranges=1)
+    for i in range(12):
+        if i == 10:
+            estimator.forget_frames()
+        estimator.add_velocity(i * FRAME_NS, SIDEWAYS, frame="camera")
+        result = estimator.add_frame(i * FRAME_NS, picture(i))
+    np.testing.assert_allclose(result.depth_m, 18.0, rtol=1e-4)
+
+
+def test_what_a_turn_brought_into_view_is_unknown_to_the_pair_across_it_alone() -> None:
+    """Five frames ago the camera turned right by 0.2 rad; the short pair lies after that, and sees no 90 m."""
+    estimator = MultiRangeEstimator(Oracle(two_walls(12.0, 90.0), straight(SIDEWAYS)), CAMERA, ranges=2)
+    for i in range(60):
+        turn = np.array([0.0, 0.2 if i >= 55 else 0.0, 0.0])
+        estimator.add_attitude(i * FRAME_NS, quaternion_from_rotation(cv2.Rodrigues(turn)[0]))
+    result = fly(estimator, SIDEWAYS, range(60))[-1]
+    assert result.shifts[0] < 5 < result.shifts[-1]
+    assert np.isnan(result.depth_m[:, -10:]).all()
+    assert np.isfinite(result.depth_m[64, :90]).all()
+
+
+def test_where_the_camera_moved_is_told_in_its_own_axes_or_not_at_all() -> None:
+    """3 m/s north, looking north; then the same flight of a camera whose attitude nobody tells."""
+    estimator, blind = (MultiRangeEstimator(Oracle(wall(40), straight(SIDEWAYS)), CAMERA) for _ in range(2))
+    for i in range(10):
+        estimator.add_attitude(i * FRAME_NS, quaternion_from_rotation(NED_FROM_CAMERA))
+    result = fly(estimator, SIDEWAYS, range(10))[-1]
+    np.testing.assert_allclose(result.moved_m, np.outer(result.displacements_m, [0, 0, 1]), atol=1e-9)
+    assert fly(blind, SIDEWAYS, range(10))[-1].moved_m is None

@@ -154,6 +154,11 @@ def test_an_output_that_is_no_number_is_no_measurement(fusion: Fusion) -> None:
     np.testing.assert_allclose(fused.depth_m, 20.0, rtol=1e-5)
 
 
+def test_an_output_that_is_no_number_is_none_where_both_frames_show_the_pixel_either() -> None:
+    fused = fuse(one(np.nan, 0.2), np.array([0.3, 0.3]), CARD, seen=np.ones((2, 1, 1), np.bool_))
+    np.testing.assert_allclose(fused.depth_m, 20.0, rtol=1e-5)
+
+
 def test_sigma_is_the_weighted_mean() -> None:
     fused = fuse(one(0.25, 0.65), np.array([0.3, 0.1]), CARD, fusion="paper", sigma_m=one(1.0, 3.0))
     np.testing.assert_allclose(fused.sigma_m, 2.0, rtol=1e-5)
@@ -210,6 +215,20 @@ def test_where_no_range_knows_anything_depth_is_unknown() -> None:
     assert found.confidence == 0
 
 
+def test_a_bound_needs_no_small_error_bar() -> None:
+    """Of sky a network knows no more than that it is far."""
+    found = fused_with_sigma((0.95, 0.95), (90.0, 250.0))
+    np.testing.assert_allclose(found.farther_than_m, [[90.0]], rtol=1e-5)
+
+
+def test_an_error_bar_of_nothing_does_no_harm() -> None:
+    found = fused_with_sigma((0.0, 0.3), (0.0, 3.0), displacements=(0.3, 0.1))
+    np.testing.assert_allclose(found.nearer_than_m, [[np.nan]])
+    np.testing.assert_allclose(found.depth_m, [[np.nan]])
+    found = fused_with_sigma((0.0, 0.02), (0.0, 0.0))
+    np.testing.assert_allclose(found.nearer_than_m, [[100 / 3 * LOWER_MARGIN]], rtol=1e-5)
+
+
 @given(st.floats(0.02, 0.39))
 def test_confidence_is_the_chance_to_be_right_within_a_quarter(share: float) -> None:
     """Against Laplace's distribution, drawn."""
@@ -247,6 +266,12 @@ def test_an_output_just_above_the_lower_end_is_no_measurement_where_a_shorter_pa
     np.testing.assert_allclose(fused.depth_m, 1.25, rtol=1e-5)
 
 
+@pytest.mark.parametrize("displacements_m", [(1.0,), (1.0, 1.0), (1.0, 1.1)])
+def test_an_output_just_above_the_lower_end_is_a_measurement_where_none_did(displacements_m) -> None:
+    beta = one(*(0.2 / np.array(displacements_m)))
+    np.testing.assert_allclose(fuse(beta, np.array(displacements_m), CLAMPED).depth_m, 24, rtol=1e-5)
+
+
 @given(st.floats(0.27, 0.87))
 def test_an_answer_well_inside_the_range_still_contradicts(beta: float) -> None:
     fused = fuse(one(0.3, beta), np.array([0.025, 1.0]), CLAMPED)
@@ -269,3 +294,10 @@ def test_what_lies_beyond_reach_is_a_bound() -> None:
     np.testing.assert_allclose(cut.farther_than_m, [[np.nan, FARTHEST_TOLD_M, 1800]], rtol=1e-5)
     assert cut.confidence[0, 1] == 0
     assert cut.confidence[0, 0] == fused.confidence[0, 0]
+
+
+def test_what_is_cut_has_no_error_bar() -> None:
+    fused = fuse(
+        np.float32([[[0.1, 0.5]]]), np.array([6.0]), CARD, sigma_m=np.full((1, 1, 2), 10, np.float32)
+    )
+    np.testing.assert_allclose(within_reach(fused).sigma_m, [[10, np.nan]])

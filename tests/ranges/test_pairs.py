@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flightdepth.motion import quaternion_from_rotation, rotation_from_euler, unit_quaternion
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.pairs import MAX_FRAMES, Baselines, Frame, FrameBuffer, baselines, pick, seen_from
 
@@ -155,3 +158,51 @@ def test_frames_from_before_a_bend_tell_no_direction() -> None:
     for looked_at, served in groups:
         after_the_bend = max(pair.length_m for pair in served) < 0.3
         assert all((pair.previous.index >= 9) == after_the_bend for pair in looked_at)
+
+
+def test_a_camera_that_keeps_its_attitude_does_not_turn_by_rounding() -> None:
+    """The trace of R^T R is a little more than 3 for half of all R, and has no angle then."""
+    for quaternion in np.random.default_rng(0).normal(size=(20, 4)):
+        track = straight(3.0, 3)
+        for k in range(4):
+            track.add_attitude(k * STEP, unit_quaternion(quaternion))
+        lines = baselines(track, frames(3), 3 * STEP, 0.3)
+        np.testing.assert_allclose(lines.turn_rad, 0, atol=1e-7)
+        assert lines.usable.all() and lines.directed.all()
+
+
+def test_a_displacement_is_told_in_the_axes_of_the_current_camera() -> None:
+    """3 m/s north; the camera turns by 0.02 rad a frame, about two axes."""
+    track, attitudes = straight(3.0, 3), [rotation_from_euler(0, 0.01 * k, 0.02 * k) for k in range(4)]
+    for k, attitude in enumerate(attitudes):
+        track.add_attitude(k * STEP, quaternion_from_rotation(attitude))
+    lines = baselines(track, frames(3), 3 * STEP, 0.3)
+    for k in range(3):
+        np.testing.assert_allclose(lines.displacement_m[k], attitudes[3].T @ [0.1 * (3 - k), 0, 0], atol=1e-6)
+        np.testing.assert_allclose(lines.current_from_previous[k], attitudes[3].T @ attitudes[k], atol=1e-9)
+
+
+def test_an_attitude_that_is_known_at_one_end_alone_tells_no_turn() -> None:
+    track = straight(3.0, 3)
+    for k in (2, 3):  # before the first one none is known
+        track.add_attitude(k * STEP, quaternion_from_rotation(rotation_from_euler(0, 0, 0.2)))
+    lines = baselines(track, frames(3), 3 * STEP, 0.3)
+    assert lines.directed.tolist() == [False, False, True]
+    np.testing.assert_allclose(lines.turn_rad, 0, atol=1e-7)
+    np.testing.assert_allclose(lines.displacement_m[0], [0.3, 0, 0], atol=1e-6)
+
+
+def test_a_direction_is_looked_for_where_the_flight_was_straight_and_a_depth_may_come_from() -> None:
+    """0.3 m are wanted for a pair of 0.1 m; the frame as far away lies round a bend, or is not usable."""
+    bent = lines_of([[0.3, 0, 0], [0, 0.2, 0], [0, 0.1, 0]])
+    straight_on = replace(
+        lines_of([[0, 0.3, 0], [0, 0.2, 0], [0, 0.1, 0]]), usable=np.array([False, True, True])
+    )
+    for lines in (bent, straight_on):
+        ((looked_at, _),) = seen_from(lines, pick(lines, np.array([0.1]), np.array([1.0])))
+        assert looked_at[0].previous.index == 1
+
+
+def test_a_few_centimetres_are_no_baseline_however_fast() -> None:
+    """1.2 m/s, 4 cm a frame: one frame is less than a stabiliser leaves."""
+    assert baselines(straight(1.2, 3), frames(3), 3 * STEP, 0.3).usable.tolist() == [True, True, False]

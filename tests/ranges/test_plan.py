@@ -55,6 +55,13 @@ def test_an_old_depth_is_forgotten() -> None:
     assert np.isnan(plan.wanted(5 * S, USABLE)[1]).all()
 
 
+def test_a_depth_counts_as_long_as_the_memory_and_its_bounds_as_long_as_it() -> None:
+    plan = planner(1)
+    plan.learn(0, fused(24.0, farther=54.0), ALL)
+    np.testing.assert_allclose(plan.wanted(4 * S, USABLE)[1], [24, 54])
+    assert np.isnan(plan.wanted(4 * S + S // 2, USABLE)[1]).tolist() == [True]  # no scout is sent either
+
+
 def test_too_few_measured_pixels_start_over() -> None:
     plan = planner(1)
     plan.learn(0, fused(24.0, share=0.0), ALL)
@@ -89,6 +96,29 @@ def test_through_a_lens_that_zoomed_a_displacement_moves_the_picture_further() -
     for stamp_ns in (1, 2):
         np.testing.assert_allclose(plan.wanted(stamp_ns, USABLE)[0].max(), MAX_PICTURE_SHIFT * 1.0 * 3.0)
         plan.learn(stamp_ns, maps, ALL)
+
+
+def test_what_is_nearer_than_was_seen_bounds_displacements_too() -> None:
+    """Half of the picture is at most 9 m away; the rest asks for 300 m."""
+    plan = planner(1)
+    plan.learn(0, fused(1000.0, nearer=9.0), ALL)
+    np.testing.assert_allclose(plan.wanted(1, USABLE)[0][0], MAX_PICTURE_SHIFT * 2.0 * 9.0)
+
+
+def test_what_lies_between_two_ranges_sends_no_scout() -> None:
+    plan = planner(1)
+    plan.learn(0, fused(24.0, farther=54.0, nearer=112.0), ALL)
+    assert len(plan.wanted(1, USABLE)[0]) == 1
+
+
+def test_scouts_start_over_where_no_longer_displacement_is_allowed() -> None:
+    """A near ground, at 3 m, allows 1.5 m; 121.5 m wants 2.5."""
+    plan, looked = planner(1), []
+    for k in range(4):
+        plan.learn(k * S, fused(3.0, farther=54.0), ALL)
+        looked.append(plan.wanted(k * S + 1, USABLE)[1][-1])
+        plan.learn(k * S + 2, fused(3.0, farther=2.25 * looked[-1]), ALL)
+    np.testing.assert_allclose(looked, [54, 121.5, 54, 121.5])
 
 
 def test_a_sky_sends_a_scout_beyond_its_bound() -> None:
@@ -166,6 +196,40 @@ def test_depth_through_another_lens_is_not_looked_at_in_turn() -> None:
     assert float(plan.wanted(1, USABLE)[1][0]) == pytest.approx(64.0, rel=1e-3)
 
 
+@pytest.mark.parametrize("bound", [{"farther": 54.0}, {"nearer": 18.0}])
+def test_what_the_look_before_knew_needs_no_scout(bound: dict[str, float]) -> None:
+    plan = in_turn()
+    plan.learn(0, fused(8.0, share=1.0), ALL)
+    plan.learn(1, fused(64.0, **bound), ALL)
+    assert len(plan.wanted(2, USABLE)[0]) == 1
+    plan.learn(3, fused(64.0, **bound), ALL)  # but one look before the last does not count
+    assert len(plan.wanted(4, USABLE)[0]) == 2
+
+
+def other_half(known: float) -> Fused:
+    """The upper half of the picture at depth `known`."""
+    maps = fused(known)
+    maps.depth_m[:] = maps.depth_m[::-1].copy()
+    return maps
+
+
+@pytest.mark.parametrize(("turns", "ranges"), [(1, 1), (1, 2), (2, 2)])
+def test_without_turns_a_depth_is_of_its_own_frame(turns: int, ranges: int) -> None:
+    plan = Planner(CLAMPED, ranges, sides=2.0, memory_s=4.0, saturation=True, turns=turns)
+    plan.learn(0, fused(8.0), ALL)
+    plan.learn(1, other_half(64.0), ALL)
+    np.testing.assert_allclose(plan.wanted(2, USABLE)[1], [64.0] * ranges, rtol=1e-3)
+
+
+def test_a_depth_that_is_forgotten_completes_no_later_one() -> None:
+    plan = in_turn()
+    plan.learn(0, fused(8.0), ALL)
+    assert np.isnan(plan.wanted(5 * S, USABLE)[1]).all()
+    plan.learn(5 * S, other_half(64.0), ALL)
+    looked = [float(plan.wanted(5 * S + k, USABLE)[1][0]) for k in (1, 2)]
+    assert looked == pytest.approx([64.0, 64.0], rel=1e-3)
+
+
 def test_several_ranges_take_no_turns() -> None:
     plan = in_turn()
     plan.ranges = 2
@@ -173,3 +237,26 @@ def test_several_ranges_take_no_turns() -> None:
     maps.depth_m[np.isnan(maps.depth_m)] = 64.0
     plan.learn(0, maps, ALL)
     np.testing.assert_allclose(plan.wanted(1, USABLE)[1], [8.0, 64.0], rtol=1e-3)
+
+
+def test_near_and_far_scouts_go_out_in_turn() -> None:
+    plan, looked = planner(1), []
+    maps = fused(24.0, farther=54.0)
+    maps.farther_than_m[8:16], maps.nearer_than_m[8:16] = np.nan, 18.0
+    for k in range(4):
+        plan.learn(k * S, maps, ALL)
+        looked.append(plan.wanted(k * S + 1, USABLE)[1][-1])
+    np.testing.assert_allclose(looked, [8, 54, 8, 54])
+
+
+def test_another_number_of_ranges_counts_from_the_next_depth_on() -> None:
+    """Half of the picture at 8 m, a quarter at 24 and at 64 each."""
+    plan, maps, counts = planner(3), fused(8.0), []
+    maps.depth_m[:8], maps.depth_m[8:16] = 64.0, 24.0
+    plan.learn(0, maps, ALL)
+    for k, ranges in enumerate((2, 1, 4), start=1):
+        plan.ranges = ranges
+        before = len(plan.wanted(k, USABLE)[1])
+        plan.learn(k, maps, ALL)
+        counts.append((before, len(plan.wanted(k, USABLE)[1])))
+    assert counts == [(3, 2), (1, 1), (1, 4)]

@@ -68,3 +68,14 @@ def test_what_was_padding_before_is_not_in_view() -> None:
 @pytest.mark.parametrize(("angle_rad", "visible"), [(0.001, False), (0.01, True)])
 def test_a_quarter_pixel_is_visible(angle_rad: float, visible: bool) -> None:
     assert is_visible(angle_rad, CAMERA) is visible
+
+
+@pytest.mark.parametrize(
+    ("fov_deg", "angle_rad", "visible"),
+    [(10, 0.0003, True), (90, 0.0003, False), (140, 0.003, True), (140, 0.001, False)],
+)
+def test_a_turn_is_seen_in_the_middle_through_a_long_lens_and_at_the_edge_through_a_wide_one(
+    fov_deg: float, angle_rad: float, visible: bool
+) -> None:
+    """Focal lengths of 731, 64 and 23 px; half of the width is 64."""
+    assert is_visible(angle_rad, Camera.from_fov(128, 128, fov_deg)) is visible

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
-from flightdepth.runtimes.coarser import reach_px
+from flightdepth.runtimes.coarser import beyond_reach, coarser_grid, reach_px
 from flightdepth.runtimes.network import Network, load_network
-from tests_networks import swept_card
+from tests_networks import difference_card, swept_card
 
 SQUARE = Camera(128, 128, 64.0, 64.0, 63.5, 63.5)
 MOVED = [[2.0, 0.0, 0.0]]
@@ -115,3 +115,20 @@ def test_a_shipped_network_measures_what_moved_far(name: str, width: int, pixels
     depth_m = network.depth(np.ascontiguousarray(before), np.ascontiguousarray(now), [1.0, 0.0, 0.0], camera)
     inside = depth_m[8:-8, 8 : -pixels - 8]
     assert np.median(inside) == pytest.approx(256.0 / pixels, rel=0.06)
+
+
+def test_a_picture_whose_shorter_side_is_64_px_has_no_smaller_one() -> None:
+    for width, height in ((256, 64), (64, 256)):
+        assert coarser_grid(swept_card(), Camera.from_fov(width, height, 90)) is None
+    assert coarser_grid(difference_card(), SQUARE) is None
+    half = coarser_grid(swept_card(), SQUARE)
+    assert half is not None and (half.camera.width, half.camera.height) == (64, 64)
+
+
+def test_padding_asks_for_no_second_look() -> None:
+    """Two per cent of the first picture moved by 40 px, and as much of the second's padding."""
+    valid = np.ones((32, 32), np.bool_)
+    valid[:, 30:] = False
+    moved_px = np.full((2, 32, 32), 5.0, np.float32)
+    moved_px[0, :, 0], moved_px[1, :, 31] = 40.0, 40.0
+    assert beyond_reach(swept_card(), np.float32(64 * 0.3) / moved_px, valid) == [0]

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 import flightdepth.runtimes.network as network_module
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.runtimes.network import Network, load_network, nearest_network, networks
+from flightdepth.runtimes.network import Network, lightest_network, load_network, nearest_network, networks
+from flightdepth.weights.store import SHIPPED, read_card
 from tests_networks import BestHypothesis, difference_card, swept_card
 
 SQUARE = Camera.from_fov(64, 64, 90)
@@ -265,6 +266,14 @@ def test_finer_pictures_are_those_of_a_longer_focal_length() -> None:
     assert network.finer(2).card == network.card.at_focal(128.0)
 
 
+def test_a_detail_may_be_a_fifth_and_five() -> None:
+    network = Network(swept_card(), BestHypothesis(), aligned=False).at_focal(64.0)
+    for times in (0.2, 5):
+        finer = network.finer(times)
+        assert finer.card == network.card.at_focal(64.0 * times)
+        assert finer.runtime is network.runtime and not finer.aligned
+
+
 @pytest.mark.parametrize("times", [0.0, -1.0, 6.0, float("nan"), float("inf")])
 def test_a_detail_that_is_none_is_refused(times: float) -> None:
     with pytest.raises(BadInput, match=r"detail: expected 0.2 to 5"):
@@ -348,3 +357,18 @@ def test_every_shipped_network_runs(name: str) -> None:
     assert depth.shape == (128, 256)
     assert np.isfinite(depth).mean() > 0.9
     assert depth.min() >= 0
+
+
+def test_the_lightest_network_is_one_of_the_same_kind_that_takes_less_time() -> None:
+    """Half the feature maps, and sides half as long; of one that takes as little itself there is none."""
+    cards = {name: read_card(SHIPPED / f"{name}.onnx") for name in networks()}
+    assert lightest_network(cards["motion"]) == "motion-tiny"
+    assert lightest_network(cards["depthnet-256"]) == "tiny-clamped-256"
+    assert lightest_network(cards["motion-tiny"]) is None
+    assert lightest_network(cards["motion"].at_focal(128.0)) is None
+
+
+def test_a_card_of_other_weights_is_refused(save_difference_network: Callable[..., Path]) -> None:
+    path = save_difference_network(architecture="MotionNet", any_lens=True)
+    with pytest.raises(BadInput, match=r"weights of difference: expected a MotionNet, .* got a DepthNet"):
+        load_network(path)

@@ -58,7 +58,7 @@ class DepthNode(Node):
         network, ranges = load_network(name), self.get_parameter("ranges").value
         network.warm_up(network.grid(self.camera).camera, ranges)
         self.estimator = MultiRangeEstimator(network, self.camera, ranges=ranges)
-        self.steadiness = Steadiness(self.camera, max_turn_rad=self.estimator.max_turn_rad)
+        self.steadiness = Steadiness(self.camera)
         self.get_logger().info(f"{network.card.name}, {self.camera.width}x{self.camera.height}")
 
     def on_odometry(self, message: Odometry) -> None:
@@ -78,9 +78,8 @@ class DepthNode(Node):
             return
         with self.left_out_if_bad("image"):
             stamp_ns, image = image_of(message, self.now_ns)
-            result = self.estimator.add_frame(
-                stamp_ns, image, unusable=self.steadiness.add(stamp_ns, image).unusable
-            )
+            turn = self.steadiness.add(stamp_ns, image, self.estimator.max_turn_rad(stamp_ns))
+            result = self.estimator.add_frame(stamp_ns, image, unusable=turn.unusable)
             if result.reason is not None:
                 self.get_logger().warning(f"no depth: {result.reason}", throttle_duration_sec=2.0)
             if result.doubt is not None:

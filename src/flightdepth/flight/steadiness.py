@@ -4,7 +4,8 @@ DepthNet expects pictures that do not turn against each other. Rotation by an an
 displacement of angle * depth does, so it changes depth by a share of angle * alpha * beta (paper, eq. 3).
 At beta_mean = 0.4 and DepthNet's alpha = 100 m / 0.3 m the change is the depth itself at 1 / (0.4 * 333) =
 0.0075 rad (0.43 degrees) within a pair; the paper's own noise, 0.001 rad a frame, stays well below. Where each
-pair's rotation is seen in its pictures and taken out (ranges/derotation.py), four times as much does no harm.
+pair's rotation is seen in its pictures and taken out (ranges/derotation.py), four times as much does no harm; where
+the attitude is told too, so that only its error is left to be seen, thirteen times as much (benchmarks/turns.py).
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from flightdepth.runtimes.sampling import shown_at
 
 MAX_TURN_RAD = 0.0075
 MAX_DEROTATED_RAD = 0.03
+MAX_REPORTED_RAD = 0.1
 PAIR_NS = 110_000_000  # a nominal pair: 0.1 s and a little, so that three steps at 29.97 frames/s count
 SMALL_WIDTH = 160
 MAX_POINTS = 80
@@ -71,24 +73,26 @@ class Steadiness:
         camera: Camera,
         gyroscope: GyroscopeTrack | None = None,
         *,
-        max_turn_rad: float = MAX_TURN_RAD,
         on_followed: OnFollowed | None = None,
         shown: Flags | None = None,
     ) -> None:
         """`shown` [H, W] is False where points are not to be followed."""
         self._source, self._camera = camera, small_camera(camera)
-        self._gyroscope, self._max_turn_rad, self._on_followed = gyroscope, max_turn_rad, on_followed
+        self._gyroscope, self._on_followed = gyroscope, on_followed
         size = (self._camera.width, self._camera.height)
         self._shown = None if shown is None else shown_at(shown, *size)
         self._kept: deque[tuple[int, Grey]] = deque()
 
-    def add(self, stamp_ns: int, image: NDArray[np.uint8]) -> TurnRate:
-        """Judge the next picture, uint8 RGB [H, W, 3] of the camera's size; stamps must rise."""
+    def add(self, stamp_ns: int, image: NDArray[np.uint8], max_turn_rad: float = MAX_TURN_RAD) -> TurnRate:
+        """Judge the next picture, uint8 RGB [H, W, 3] of the camera's size; stamps must rise.
+
+        It is usable up to a turn of `max_turn_rad` over the last 0.1 s.
+        """
         if self._kept and stamp_ns <= self._kept[-1][0]:
             raise BadInput("picture", expected=f"a stamp after {self._kept[-1][0]}", got=str(stamp_ns))
         grey = self._small(image)
         self._forget(stamp_ns)
-        rate = self._judge(stamp_ns, grey) if self._kept else TurnRate(0.0, True)
+        rate = self._judge(stamp_ns, grey, max_turn_rad) if self._kept else TurnRate(0.0, True)
         self._kept.append((stamp_ns, grey))
         return rate
 
@@ -103,25 +107,25 @@ class Steadiness:
         while len(self._kept) > 1 and stamp_ns - self._kept[0][0] > PAIR_NS:
             self._kept.popleft()
 
-    def _judge(self, stamp_ns: int, grey: Grey) -> TurnRate:
+    def _judge(self, stamp_ns: int, grey: Grey, max_turn_rad: float) -> TurnRate:
         before_ns, before = self._kept[0]
         span_s = (stamp_ns - before_ns) / NS_PER_S
         start, end, found = follow(before, grey, self._shown)
         if self._on_followed is not None:
             self._on_followed(start, end, before_ns, stamp_ns)
         if found < MIN_POINTS:
-            return self._from_gyroscope(before_ns, stamp_ns)
+            return self._from_gyroscope(before_ns, stamp_ns, max_turn_rad)
         if len(start) < max(FEWEST_FOLLOWED, MIN_FOLLOWED * found):
             return TurnRate(float("nan"), False, "the picture changes too fast to be followed")
         flow = Flow.between(start, end, self._camera)
         turn_rad = float(np.linalg.norm(likeliest_rotation(flow, NOISE_PX / self._camera.fx)))
-        return verdict(turn_rad, span_s, "the picture", self._max_turn_rad)
+        return verdict(turn_rad, span_s, "the picture", max_turn_rad)
 
-    def _from_gyroscope(self, before_ns: int, stamp_ns: int) -> TurnRate:
+    def _from_gyroscope(self, before_ns: int, stamp_ns: int, max_turn_rad: float) -> TurnRate:
         turn_rad = None if self._gyroscope is None else self._gyroscope.turn_rad(before_ns, stamp_ns)
         if turn_rad is None:
             return TurnRate(float("nan"), True, "too little texture to tell whether the picture turns")
-        return verdict(turn_rad, (stamp_ns - before_ns) / NS_PER_S, "the gyroscope", self._max_turn_rad)
+        return verdict(turn_rad, (stamp_ns - before_ns) / NS_PER_S, "the gyroscope", max_turn_rad)
 
 
 def verdict(turn_rad: float, span_s: float, witness: str, max_turn_rad: float = MAX_TURN_RAD) -> TurnRate:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from flightdepth.flight.lenses import Lens as KnownLens
 from flightdepth.flight.lenses import find_lens
 from flightdepth.flight.mask import PictureMask
 from flightdepth.flight.records import NS_PER_S, give
-from flightdepth.flight.steadiness import MAX_TURN_RAD, PAIR_NS, Steadiness
+from flightdepth.flight.steadiness import PAIR_NS, Steadiness, verdict
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.ranges.estimator import MultiRangeEstimator, check_ranges
 from flightdepth.ranges.repeats import Repeats
@@ -28,9 +27,6 @@ from flightdepth.runtimes.network import Network, lightest_network
 
 Image = NDArray[np.uint8]
 
-# Attitude and picture belong together to about this; a camera that turns may turn away by MAX_TURN_RAD in it.
-SYNC_S = 0.02
-MAX_TURN_RATE = MAX_TURN_RAD / SYNC_S
 # A repeated picture is left out; so many ns of repeats are a frozen picture, and everybody shall know.
 FROZEN_NS = 3 * NS_PER_S // 10
 BACK_NS = NS_PER_S  # pictures whose times go back by more begin anew: those before had a time from the future
@@ -194,7 +190,7 @@ class DepthStage:
             self._network, camera, ranges=self._ranges, turns=self._turns, mask=shown
         )
         self._left_out = self.telemetry_dropped, lambda: estimator.dropped
-        self._steadiness = Steadiness(camera, max_turn_rad=estimator.max_turn_rad, shown=shown)
+        self._steadiness = Steadiness(camera, shown=shown)
         self._estimator = estimator
         self._camera = camera
 
@@ -204,9 +200,8 @@ class DepthStage:
 
     def _turning(self, stamp_ns: int, image: Image) -> str | None:
         """Why this picture turns too fast for depth, None where it does not."""
-        rate = self._store.turn_rate_rad_s(stamp_ns, PAIR_NS) if self._fixed else None
-        if rate is None:  # a gimbal's pictures, or nobody tells the drone's attitude
-            return self._steadiness.add(stamp_ns, image).unusable
-        if rate <= MAX_TURN_RATE:
-            return None
-        return f"turns: {math.degrees(rate):.0f} degrees/s, says the autopilot"
+        limit_rad = self._estimator.max_turn_rad(stamp_ns)
+        turn_rad = self._store.turn_rad(stamp_ns, PAIR_NS) if self._fixed else None
+        if turn_rad is None:  # a gimbal's pictures, or nobody tells the drone's attitude
+            return self._steadiness.add(stamp_ns, image, limit_rad).unusable
+        return verdict(turn_rad, PAIR_NS / NS_PER_S, "the autopilot", limit_rad).unusable

@@ -116,8 +116,8 @@ class MotionStore:
                 None if told is None else told.told_ns,
             )
 
-    def turn_rate_rad_s(self, stamp_ns: int, over_ns: int) -> float | None:
-        """How fast the camera turned over the last `over_ns`, None where its attitude is unknown."""
+    def turn_rad(self, stamp_ns: int, over_ns: int) -> float | None:
+        """By how much the camera turned over the last `over_ns`, None where its attitude is unknown."""
         with self._lock:
             stamps, rows = self._cameras.between(stamp_ns - over_ns, stamp_ns)
             if not len(stamps):
@@ -126,7 +126,7 @@ class MotionStore:
             turns, known = orientations(stamps, rows, at_ns)
         if not known.all():
             return None
-        return rotation_angle_rad(turns[0].T @ turns[1]) * NS_PER_S / over_ns
+        return rotation_angle_rad(turns[0].T @ turns[1])
 
     def rate_hz(self, now_ns: int) -> float:
         """Velocities received a second."""

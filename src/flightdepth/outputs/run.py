@@ -46,14 +46,14 @@ def depths(
     steadiness = Steadiness(
         flight.camera,
         flight.gyroscope,
-        max_turn_rad=estimator.max_turn_rad,
         on_followed=None if flight.turns is None else flight.turns.add,
         shown=estimator.shown,
     )
     for event in flight:
         match event:
             case Frame():
-                unusable = steadiness.add(event.stamp_ns, event.image).unusable
+                limit_rad = estimator.max_turn_rad(event.stamp_ns)
+                unusable = steadiness.add(event.stamp_ns, event.image, limit_rad).unusable
                 if event.camera is not None:
                     estimator.see_through(event.camera)
                 if event.after_damage:

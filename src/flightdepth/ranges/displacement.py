@@ -109,6 +109,10 @@ class Trajectory:
         """Whether any attitude or pose was given."""
         return len(self._attitudes) > 0 or self._poses_turn
 
+    def knows_attitude_at(self, stamp_ns: int) -> bool:
+        """Whether attitudes or poses tell that of this time."""
+        return bool(self._orientations(stamp_ns, stamp_ns, np.array([stamp_ns]))[1][0])
+
     def add_velocity(
         self, stamp_ns: int, velocity: ArrayLike, *, frame: VelocityFrame, sigma: float | None
     ) -> None:
@@ -184,7 +188,7 @@ class Trajectory:
             position, segment = interpolate(stamps, rows[:, :3], rows[:, 7].astype(np.int64), at_ns)
             return position, np.zeros(len(at_ns)), segment
         stamps, rows = self._velocities.between(first, last)
-        if self.frame == "camera" and not self.non_rotating and len(stamps):
+        if self.frame == "camera" and not self.non_rotating:
             turns, known = self._orientations(int(stamps[0]), int(stamps[-1]), stamps)
             stamps, rows = stamps[known], rows[known]
             rows[:, :3] = np.einsum("kij,kj->ki", turns[known], rows[:, :3])

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import VelocityFrame
-from flightdepth.flight.steadiness import MAX_DEROTATED_RAD, MAX_TURN_RAD
+from flightdepth.flight.steadiness import MAX_DEROTATED_RAD, MAX_REPORTED_RAD, MAX_TURN_RAD
 from flightdepth.levels import AnyImage, Image, rounded
 from flightdepth.ranges.choice import PairChoice, Seer
 from flightdepth.ranges.derotation import Derotation
@@ -152,10 +152,14 @@ class MultiRangeEstimator:
         """One of a result's `range_depths_m` at the source's pixels; None where the lens has been zoomed since."""
         return self._grid.to_source(map_hw) if map_hw.shape == self._grid.valid.shape else None
 
-    @property
-    def max_turn_rad(self) -> float:
-        """Rotation within a tenth of a second that no log reports, above which a frame does harm."""
-        return MAX_DEROTATED_RAD if self._derotate else MAX_TURN_RAD
+    def max_turn_rad(self, stamp_ns: int) -> float:
+        """Rotation within a tenth of a second above which a frame of that time does harm.
+
+        More where its attitude is told: then only the log's error is left to be seen in the pictures.
+        """
+        if not self._derotate:
+            return MAX_TURN_RAD
+        return MAX_REPORTED_RAD if self._trajectory.knows_attitude_at(stamp_ns) else MAX_DEROTATED_RAD
 
     @property
     def dropped(self) -> Mapping[str, int]:

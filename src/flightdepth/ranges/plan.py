@@ -88,7 +88,6 @@ class Planner:
         """
         if stamp_ns - self._learned_ns > self._memory_ns:
             self._centroids_m, self._nearer_m, self._farther_m = None, None, None
-            self._limit_m = np.inf
         if self._centroids_m is None:
             self._depth_before_m = None
             shortest, longest = usable_m.min(), usable_m.max()
@@ -124,7 +123,7 @@ class Planner:
 
     def _looked_at(self, centroids_m: Vector) -> Vector:
         """The clusters that this frame looks at: all, or the one whose turn it is."""
-        if self.ranges > 1 or len(centroids_m) == 1:
+        if self.ranges > 1:
             return centroids_m
         self._turn = (self._turn + 1) % len(centroids_m)
         return centroids_m[self._turn : self._turn + 1]

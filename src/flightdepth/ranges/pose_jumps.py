@@ -46,7 +46,6 @@ class PoseJumps:
         if suspect is not None and stamp_ns - suspect[0] <= MAX_GAP_S * 1e9 and _near(suspect, stamp_ns, row):
             self._dropped["way between two poses: a jump"] += 1
             self._segment += 1
-            self._last = None
             return [self._kept(*suspect), self._kept(stamp_ns, row)]
         self._count_glitch(suspect)
         self._suspect = stamp_ns, row
@@ -67,7 +66,6 @@ class PoseJumps:
         return bool(off_m <= POSITION_NOISE_M + MAX_ACCELERATION_M_S2 * step_s * (step_s + self._step_s) / 2)
 
     def _kept(self, stamp_ns: int, row: Rows) -> tuple[int, Rows]:
-        self._speed = None
         if self._last is not None:
             self._step_s = (stamp_ns - self._last[0]) * 1e-9
             self._speed = (row[:3] - self._last[1][:3]) / self._step_s
