@@ -172,6 +172,27 @@ def test_pictures_left_out_of_the_video_are_a_warning(evaluate, out, tmp_path) -
     assert "3 pictures of the video were left out" in evaluate()[2]
 
 
+def test_a_flight_that_begins_in_its_video_is_a_warning_until_its_first_number_is_told(
+    evaluate, out, tmp_path
+) -> None:
+    """Depth of frame 25 beside the truth of frame 0 looked like a network that is 36 % off."""
+    table = out / "frames.csv"
+    header, *rows = table.read_text().splitlines()
+    later = [row.split(",", 2) for row in rows]
+    rows = [f"{index},{int(stamp_ns) + 2_500_000_000},{rest}" for index, stamp_ns, rest in later]
+    table.write_text("\n".join([header, *rows]) + "\n")
+    write_truth(tmp_path / "truth")
+    code, _, stderr, _ = evaluate()
+    assert code == 0
+    assert "the flight begins 2.50 s into its video" in stderr
+    assert "(--first 25)" in stderr.replace("\n", " ")
+    for number in reversed(range(FRAMES)):
+        (tmp_path / "truth" / f"depth_{number:05d}.png").rename(
+            tmp_path / "truth" / f"depth_{25 + number:05d}.png"
+        )
+    assert evaluate("--first", 25)[2] == ""
+
+
 # Pictures
 
 

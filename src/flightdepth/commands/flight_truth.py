@@ -135,7 +135,13 @@ def measured(flight: FlightFolder, true: TrueDepth, ranges: tuple[DepthRange, ..
 
 def show(flight: FlightFolder, true: TrueDepth, found: FlightTruth, beside: Matched) -> None:
     """Print the table, the lines below it, and what may be wrong with the comparison itself."""
-    from flightdepth.evaluation.flight_truth_text import lines, numbers_warning, truth_table, unit_warning
+    from flightdepth.evaluation.flight_truth_text import (
+        lines,
+        numbers_warning,
+        start_warning,
+        truth_table,
+        unit_warning,
+    )
     from flightdepth.outputs.record import ReasonTally
 
     show_table(truth_table(found))
@@ -148,7 +154,12 @@ def show(flight: FlightFolder, true: TrueDepth, found: FlightTruth, beside: Matc
     if beside.of_no_frame:
         be = "is" if beside.of_no_frame == 1 else "are"
         say(f"{beside.of_no_frame:,} of the truth's files {be} of no frame: {beside.spans}")
-    for hint in (unit_warning(found, true.used), numbers_warning(flight.record.counts.dropped)):
+    of_video = beside.first == 0 and not any(row.picture for row in flight.rows)
+    for hint in (
+        unit_warning(found, true.used),
+        numbers_warning(flight.record.counts.dropped),
+        start_warning([row.stamp_ns for row in flight.rows]) if of_video else None,
+    ):
         if hint is not None:
             warn(hint)
 

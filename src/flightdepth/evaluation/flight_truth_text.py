@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
+import numpy as np
 from rich.table import Table
 
 from flightdepth.evaluation.depth_ratios import Ratios
@@ -127,6 +128,17 @@ def unit_warning(found: FlightTruth, per_m: set[float]) -> str | None:
         if fitting:
             return f"{said}: is the truth stored {fitting[0]:g} to the metre, not {taken:g}? (--unit {fitting[0]:g})"
     return f"{said}: is it in another unit (--unit), or of other frames (--first)?"
+
+
+def start_warning(stamps_ns: Sequence[int]) -> str | None:
+    """That frame 0 is not its video's first picture, where the stamps of a flight's frames say so."""
+    if len(stamps_ns) < 2 or not stamps_ns[0]:
+        return None
+    first = round(stamps_ns[0] / float(np.median(np.diff(stamps_ns))))
+    return (
+        f"the flight begins {stamps_ns[0] / 1e9:.2f} s into its video: where the truth counts the video's pictures, "
+        f"frame 0 is number {first} of them (--first {first})"
+    )
 
 
 def numbers_warning(dropped: Mapping[str, int]) -> str | None:
