@@ -1,9 +1,10 @@
-"""How fast the camera may turn: `python benchmarks/turns.py [--scenes N] [--most DEGREES] [--readout MS]`.
+"""How fast the camera may turn: `python benchmarks/turns.py [--scenes N] [--readout MS] [--as-run]`.
 
 Rendered flights outdoors, 30 pictures a second at 5 m/s, 640x360 and 80 degrees wide, whose camera turns about the
 vertical at an even rate. Each picture is filmed by a rolling shutter, blurred by its exposure, and compressed (H.264,
 crf 21). A log tells velocities of the world 20 times a second, with 0.05 m/s of noise on each axis, and the attitude
-with 0.15 degrees about each, or no attitude. Depth is that of `run`, two ranges, over what is nearer than 150 m.
+with 0.15 degrees about each, or no attitude. Depth is that of `run`, two ranges, over what is nearer than 150 m, but
+that no picture is refused for its turn unless `--as-run` asks for it.
 """
 
 from __future__ import annotations
@@ -111,7 +112,7 @@ class Row:
     refused: int = 0
 
 
-def fly(network: Network, flight: Turning, row: Row, *, told: bool, most_rad: float | None) -> None:
+def fly(network: Network, flight: Turning, row: Row, *, told: bool, as_run: bool) -> None:
     """One flight through the estimator, as `run` does it; `told`: the log tells the attitude."""
     estimator = MultiRangeEstimator(network, CAMERA, ranges=2)
     steadiness = Steadiness(CAMERA)
@@ -120,7 +121,7 @@ def fly(network: Network, flight: Turning, row: Row, *, told: bool, most_rad: fl
             give(sample, estimator)
     for frame, (picture, truth_m) in enumerate(zip(flight.pictures, flight.depth_m, strict=True)):
         stamp_ns = round(frame * NS_PER_S / CONFIG.rate_hz)
-        limit_rad = estimator.max_turn_rad(stamp_ns) if most_rad is None else most_rad
+        limit_rad = estimator.max_turn_rad(stamp_ns) if as_run else np.pi
         unusable = steadiness.add(stamp_ns, picture, limit_rad).unusable
         found = estimator.add_frame(stamp_ns, picture, unusable=unusable)
         if frame < FIRST_MEASURED:
@@ -138,17 +139,16 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=6)
     parser.add_argument("--network", default="motion")
     parser.add_argument("--readout", type=float, default=20.0, help="ms from the first row to the last")
-    parser.add_argument("--most", type=float, help="degrees in 0.1 s from which on a picture is refused")
+    parser.add_argument("--as-run", action="store_true", help="refuse pictures that turn too fast")
     options = parser.parse_args()
     network = load_network(options.network)
-    most_rad = None if options.most is None else float(np.radians(options.most))
     table = Table("degrees/s", "attitude", "no depth", "known", "error", "inside sigma")
     for rate_deg_s in RATES_DEG_S:
         rows = {told: Row(np.zeros(7)) for told in (True, False)}
         for number in counted(range(options.scenes), f"{rate_deg_s:g} degrees/s", "flights"):
             flight = Turning.filmed(number, rate_deg_s, options.readout / 1000)
             for told, row in rows.items():
-                fly(network, flight, row, told=told, most_rad=most_rad)
+                fly(network, flight, row, told=told, as_run=options.as_run)
         for told, row in rows.items():
             errors = depth_errors(row.sums)
             inside = row.inside / max(errors.known * errors.pixels, 1)
