@@ -54,3 +54,9 @@ def test_a_point_that_the_camera_flew_past_keeps_a_finite_flow() -> None:
     """The displacement is where the earlier camera's points went: -5 m along the axis is a flight backwards."""
     flow = flow_of_depth(np.full((OBLONG.height, OBLONG.width), 2.0), (0.1, 0.0, -5.0), OBLONG)
     assert np.isfinite(flow).all()
+
+
+def test_such_a_point_is_told_beyond_the_edge_that_it_left_by() -> None:
+    """It was ahead of the earlier camera by nothing; mirrored, it would have come from the other side."""
+    flow = flow_of_depth(np.full((OBLONG.height, OBLONG.width), 2.0), (0.0, 0.0, -5.0), OBLONG)
+    assert np.array_equal(np.sign(flow), np.sign(OBLONG.rays()[..., :2]))

@@ -15,6 +15,7 @@ from flightdepth.flight import open_flight
 from flightdepth.outputs import FlightWriter, Preview, Source
 from flightdepth.outputs.run import run_flight
 from flightdepth.ranges import MultiRangeEstimator
+from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.runtimes.devices import open_runtime
 from flightdepth.runtimes.memory import OutOfMemory, memory_errors
 from flightdepth.runtimes.network import load_network
@@ -161,6 +162,18 @@ def test_fault_17_with_fewer_ranges_it_goes_on_and_says_so_once(loaded, caplog):
     assert [record.levelno for record in caplog.records] == [logging.WARNING]
     assert "fewer frame pairs" in caplog.text
     assert results[-1].notes == ("no memory left on onnxruntime: after that at most 1 of a frame's pairs",)
+
+
+def test_fault_17_the_pairs_that_are_left_are_those_of_the_shortest_shifts():
+    def with_room_for_two(pairs):
+        if len(pairs) > 2:
+            raise OutOfMemory("full")
+        return pairs[::-1]
+
+    limit = MemoryLimit(4)
+    assert limit.predicted(("a", "b", "c", "d"), None, with_room_for_two) == (("a", "b"), ("b", "a"))
+    assert limit.most_pairs == 2
+    assert limit.notes == ("full: after that at most 2 of a frame's pairs",)
 
 
 def test_fault_17_then_it_goes_on_on_the_cpu(save_difference_network, small_device, caplog):

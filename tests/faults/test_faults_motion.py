@@ -69,6 +69,16 @@ def test_fault_8_one_picture_that_hung_makes_no_long_wait_usual():
     assert not repeats.is_usual(60_000_000)
 
 
+def test_fault_8_a_picture_of_another_size_is_new():
+    """As bright, and cut out of the same."""
+    repeats, repeated = Repeats(), []
+    for index, rows in enumerate([40, 40, 20, 20, 40]):
+        repeats.add(index * FRAME_NS, np.full((rows, 50, 3), 90, np.uint8))
+        repeated.append(repeats.repeated)
+    assert repeated == [False, True, False, True, False]
+    assert repeats.shown_ns == 4 * FRAME_NS
+
+
 def test_fault_8_the_written_depth_is_unknown_too(tmp_path, network):
     video = film(tmp_path / "flight.mp4", 20, group=30, phase=lambda i: min(i, 8))
     log(tmp_path / "log.csv")

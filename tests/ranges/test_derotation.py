@@ -9,7 +9,7 @@ import pytest
 from flightdepth.camera import Camera
 from flightdepth.ranges.derotation import Derotation, derotated
 from flightdepth.ranges.pairs import Frame, Pair
-from flightdepth.ranges.remainder import remainder
+from flightdepth.ranges.remainder import Remainder, remainder
 from flightdepth.ranges.tracks import Tracker, in_grey, tracked_rays
 from flightdepth.stillbox import PairRule, Picture, TestSet
 from flightdepth.stillbox.motion_noise import rotated, tilted
@@ -242,6 +242,54 @@ def test_a_pair_that_nothing_small_makes_right_is_left_out(pairs, fault):
     right = pair_of(pair, pair.previous)
     found = Derotation(CAMERA, Tracker(CAMERA)).of([wrong, right], current)
     assert [each.previous for each in found] == [right.previous]
+
+
+def test_one_pair_is_mended_as_those_of_a_flight_are(pairs):
+    """Turned back, and headed elsewhere where it was; what is left is less than what had been."""
+    pair = pairs[0]
+    seen = rotated(pair.previous, CAMERA, TURN)
+    said = tilted(pair.displacement, np.array([0.3, 0.5, -0.8]), 8.0)
+    image, moved, covariance = derotated(seen, pair.current, said, CAMERA)
+    inner = np.s_[16:-16, 16:-16]
+    off, had = (np.abs(each[inner].astype(float) - pair.previous[inner]).mean() for each in (image, seen))
+    assert off < 0.3 * had
+    assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm(said))
+    assert moved @ pair.displacement > 0.999 * np.linalg.norm(said) * np.linalg.norm(pair.displacement)
+    assert np.sqrt(np.trace(covariance[:3, :3])) < 0.5 * np.linalg.norm(TURN)
+    same, still, _ = derotated(pair.previous, pair.current, pair.displacement, CAMERA)
+    assert same is pair.previous and still is pair.displacement
+
+
+def chance(sigmas, seed=0):
+    """Shares of such a noise that are said to turn, and to head elsewhere."""
+    noise, covariance = np.random.default_rng(seed).normal(size=(2000, 5)) * sigmas, np.diag(sigmas**2)
+    each = [Remainder(row[:3], np.array([0.0, 0.0, 1.0]), covariance, row[3:]) for row in noise]
+    return np.mean([one.turns for one in each]), np.mean([one.heads_elsewhere for one in each])
+
+
+def test_noise_passes_for_a_turn_or_another_direction_once_in_twenty():
+    assert chance(np.array([1e-4, 3e-4, 2e-3, 1e-3, 0.03])) == pytest.approx((0.05, 0.05), abs=0.015)
+
+
+@pytest.mark.parametrize(
+    ("turned_deg", "off_deg", "small"),
+    [((2.8, 2.8, 2.8), (0, 0), True), ((3, 3, 3), (0, 0), False), ((0, 0, 0), (11, 11), True),
+     ((0, 0, 0), (-12, 12), False)],
+)  # fmt: skip
+def test_small_is_five_degrees_of_a_turn_and_four_deviations_of_a_direction(turned_deg, off_deg, small):
+    """All axes together, whichever way: 4.8 and 5.2 degrees, 15.6 and 17 of 4 times 4."""
+    found = Remainder(np.radians(turned_deg), np.array([0.0, 0.0, 1.0]), np.eye(5), np.radians(off_deg))
+    assert found.is_small(np.radians(4)) == small
+
+
+def test_corners_of_oblong_pixels_have_rays_of_their_own_scales(pairs):
+    """A picture moved by 4 pixels to the right and 6 down."""
+    oblong, image = Camera(256, 256, 128.0, 100.0, 120.0, 130.0), pairs[0].current
+    now, before = tracked_rays(np.roll(image, (6, 4), axis=(0, 1)), image, oblong)
+    assert np.median(before - now, axis=0) == pytest.approx([4 / 128, 6 / 100, 0], abs=1e-4)
+    at = now[:, :2] * (128, 100) + (120, 130)
+    np.testing.assert_allclose(at % 2, 0.5, atol=1e-6)  # corners of blocks of two pixels
+    assert at.min() >= 0 and at.max() < 256
 
 
 def test_grey_pictures_are_tracked_as_their_colours_are(pairs):

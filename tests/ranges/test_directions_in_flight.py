@@ -151,6 +151,10 @@ def test_a_plan_is_told_the_smaller_side_of_the_view():
     zoomed = CAMERA.zoomed(2.0)
     choice.look_through(zoomed, Tracker(zoomed))
     assert told == pytest.approx([128 / 96, 128 / 192])
+    # And so is a fallback's, once it is open.
+    choice._fallback = choice._opened(Network(difference_card(focal_px=64.0), NearAndFar()))
+    choice.look_through(CAMERA, Tracker(CAMERA))
+    assert told[2:] == pytest.approx([128 / 192, 128 / 96, 128 / 96])
 
 
 @pytest.mark.parametrize(("frame", "unit"), [("world", [1.0, 0.0, 0.0]), ("camera", None)])

@@ -6,7 +6,8 @@ import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.ranges import MultiRangeEstimator
-from flightdepth.ranges.exposure import exposed_as
+from flightdepth.ranges.exposure import ExposedFrames, exposed_as
+from flightdepth.ranges.pairs import Baselines, Frame
 from flightdepth.renderers.raycast import render
 from flightdepth.runtimes.network import load_network
 from flightdepth.stillbox import PairRule, Picture, TestSet
@@ -96,10 +97,43 @@ def test_a_picture_of_one_brightness_tells_a_factor():
     assert np.array_equal(found, brighter)
 
 
+@pytest.mark.parametrize(("rows", "told"), [(7, False), (8, True)])
+def test_fewer_than_64_blocks_of_the_scene_tell_nothing(rows, told):
+    grey, brighter = (np.full((128, 192, 3), level, np.uint8) for level in (100, 130))
+    shown = np.zeros((32, 48), bool)
+    shown[: 2 * rows, :16] = True  # 8 blocks across
+    found = exposed_as(grey, brighter, Camera.from_fov(192, 128, 90), shown=shown)
+    assert (found is not grey) == told
+
+
 @pytest.mark.parametrize("level", [0, 255])
 def test_black_and_white_tell_nothing(level):
     grey, bare = np.full((128, 192, 3), 100, np.uint8), np.full((128, 192, 3), level, np.uint8)
     assert exposed_as(grey, bare, Camera.from_fov(192, 128, 90)) is grey
+
+
+def test_each_frame_of_a_flight_is_shown_once_with_all_that_is_known_of_it():
+    """Its turn, its mask and its lens: as `exposed_as` shows it, with its own number and time."""
+    pair, turn = next(iter(rooms(3))), np.radians([0.0, 12.0, 0.0])
+    camera, shown = camera_of(pair), np.ones((64, 64), bool)
+    shown[:, 24:] = False
+    previous = rotated(pair.previous, camera, turn)
+    current = brightened(pair.current, 0.5)
+    current[:, 96:] = previous[:, 96:] = 180
+    turns = np.stack([np.eye(3), cv2.Rodrigues(turn)[0]])
+    frames = (Frame(3, 30, pair.previous), Frame(4, 40, previous))
+    lines = Baselines(
+        frames, np.zeros((2, 3)), np.zeros(2), turns, np.radians([0.0, 12.0]), *np.ones((2, 2), bool), None
+    )
+    exposed = ExposedFrames(lines, current, camera, shown, evened=lambda image: image // 2)
+    found = exposed[1]
+    assert (found.index, found.stamp_ns) == (4, 40)
+    assert exposed[1] is found
+    wanted = exposed_as(previous // 2, current, camera, turns[1], np.radians(12.0), shown=shown)
+    np.testing.assert_array_equal(found.image, wanted)
+    bare = exposed_as(previous // 2, current, camera, shown=shown)
+    whole = exposed_as(previous // 2, current, camera, turns[1], np.radians(12.0))
+    assert not np.array_equal(bare, wanted) and not np.array_equal(whole, wanted)
 
 
 def test_a_flight_bears_a_camera_that_sets_its_exposure():

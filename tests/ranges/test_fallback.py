@@ -135,6 +135,9 @@ def test_a_grid_of_the_same_size_may_be_of_another_focal_length():
     found = OnGridOf(other).predict(*given, CAMERA)
     apart = np.diff(found.depth_m[0, 16, [4, 44]])
     assert apart == pytest.approx(40 * 84 / 96, abs=1.0)
+    # The middle of column k, (4 k + 1.5 - cx) / 96 off the axis, is so much of 84 px off it there; 10 is its first.
+    there = (np.arange(4, 44) * 4 + 1.5 - CAMERA.cx) * 84 / 96 + CAMERA.cx
+    assert np.mean(found.depth_m[0, 16, 4:44] - (there - 1.5) / 4) == pytest.approx(10, abs=0.2)
 
 
 def test_one_that_needs_a_direction_is_refused(fly):

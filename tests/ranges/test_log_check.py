@@ -77,6 +77,17 @@ def test_between_checks_the_last_one_holds(rooms):
     assert np.degrees(check.off_rad) == pytest.approx(180, abs=5)
 
 
+def test_after_pictures_that_tell_nothing_the_next_are_asked_at_once(monkeypatch):
+    check, told = LogCheck(CAMERA, Tracker(CAMERA)), [1.0, None, 2.0, 0.0, None, 0.0]
+    monkeypatch.setattr(check, "_off_rad", lambda *_: told.pop(0))
+    pair = Pair(Frame(0, 0, np.zeros((256, 256, 3), np.uint8)), np.ones(3), 1.0, 10.0, np.eye(3), 0.0)
+    found = []
+    for k, stamp in enumerate([0, EVERY_NS, EVERY_NS + 1, EVERY_NS + 2, 2 * EVERY_NS + 1]):
+        found.append((check.denies(pair, Frame(k + 1, stamp, pair.previous.image)), check.off_rad, len(told)))
+    # The third look is the second that denies; the fourth frame is not looked at; the last is right.
+    assert found == [(False, 1, 5), (False, 1, 4), (True, 2, 3), (True, 2, 3), (False, 2, 2)]
+
+
 def test_pictures_that_tell_nothing_deny_nothing(rooms):
     blank = np.full((256, 256, 3), 128, np.uint8)
     room = rooms[0]

@@ -155,3 +155,11 @@ def test_in_flight_the_bar_holds_what_the_tracks_leave_open():
     assert tracked.depth_m[known] == pytest.approx(untracked.depth_m[known], rel=1e-3)
     share = (tracked.sigma_m / untracked.sigma_m)[known]
     assert share.min() > 1 and share.max() < 3
+
+
+@pytest.mark.parametrize("depth_m", [0.0, 2.0, 5.0, 1e6])
+@pytest.mark.parametrize("way", [(0.0, 0.0, 0.0), (0.0, 0.0, -5.0), (0.3, 0.0, 0.1)])
+def test_errors_stay_finite_where_depth_or_motion_is_nothing(way, depth_m):
+    """At the focus of expansion, and of points that the camera has flown past, too."""
+    centred = Camera(65, 49, 60.0, 60.0, 32.0, 24.0)  # a pixel lies on the focus
+    assert np.isfinite(depth_errors(np.full((49, 65), depth_m, np.float32), way, centred)).all()

@@ -69,6 +69,39 @@ def test_pairs_between_which_the_exposure_changed_tell_nothing():
     assert lens.estimate == (0.0, np.inf)
 
 
+@pytest.mark.parametrize(
+    ("told", "sigma", "taken_out"),
+    [(0.3, 0.09, 0.3), (0.3, 0.11, 0.0), (0.07, 0.01, 0.07), (0.05, 0.01, 0.0), (1.5, 0.01, 1.0)],
+)
+def test_what_is_taken_out_stands_out_and_is_no_more_than_all_of_a_lens(told, sigma, taken_out):
+    """By three deviations, and by what a flight without any showed; half of cos^4 is (1 + tan^2)^-1."""
+    lens = Vignetting(CAMERA)
+    lens._weight, lens._weighted = sigma**-2, told * sigma**-2
+    assert lens.estimate == pytest.approx((told, sigma))
+    assert lens.strength == pytest.approx(taken_out)
+
+
+def test_pictures_follow_what_is_learnt_and_stay_within_white(monkeypatch):
+    lens, grey = Vignetting(CAMERA), np.full((192, 256, 3), 220, np.uint8)
+    for strength in (0.1, 0.2):
+        monkeypatch.setattr(Vignetting, "strength", strength)
+        wanted = np.broadcast_to((220 / fall(strength)).clip(0, 255), grey.shape)
+        np.testing.assert_allclose(lens.evened(grey), wanted, atol=1e-3)
+    assert wanted.max() == 255
+
+
+@pytest.mark.parametrize("level", [8, 247])
+def test_what_is_nearly_black_or_white_tells_nothing(level):
+    """Neither is as much darker as the light is less: there a camera's tone curve bends."""
+    lens = Vignetting(CAMERA)
+    for seed in range(3):
+        pictures = [
+            (level + (each.astype(int) - 125) / 12).astype(np.uint8) for each in filmed(0.3, seed=seed)
+        ]
+        lens.learn(*pictures)
+    assert lens.estimate == (0.0, np.inf)
+
+
 def test_nothing_is_done_before_it_is_sure():
     lens = Vignetting(CAMERA)
     picture = filmed(0.3)[0]

@@ -316,3 +316,46 @@ def test_a_lens_that_would_take_all_memory_is_refused(lens: Camera) -> None:
     """A calibration in shares of the width, and nearly half of all that there is to see."""
     with pytest.raises(BadInput, match=r"at most 16384 px.*in pixels"):
         NetworkGrid(lens, 128)
+
+
+def test_a_picture_as_wide_as_networks_learn_from_is_not_warned_of() -> None:
+    """And one that is a pixel narrower is."""
+    assert NetworkGrid(Camera.from_fov(256, 256, 90), 128).warning is None
+    assert NetworkGrid(Camera(255, 256, 128.0, 128.0, 127.0, 127.5), 128).warning is not None
+
+
+@pytest.mark.parametrize(
+    ("focal_px", "stays"), [(128 * 1.009, True), (128 / 1.009, True), (128 * 1.012, False)]
+)
+def test_a_source_of_whole_blocks_stays_where_its_focal_length_is_a_percent_off(
+    focal_px: float, stays: bool
+) -> None:
+    camera = Camera.from_fov(256, 256, 90)
+    assert (NetworkGrid(camera, focal_px).camera == camera) == stays
+
+
+def test_a_map_of_another_size_is_refused() -> None:
+    grid = NetworkGrid(KARMA, 256)
+    with pytest.raises(
+        ValueError, match=r"expected a map \(48, 80\), or four times as large, got \(80, 48\)"
+    ):
+        grid.to_source(np.zeros((80, 48), np.float32))
+
+
+def test_a_lens_s_picture_is_halved_before_two_of_its_pixels_fall_on_one() -> None:
+    """A checkerboard of single pixels at 1.6 of them: halved it is grey, sampled as it is it would be a moire."""
+    camera = Camera(256, 256, 102.4, 102.4, 127.5, 127.5, (-0.05, 0.0, 0.0, 0.0))
+    rows, columns = np.indices((256, 256))
+    board = np.repeat((((rows + columns) % 2) * 255).astype(np.uint8)[..., None], 3, axis=2)
+    assert np.abs(NetworkGrid(camera, 64).image(board) - 127.5).max() <= 2
+
+
+@pytest.mark.parametrize("camera", [BARREL, replace(FISHEYE, fx=450.0, fy=450.0)], ids=["barrel", "fisheye"])
+def test_the_outermost_pixels_of_a_lens_have_depth_on_a_grid_that_it_fills(camera: Camera) -> None:
+    grid = NetworkGrid(camera, filling_focal_px(camera, 150.0))
+    assert np.isfinite(grid.to_source(np.ones(grid.valid.shape, np.float32))).all()
+
+
+def test_a_lens_whose_coefficients_cannot_be_inverted_is_refused() -> None:
+    with pytest.raises(BadInput, match="camera distortion: expected coefficients that can be inverted"):
+        NetworkGrid(Camera(640, 360, 450.0, 450.0, 320.0, 180.0, (1e6, 0.0, 0.0, 0.0)), 128)

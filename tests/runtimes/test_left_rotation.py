@@ -113,3 +113,10 @@ def test_depth_of_pairs_that_turned_a_little_is_better_by_it(monkeypatch):
             errors[name].append(np.abs(found.clip(0, 100) - truth_m.clip(0, 100)).mean())
     still, turned, mended = (np.mean(errors[name]) for name in ("still", "turned", "mended"))
     assert mended - still < 5 / 6 * (turned - still)
+
+
+def test_no_rotation_makes_depth_more_than_so_much_another():
+    """Sideways, 20 displacements away: a turn of 3 degrees is as much parallax as there is."""
+    depth = np.full(SHAPE, 20, np.float32)
+    mended = mended_depth(depth, np.array([0.0, 0.05, 0.0]), np.array(WAYS[0]), CAMERA)
+    assert abs(np.log(mended / depth)) == pytest.approx(0.5, abs=1e-5)
