@@ -114,6 +114,59 @@ def test_the_first_velocity_is_as_bad_as_the_ekf_says_next(tmp_path):
         read(tmp_path, dataflash_head() + b"".join(rows))
 
 
+def test_what_the_ekf_says_first_is_true_of_what_came_before_not_what_it_says_last(tmp_path):
+    parts = [dataflash_head()]
+    for i in range(5):
+        parts += [xkf1(START_US + i * 10, (core, i + 1, 0), core=core) for core in (0, 1)]
+        # The first core flies and is bad at first; the second one, by which the drone flies from row 3 on, is good.
+        parts.append(dataflash_record("XKF4", START_US + i * 10, 0, 7 if i else 1, i >= 2))
+        parts.append(dataflash_record("XKF4", START_US + i * 10, 1, 7, i >= 2))
+    telemetry = read(tmp_path, b"".join(parts))
+    assert velocities(telemetry) == [(0, 3, 0), (1, 4, 0), (1, 5, 0)]
+    assert telemetry.counts == {"velocities marked invalid": 2}
+
+
+@pytest.mark.parametrize("flies", [0, 1])
+def test_velocity_and_attitude_are_of_the_core_that_flies(tmp_path, flies):
+    parts = [dataflash_head()]
+    for i in range(3):
+        for core in (0, 1):
+            parts += [
+                dataflash_record("XKF4", START_US + i * 10, core, 7 if core == flies else 1, flies),
+                xkf1(START_US + i * 10, (core, i + 1, 0), core=core),
+                dataflash_record("XKQ", START_US + i * 10, core, *quaternion(core)),
+            ]
+    telemetry = read(tmp_path, b"".join(parts))
+    assert velocities(telemetry) == [(flies, i + 1, 0) for i in range(3)]
+    assert len(telemetry.body_attitudes) == 3
+    for body in telemetry.body_attitudes:
+        np.testing.assert_allclose(body.world_from_body, quaternion(flies), atol=1e-7)
+
+
+@pytest.mark.parametrize("attitude", ["NKQ", "NKQ1"])
+def test_a_log_of_the_second_ekf_is_read_too(tmp_path, monkeypatch, attitude):
+    for old, new in (("XKF1", "NKF1"), ("XKF4", "NKF4"), ("XKQ", attitude)):
+        monkeypatch.setitem(DATAFLASH, new, DATAFLASH[old])
+    parts = [dataflash_head(["NKF1", "NKF4", attitude])]
+    for i in range(4):
+        parts += [
+            dataflash_record("NKF4", START_US + i * 10, 0, 7 if i else 1, 0),
+            dataflash_record("NKF1", START_US + i * 10, 0, 0, 0, 0, *velocity(i)),
+            dataflash_record(attitude, START_US + i * 10, 0, *quaternion(i)),
+        ]
+    telemetry = read(tmp_path, b"".join(parts))
+    assert velocities(telemetry) == [velocity(i) for i in range(1, 4)]
+    assert f"NKF1 velocity, {attitude} attitude" in telemetry.name
+    np.testing.assert_allclose(telemetry.body_attitudes[-1].world_from_body, quaternion(3), atol=1e-7)
+
+
+def test_a_record_without_a_field_is_counted(tmp_path):
+    head = dataflash_fmt(0x81, "XKF1", "QBff", "TimeUS,C,VN,VE")
+    row = b"\xa3\x95\x81" + struct.pack("<QBff", START_US, 0, 1, 2)
+    with pytest.raises(BadInput, match="2 XKF1 records without VD"):
+        read(tmp_path, dataflash_head([]) + head + row + row)
+
+
 def test_euler_angles_where_there_is_no_quaternion(tmp_path):
     # Centidegrees: rolled 90 degrees to the right while heading east, the right wing points down.
     parts = [dataflash_head(["XKF1", "ATT"])]
@@ -149,6 +202,23 @@ def test_a_receiver_without_a_fix_does_not_hide_another(tmp_path):
     assert velocities(read(tmp_path, b"".join(parts))) == [(5 + i, 0, 0.5) for i in range(5)]
 
 
+@pytest.mark.parametrize(("fixes", "chosen"), [(2, 1), (3, 0)])
+def test_the_first_receiver_counts_unless_another_has_a_fix_more_than_twice_as_often(tmp_path, fixes, chosen):
+    parts = [dataflash_head()]
+    for i in range(5):
+        parts.append(dataflash_record("GPS", START_US + i, 0, 3 if i < fixes else 1, 7, 0, 0))
+        parts.append(dataflash_record("GPS", START_US + i, 1, 3, 8, 0, 0))
+    assert {speed for speed, _, _ in velocities(read(tmp_path, b"".join(parts)))} == {7 + chosen}
+
+
+def test_a_receiver_is_as_sure_as_it_said_last(tmp_path):
+    parts = [dataflash_head()]
+    for i in range(4):
+        parts.append(dataflash_record("GPA", START_US + i, 0, 40 + 10 * i))  # cm/s
+        parts.append(dataflash_record("GPS", START_US + i, 0, 3, 5 + i, 0, 0))
+    assert [s.sigma for s in read(tmp_path, b"".join(parts)).samples] == pytest.approx([0.4, 0.5, 0.6, 0.7])
+
+
 def test_the_core_that_flies_is_followed_before_the_log_says_which(tmp_path):
     parts = [dataflash_head()]
     for i in range(3):
@@ -174,6 +244,15 @@ def test_a_gimbal_carries_the_camera(tmp_path):
     np.testing.assert_allclose(axes[:, 0], [-1, 0, 0], atol=1e-9)  # its right is south
     np.testing.assert_allclose(axes[:, 2], [0, math.sqrt(3) / 2, 0.5], atol=1e-9)
     assert telemetry.counts == {"attitudes of other gimbals": 3, "attitudes that are no rotation": 1}
+
+
+def test_a_gimbal_rolls_the_camera(tmp_path):
+    """Level, to the north, rolled a quarter turn to the right: the picture's right is down."""
+    parts = [dataflash_head(), xkf1(START_US, velocity(0)), xkf1(START_US + 10, velocity(1))]
+    parts.append(dataflash_record("MNT", START_US, 0, 3, 90, 0, 0, 0, 0, 0, 0))
+    (camera,) = read(tmp_path, b"".join(parts)).attitudes
+    axes = rotation_from_quaternion(camera.world_from_camera)
+    np.testing.assert_allclose(axes[:, [0, 2]], [[0, 1], [0, 0], [1, 0]], atol=1e-9)
 
 
 def test_a_reboot_inside_a_log(tmp_path):
@@ -205,8 +284,30 @@ def test_trash_between_records_is_skipped_and_counted(tmp_path):
     assert telemetry.counts == {"bytes skipped: damaged or cut off": len(trash)}
 
 
+@pytest.mark.parametrize("trash", [b"\xa3", b"\xa3\x95", b"trash"])
+def test_damage_costs_neither_the_record_before_it_nor_the_last_one(tmp_path, trash):
+    records = [xkf1(START_US + i * 100_000, velocity(i)) for i in range(6)]
+    data = trash.join([b"".join(records[:3]), b"".join(records[3:5]), records[5]])
+    telemetry = read(tmp_path, dataflash_head() + data)
+    assert velocities(telemetry) == [velocity(i) for i in range(6)]
+    assert telemetry.counts == {"bytes skipped: damaged or cut off": 2 * len(trash)}
+    cut = read(tmp_path, dataflash_head() + data + b"\xa3\x95")
+    assert velocities(cut) == velocities(telemetry)
+
+
+def test_names_end_at_the_first_zero_and_need_not_be_ascii(tmp_path):
+    letters, columns = DATAFLASH["XKF1"][1:]
+    sound = dataflash_fmt(0x81, "XKF1", letters, columns).replace(b",VD\0\0", b",VD\0?")
+    other = dataflash_fmt(0x90, "XY", "Q", "TimeUS").replace(b"XY", b"\xff\xfe")
+    records = b"".join(xkf1(START_US + i, velocity(i)) for i in range(3))
+    telemetry = read(tmp_path, dataflash_head([]) + other + sound + records)
+    assert velocities(telemetry) == [velocity(i) for i in range(3)]
+    assert telemetry.counts == {}
+
+
 @pytest.mark.parametrize(
-    ("letters", "length"), [("QBccCff?", None), ("QBccCfff", 255), ("QBccCff", None), ("", 3)]
+    ("letters", "length"),
+    [("QBccCff?", None), ("QBccCff?", 26), ("QBccCfff", 255), ("QBccCff", None), ("", 3)],
 )
 def test_a_layout_that_contradicts_itself_is_left_out(tmp_path, letters, length):
     known = letters.replace("?", "f")
@@ -236,10 +337,11 @@ def test_not_a_number_and_too_fast_and_stuck(tmp_path):
     }
 
 
-def test_an_even_speed_along_a_changing_place_is_not_stuck(tmp_path, monkeypatch):
+@pytest.mark.parametrize("way", [(0.5, 0, 0), (0, 0.5, 0), (0, 0, 0.5)])
+def test_an_even_speed_along_a_changing_place_is_not_stuck(tmp_path, monkeypatch, way):
     columns = "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,PN,PE,PD"
     monkeypatch.setitem(DATAFLASH, "XKF1", (0x81, "QBccCffffff", columns))
-    steps = [(START_US + i * 100_000, 0, 0, 0, 0, 5, 0, 0, 0.5 * i, 0, 0) for i in range(60)]
+    steps = [(START_US + i * 100_000, 0, 0, 0, 0, 5, 0, 0, *(i * step for step in way)) for i in range(60)]
     records = b"".join(dataflash_record("XKF1", *step) for step in steps)
     assert len(read(tmp_path, dataflash_head() + records).samples) == 60
 

@@ -1,5 +1,6 @@
 """Which recording of a log a video is, and what is said where nobody knows."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ from flight_files import make_video
 
 from flightdepth.errors import BadInput
 from flightdepth.flight import open_flight
-from flightdepth.flight.recordings import at_recording, doubted_length, recordings_in
+from flightdepth.flight.recordings import at_recording, doubted_length, recordings_in, searched_s
 from flightdepth.flight.records import NS_PER_S, Recording, Telemetry, VelocitySample
 from tests_dji_records import airdata, flight_reader, record
 
@@ -46,6 +47,22 @@ def test_flickers_are_no_recordings():
     assert recordings_in(stamps, up) == (Recording(1_950_000_000, 9_950_000_000),)
 
 
+def test_a_flicker_ends_no_recording_that_the_log_did_not_see_end():
+    up = np.ones(200, dtype=bool)
+    up[:20] = up[60:63] = False
+    assert recordings_in(np.arange(200) * S // 10, up) == (
+        Recording(1_950_000_000, 19_900_000_000, end_told=False),
+    )
+
+
+@pytest.mark.parametrize(("end_told", "duration_s"), [(False, 700), (True, 0)])
+def test_where_the_log_did_not_see_a_recording_end_or_the_video_has_no_length_it_began_with_the_log(
+    end_told, duration_s
+):
+    log = told(Recording(5 * S, 599 * S, start_told=False, end_told=end_told))
+    assert at_recording(log, duration_s * S).samples[0].stamp_ns == -5 * S
+
+
 def test_the_recording_as_long_as_the_video_is_taken():
     log = told(Recording(10 * S, 40 * S), Recording(100 * S, 284 * S), Recording(300 * S, 330 * S))
     moved = at_recording(log, 185 * S)
@@ -67,6 +84,49 @@ def test_none_or_several_that_fit_are_refused_with_the_offset_of_each(duration_s
     )
     assert "auto" in str(refused.value)
     assert at_recording(log, duration_s * S, offset_given=True) is log
+
+
+@pytest.mark.parametrize(("apart_s", "fits"), [(-2.1, False), (-1.9, True), (1.9, True), (2.1, False)])
+def test_a_recording_fits_a_video_that_is_up_to_two_seconds_longer_or_shorter(apart_s, fits):
+    log, duration_ns = (
+        told(Recording(10 * S, 40 * S), Recording(100 * S, 284 * S)),
+        round((184 + apart_s) * S),
+    )
+    moved = at_recording(log, duration_ns, offset_given=True)
+    assert (moved is not log) == fits
+    alone = at_recording(told(Recording(100 * S, 284 * S)), duration_ns)
+    assert (doubted_length(alone, duration_ns) == ()) == fits
+    assert searched_s(alone, duration_ns) == (3.0 if fits else None)
+
+
+def test_a_recording_of_which_the_log_saw_a_part_fits_every_longer_video_where_no_whole_one_does():
+    log = told(Recording(0, 50 * S, start_told=False), Recording(100 * S, 284 * S))
+    assert at_recording(log, 48_100_000_000).samples[0].stamp_ns == -1_900_000_000
+    assert at_recording(log, 47_900_000_000, offset_given=True) is log
+    assert at_recording(log, 185 * S).samples[0].stamp_ns == -100 * S
+
+
+def test_nobody_knows_how_far_off_a_log_is_whose_video_tells_no_length():
+    log = told(Recording(10 * S, 40 * S))
+    assert searched_s(at_recording(log, 0), 0) is None
+    assert searched_s(told(), 30 * S) is None
+
+
+def test_of_many_recordings_nine_are_listed():
+    log = told(*(Recording(20 * k * S, (20 * k + 10) * S) for k in range(11)))
+    with pytest.raises(
+        BadInput, match=r"got 11 \(1: 10 s, .*; 9: 10 s, --telemetry-offset -160.00; and 2 more\)"
+    ):
+        at_recording(log, 10 * S)
+    with pytest.raises(BadInput, match=r"\(the video tells no length\)"):
+        at_recording(log, 0)
+
+
+@pytest.mark.parametrize(("apart_s", "doubted"), [(-2.1, True), (-1.9, False), (1.9, False), (2.1, True)])
+def test_a_log_that_knows_of_no_video_is_doubted_where_it_is_of_another_length(apart_s, doubted):
+    log, duration_ns = replace(told(length_s=101), time_0_told=False), round((100 + apart_s) * S)
+    assert bool(doubted_length(log, duration_ns)) == doubted
+    assert doubted_length(log, 0) == ()
 
 
 def test_a_recording_begun_before_the_log_is_placed_by_its_end():

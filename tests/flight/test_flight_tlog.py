@@ -311,6 +311,29 @@ def test_of_two_gimbals_behind_one_autopilot_the_first_carries_the_camera(tmp_pa
     assert telemetry.counts == {"attitudes of other gimbals": 5}
 
 
+def gimbal_message(ms, looks):
+    return mavlink.MAVLink_gimbal_device_attitude_status_message(0, 0, ms, 64, looks, 0, 0, 0, 0, 0)
+
+
+def test_of_two_gimbals_with_numbers_of_their_own_the_first_carries_the_camera(tmp_path):
+    """The other one's attitudes were left out without a word."""
+    parts, down = [], (math.cos(math.pi / 4), 0, -math.sin(math.pi / 4), 0)
+    for i in range(5):
+        now, ms = RECEIVED_US + i * 100_000, 5000 + i * 100
+        parts.append(tlog_part(now, ned_message(ms, velocity(i))))
+        parts.append(tlog_part(now, gimbal_message(ms + 7, down), (1, 171)))
+        parts.append(tlog_part(now, gimbal_message(ms, (1, 0, 0, 0)), (1, 154)))
+    telemetry = read(tmp_path, *parts)
+    np.testing.assert_allclose([forward(c) for c in telemetry.attitudes], [(1, 0, 0)] * 5, atol=1e-6)
+    assert telemetry.counts == {"attitudes of other gimbals": 5}
+
+
+def test_a_gimbal_of_another_vehicle_carries_nothing(tmp_path):
+    parts = [tlog_part(RECEIVED_US + i, ned_message(i, velocity(i))) for i in range(5)]
+    parts += [tlog_part(RECEIVED_US + i, gimbal_message(i, (1, 0, 0, 0)), (2, 154)) for i in range(5)]
+    assert not read(tmp_path, *parts).attitudes
+
+
 def test_a_gimbal_without_a_clock_is_placed_by_its_arrival(tmp_path):
     """Its time is always 0: all reports but the first were dropped as not later than the one before."""
     parts = []
@@ -342,6 +365,24 @@ def test_a_message_with_a_wrong_checksum_is_counted(tmp_path):
     telemetry = read(tmp_path, *parts)
     assert velocities(telemetry) == [velocity(i) for i in range(6) if i != 2]
     assert telemetry.counts["messages with a wrong checksum"] == 1
+
+
+def test_messages_that_nobody_wants_are_passed_over_and_swallow_no_other(tmp_path):
+    parts = []
+    for i in range(6):
+        now = RECEIVED_US + i * 100_000
+        parts += [
+            tlog_part(now, ned_message(i * 100, velocity(i))),
+            tlog_part(now, mavlink.MAVLink_named_value_int_message(i, b"unwanted", 1)),
+        ]
+    whole = read(tmp_path, *parts)
+    assert velocities(whole) == [velocity(i) for i in range(6)]
+    assert whole.counts == {}
+    size = len(parts[5])
+    parts[5] = parts[5][:9] + bytes([len(parts[5]) + len(parts[6]) // 2]) + parts[5][10:]  # its length
+    damaged = read(tmp_path, *parts)
+    assert velocities(damaged) == [velocity(i) for i in range(6)]
+    assert damaged.counts == {"bytes skipped: damaged or cut off": size}
 
 
 def test_a_log_of_heartbeats_says_what_is_missing(tmp_path):

@@ -64,6 +64,21 @@ def test_a_time_of_measurement_that_nobody_set_is_that_of_publication(tmp_path):
     assert telemetry.counts == {}
 
 
+def test_times_are_those_of_measurement_however_late_it_is_published(tmp_path):
+    bodies = []
+    for i in range(5):
+        body = local_position(START_US + i * 100_000, velocity(i))
+        bodies.append(struct.pack("<Q", START_US + i * 103_000 + 9000) + body[8:])
+    assert [s.stamp_ns for s in read(tmp_path, positions(*bodies)).samples] == [i * 10**8 for i in range(5)]
+
+
+def test_a_damaged_time_costs_its_record_alone(tmp_path):
+    bodies = [local_position(START_US + i * 100_000, velocity(i)) for i in range(10)]
+    bodies[4] = local_position(2**63, velocity(4))
+    telemetry = read(tmp_path, positions(*bodies))
+    assert [tuple(s.velocity) for s in telemetry.samples] == [velocity(i) for i in range(10) if i != 4]
+
+
 def test_two_power_ups_in_one_log_are_not_mixed(tmp_path):
     """Found in review: their samples were sorted into one flight, by two clocks that each began at power-up."""
     stamps_us = [*range(20_000_000, 24_000_000, 100_000), *range(19_000_000, 22_000_000, 100_000)]
@@ -88,6 +103,22 @@ def test_attitudes_of_an_unknown_power_up_are_left_out(tmp_path):
     assert [tuple(s.velocity) for s in telemetry.samples] == [velocity(i) for i in range(30, 70)]
     assert telemetry.body_attitudes == ()
     assert telemetry.counts == {"records of other power-ups of the autopilot": 60}
+
+
+@pytest.mark.parametrize("starts_s", [(20, 9), (30, 20, 9)])
+def test_attitudes_that_start_again_more_often_than_the_velocities_are_left_out(tmp_path, starts_s):
+    times_us = [start_s * 1_000_000 + k * 100_000 for start_s in starts_s for k in range(20)]
+    data = [(1, attitude(stamp_us, quaternion(0))) for stamp_us in times_us]
+    with pytest.raises(BadInput, match="expected a velocity"):
+        read(tmp_path, ulog_bytes([ATTITUDE], NAMES[1:], data))
+    flown_us = times_us[-20 * (len(starts_s) - 1) :]
+    data += [(0, local_position(stamp_us, velocity(i))) for i, stamp_us in enumerate(flown_us)]
+    telemetry = read(tmp_path, ulog_bytes([LOCAL_POSITION, ATTITUDE], NAMES, data))
+    assert [tuple(s.velocity) for s in telemetry.samples] == [velocity(i) for i in range(20)]
+    assert telemetry.body_attitudes == ()
+    assert telemetry.counts == {
+        "records of other power-ups of the autopilot": len(times_us) + len(flown_us) - 20
+    }
 
 
 @pytest.mark.parametrize("numbers", [(0, 1), (1, 0)])
@@ -174,6 +205,29 @@ def test_a_gimbal_gives_the_cameras_attitude(tmp_path):
     forward = rotation_from_quaternion(camera.world_from_camera)[:, 2]
     np.testing.assert_allclose(forward, [0, math.sqrt(0.75), 0.5], atol=1e-6)
     np.testing.assert_allclose(forward, rotation_from_euler(0, 0, math.pi / 2) @ down[:, 0], atol=1e-6)
+
+
+def test_a_gimbal_of_an_older_log_tells_no_delta_yaw(tmp_path):
+    names = [*NAMES, (0, 2, "gimbal_device_attitude_status")]
+    older = GIMBAL.replace("float delta_yaw;", "")
+    body = gimbal(START_US, quaternion(0), GimbalFlags.YAW_LOCK)
+    data = [(0, local_position(START_US + i, velocity(i))) for i in range(3)]
+    data.append((2, body[:24] + body[28:]))
+    telemetry = read(tmp_path, ulog_bytes([LOCAL_POSITION, ATTITUDE, older], names, data))
+    assert len(telemetry.attitudes) == 1
+    assert telemetry.counts == {}
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_an_even_speed_along_a_changing_place_is_not_stuck(tmp_path, axis):
+    fields = LOCAL_POSITION.replace("bool v_xy", "float x;float y;float z;bool v_xy")
+    bodies = []
+    for i in range(60):
+        body, place = local_position(START_US + i * 100_000, (5, 0, 0)), [0.0] * 3
+        place[axis] = i / 2
+        bodies.append(body[:36] + struct.pack("<3f", *place) + body[36:])
+    telemetry = read(tmp_path, ulog_bytes([fields], NAMES[:1], [(0, body) for body in bodies]))
+    assert len(telemetry.samples) == 60
 
 
 def test_drop_outs_are_counted(tmp_path):

@@ -256,6 +256,10 @@ def test_one_pair_is_mended_as_those_of_a_flight_are(pairs):
     assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm(said))
     assert moved @ pair.displacement > 0.999 * np.linalg.norm(said) * np.linalg.norm(pair.displacement)
     assert np.sqrt(np.trace(covariance[:3, :3])) < 0.5 * np.linalg.norm(TURN)
+    assert np.sqrt(np.trace(covariance[3:, 3:])) < np.radians(4)
+    far = rotated(pair.previous, CAMERA, np.radians([0, 0, 9.0]))
+    given = derotated(far, pair.current, pair.displacement, CAMERA)
+    assert given[0] is far and given[1] is pair.displacement and given[2] is None
     same, still, _ = derotated(pair.previous, pair.current, pair.displacement, CAMERA)
     assert same is pair.previous and still is pair.displacement
 

@@ -6,7 +6,7 @@ import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.ranges import MultiRangeEstimator
-from flightdepth.ranges.exposure import ExposedFrames, exposed_as
+from flightdepth.ranges.exposure import ExposedFrames, exposed_as, tone_line
 from flightdepth.ranges.pairs import Baselines, Frame
 from flightdepth.renderers.raycast import render
 from flightdepth.runtimes.network import load_network
@@ -95,6 +95,17 @@ def test_a_picture_of_one_brightness_tells_a_factor():
     grey, brighter = (np.full((128, 192, 3), level, np.uint8) for level in (100, 130))
     found = exposed_as(grey, brighter, Camera.from_fov(192, 128, 90))
     assert np.array_equal(found, brighter)
+    blocks = [image[:8, :8, 0].astype(float) for image in (grey, brighter)]
+    assert tone_line(*blocks, np.ones((8, 8), bool)) == pytest.approx((1.3, 0.0), abs=1e-9)
+
+
+def test_what_a_turn_brought_into_view_is_not_compared():
+    """To the left by 50 of 90 degrees: what lies more than 5 degrees to the right was seen before, nothing else."""
+    before, turn = np.full((128, 192, 3), 100, np.uint8), np.radians([0.0, 50.0, 0.0])
+    now = before.copy()
+    now[:, : round(96 * (1 + np.tan(np.radians(5))))] = 200
+    found = exposed_as(before, now, Camera.from_fov(192, 128, 90), cv2.Rodrigues(turn)[0], np.radians(50))
+    assert found is before
 
 
 @pytest.mark.parametrize(("rows", "told"), [(7, False), (8, True)])

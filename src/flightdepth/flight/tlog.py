@@ -116,18 +116,17 @@ def telemetry_of(name: str, source: Source, found: dict[Source, Sender], counts:
     if not any(isinstance(record.value, Moment) and can_be(record.value.utc_ns) for record in records):
         clock = "ground station"  # whose times the records have
         records += [record._replace(value=Moment(record.stamp_ns)) for record in records[:1]]
+    gimbals: dict[tuple[Source, int], list[Record]] = defaultdict(list)
     for sender in sorted(sender for sender in found if sender.system == source.system):
-        gimbals: dict[int, list[Record]] = defaultdict(list)
         for record in found[sender].records:
             if isinstance(record.value, GimbalAttitude):
-                gimbals[record.value.device].append(record)
-        if gimbals:
-            first, *others = gimbals.values()  # the first one carries the camera
-            counts[OTHER_GIMBALS] += sum(map(len, others))
-            if not any(record.stamp_ns for record in first):  # it has no clock
-                first = [record._replace(stamp_ns=record.received_ns) for record in first]
-            records += placed_boots(first, counts)
-            break
+                gimbals[sender, record.value.device].append(record)
+    if gimbals:
+        first, *others = gimbals.values()  # the first one carries the camera
+        counts[OTHER_GIMBALS] += sum(map(len, others))
+        if not any(record.stamp_ns for record in first):  # it has no clock
+            first = [record._replace(stamp_ns=record.received_ns) for record in first]
+        records += placed_boots(first, counts)
     what = f"tlog {name}, {found[source].best[Velocity]} of vehicle {source.system}"
     return autopilot_telemetry(what, records, counts, told_by=VELOCITIES, clock=clock)
 
