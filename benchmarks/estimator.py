@@ -26,7 +26,8 @@ from flightdepth.camera import Camera
 from flightdepth.evaluation.provenance import network_facts, origin_of, source_commit
 from flightdepth.files import write_json
 from flightdepth.processor import cpu_name
-from flightdepth.ranges import MultiRangeEstimator, derotation, estimator
+from flightdepth.ranges import MultiRangeEstimator, derotation, view
+from flightdepth.ranges.seen import Seen
 from flightdepth.ranges.turning import turned
 from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.network import load_network
@@ -108,19 +109,19 @@ def measure(network: Any, camera: Camera, ranges: int, options: argparse.Namespa
     with ExitStack() as undo:
         for owner, method, stage in (
             (flight, "add_frame", "all"),
-            (flight._grid, "image", "resample"),
+            (flight._view.grid, "image", "resample"),
             (flight, "_pairs", "integrate, pairs"),
             (flight._choice._directions, "of", "  direction seen"),
-            (flight._derotation, "of", "derotation"),
-            (flight._derotation._tracker, "rays_turned", "  corners, tracks"),
+            (flight._view.derotation, "of", "derotation"),
+            (flight._view.tracker, "rays_turned", "  corners, tracks"),
             (derotation, "remainder", "  solution"),
-            (estimator, "turned", "turned pictures"),
-            (flight, "_predict", "predict"),
-            (flight, "_fuse", "fusion"),
+            (view, "turned", "turned pictures"),
+            (flight._view, "predict", "predict"),
+            (flight._view, "fuse", "fusion"),
             (flight._choice._first.planner, "learn", "k-means, plan"),
-            (flight, "_held_still", "temporal average"),
-            (flight, "_result", "maps at the source"),
-            (flight._grid, "along_edges", "  depth along edges"),
+            (flight._held_still, "add", "temporal average"),
+            (Seen, "result", "maps at the source"),
+            (flight._view.grid, "along_edges", "  depth along edges"),
         ):
             undo.callback(setattr, owner, method, getattr(owner, method))
             stages.watch(owner, method, stage)

@@ -54,6 +54,8 @@ from flightdepth.ranges.derotation import Derotation
 from flightdepth.ranges.direction import SeenDirections
 from flightdepth.ranges.estimator import MultiRangeEstimator
 from flightdepth.ranges.plan import Planner
+from flightdepth.ranges.seen import Seen
+from flightdepth.ranges.view import View
 from flightdepth.runtimes import network as runtimes_network
 from flightdepth.runtimes.contract import Precision
 from flightdepth.runtimes.network import Network, load_network
@@ -74,12 +76,12 @@ STAGES: tuple[tuple[str, Any, str], ...] = (
     ("pairs", MultiRangeEstimator, "_pairs"),
     ("  direction", SeenDirections, "of"),
     ("derotate", Derotation, "of"),
-    ("network", MultiRangeEstimator, "_predict"),
+    ("network", View, "predict"),
     ("  its inputs", Network, "_batch"),
     ("  aligning", runtimes_network, "align"),
-    ("fuse", MultiRangeEstimator, "_fuse"),
+    ("fuse", View, "fuse"),
     ("plan", Planner, "learn"),
-    ("result", MultiRangeEstimator, "_result"),
+    ("result", Seen, "result"),
     ("estimator, all", MultiRangeEstimator, "add_frame"),
     ("publish", LiveEngine, "_publish"),
 )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sideways_flight import CAMERA, FRAME_NS, picture
 
-from flightdepth.ranges import MultiRangeEstimator, derotation, direction, estimator
+from flightdepth.ranges import MultiRangeEstimator, derotation, direction, estimator, temporal
 from flightdepth.ranges.choice import NO_DIRECTION, PairChoice
 from flightdepth.ranges.tracks import Tracker
 from flightdepth.runtimes.network import Network
@@ -162,7 +162,7 @@ def test_depth_is_averaged_along_the_direction_that_is_seen_where_the_log_tells_
     monkeypatch, frame, unit
 ):
     units = []
-    monkeypatch.setattr(estimator, "step_between", lambda *given: units.append(given[2]))
+    monkeypatch.setattr(temporal, "step_between", lambda *given: units.append(given[2]))
     flown([1.0, 0.0, 0.0], frame)
     assert len(units) == 4  # from the second depth on
     for each in units:

@@ -17,7 +17,7 @@ from flightdepth.evaluation.ranges_peers import FixedShift, least_relative_m
 from flightdepth.evaluation.ranges_sequences import SPEED_M_S, STEP_S, Sequence, log_of
 from flightdepth.evaluation.ranges_trials import CONSTANT, Trial
 from flightdepth.flight.records import VelocityFrame
-from flightdepth.levels import Image, jpeg
+from flightdepth.levels import AnyImage, Image, jpeg
 from flightdepth.motion import Vector
 from flightdepth.outputs.encoding import centimetres_from_depth, png
 from flightdepth.ranges import DepthNetwork, MultiRangeEstimator
@@ -25,6 +25,7 @@ from flightdepth.ranges.estimator import MAX_RANGES
 from flightdepth.ranges.fusion import Fusion
 from flightdepth.ranges.memory_limit import MemoryLimit
 from flightdepth.ranges.network import AtSource
+from flightdepth.ranges.view import View
 from flightdepth.runtimes.arrays import Flags, Maps
 from flightdepth.runtimes.grid import NetworkGrid
 from flightdepth.runtimes.prediction import Prediction
@@ -80,11 +81,21 @@ class Watched:
         return found
 
 
+class AtNetworkSize(View):
+    """Where maps stay at the size of the network's output."""
+
+    def at_source(self, depth_m: Maps, image: AnyImage) -> AsTheyAre:
+        """The maps as they are."""
+        return AsTheyAre(depth_m, super().at_source(depth_m, image))
+
+
 class ManyRanges(MultiRangeEstimator):
     """The estimator with more ranges than the paper's system has, and maps at the network's size.
 
     The study asks whether they help, and has the truth at that size.
     """
+
+    VIEW = AtNetworkSize
 
     def __init__(
         self, network: DepthNetwork, camera: Camera, *, ranges: int, fusion: Fusion, derotate: bool
@@ -92,9 +103,6 @@ class ManyRanges(MultiRangeEstimator):
         allowed = min(ranges, MAX_RANGES)
         super().__init__(network, camera, ranges=allowed, fusion=fusion, derotate=derotate)
         self._ranges, self._memory = ranges, MemoryLimit(ranges + 1)
-
-    def _at_source(self, depth_m: Maps, image: Image) -> AsTheyAre:
-        return AsTheyAre(depth_m, super()._at_source(depth_m, image))
 
 
 class Tally:

@@ -16,6 +16,7 @@ from flightdepth.motion import Vector
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fusion import Fused, chance
 from flightdepth.ranges.network import Map
+from flightdepth.ranges.pairs import Pair
 
 GAIN = 0.4  # weight of the new frame
 AGREE_WITHIN = 1.25  # ratio of two depths of one point beyond which they are of different things
@@ -50,6 +51,30 @@ def step_between(trajectory: Trajectory, stamps_ns: tuple[int, int], seen_unit: 
     if states.oriented.all():
         return Step(world_m @ current, turn)
     return Step(world_m, turn) if trajectory.non_rotating else None
+
+
+class HeldStill:
+    """A flight's depth, averaged over its frames, each moved as its trajectory or else its own pictures tell."""
+
+    def __init__(self, average: TemporalAverage, trajectory: Trajectory) -> None:
+        self._average, self._trajectory = average, trajectory
+        self._last_ns: int | None = None  # of the last depth that the average holds
+
+    def forget(self) -> None:
+        """Begin anew: the last depth may be of damaged pictures, or of another flight."""
+        self._last_ns = None
+
+    def add(self, stamp_ns: int, fused: Fused, pair: Pair, *, sees_direction: bool) -> Fused:
+        """A frame's depth averaged with those before, as far as the motion since the last one is known.
+
+        `pair` is one of the frame's; with `sees_direction` its displacement points the right way, whoever told it.
+        """
+        step = None
+        if self._last_ns is not None and (pair.directed or sees_direction):
+            unit = None if pair.directed else pair.displacement_m / pair.length_m
+            step = step_between(self._trajectory, (self._last_ns, stamp_ns), unit)
+        self._last_ns = stamp_ns
+        return self._average.add(fused, step)
 
 
 class TemporalAverage:
