@@ -77,6 +77,7 @@ def test_a_damaged_time_costs_its_record_alone(tmp_path):
     bodies[4] = local_position(2**63, velocity(4))
     telemetry = read(tmp_path, positions(*bodies))
     assert [tuple(s.velocity) for s in telemetry.samples] == [velocity(i) for i in range(10) if i != 4]
+    assert telemetry.counts == {"records with a damaged time": 1}
 
 
 def test_two_power_ups_in_one_log_are_not_mixed(tmp_path):

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flightdepth.flight.autopilot import LAST_STAMP_US, Gate, Moment, Position, Record, Velocity
-from flightdepth.flight.power_ups import DAMAGED_TIMES, SHORTEST_RUN, boots
+from flightdepth.flight.power_ups import SHORTEST_RUN, boots
 from flightdepth.flight.records import LATEST_NS, NS_PER_S, BodyAttitudeSample
 from flightdepth.flight.ros_messages import Twist, decoded
 from flightdepth.flight.ros_places import Fix
@@ -126,7 +126,7 @@ def px4_gate(
     `bodies` are the drone's attitudes, from whose heading a gimbal's yaw may count.
     """
     gate, fixes = Gate(counts, bodies=list(bodies)), []
-    records = complete_records(MEANINGS[kind], on_ros_clock(columns, ahead_ns, counts), counts)
+    records = complete_records(MEANINGS[kind], on_ros_clock(columns, ahead_ns), counts)
     for stamp_ns, value, _ in sorted(records, key=lambda record: record.stamp_ns):
         if isinstance(value, Position):
             fixes.append(Fix(stamp_ns, *value))
@@ -135,17 +135,15 @@ def px4_gate(
     return gate, fixes
 
 
-def on_ros_clock(columns: Columns, ahead_ns: int, counts: Counter[str]) -> Columns:
+def on_ros_clock(columns: Columns, ahead_ns: int) -> Columns:
     """The columns with the times of a topic's messages on the ROS clock, LAST_STAMP_US where they are damaged."""
     stamps_ns, received_ns = columns["timestamp"] * 1000, columns["received_ns"] + ahead_ns
     in_step = np.abs(received_ns - stamps_ns) <= IN_STEP_NS
     placed_ns = np.where(in_step, stamps_ns, LAST_STAMP_US * 1000)
     others = np.flatnonzero(~in_step)
-    for boot in boots(stamps_ns[others], counts, received_ns[others]):
+    for boot in boots(stamps_ns[others], Counter(), received_ns[others]):
         rows = others[boot]
-        if len(rows) < SHORTEST_RUN and in_step.any():
-            counts[DAMAGED_TIMES] += len(rows)
-        else:
+        if len(rows) >= SHORTEST_RUN or not in_step.any():
             placed_ns[rows] = stamps_ns[rows] + int(np.median(received_ns[rows] - stamps_ns[rows]))
     return columns | {"timestamp": placed_ns // 1000}
 
@@ -168,7 +166,7 @@ def odometry(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
     untold = np.full(len(told), np.nan)
     variances = np.mean([columns.get(name, untold) for name in names.variances], axis=0)
     sigmas = np.sqrt(np.where(variances > 0, variances, np.nan))  # 0 where nobody set them
-    yield from timed(columns, map(Velocity, told.tolist(), sigmas.tolist()), known)
+    yield from timed(columns, map(Velocity, told.tolist(), sigmas.tolist()), counts, known)
     yield from body_attitudes(columns, counts)
 
 

@@ -27,7 +27,7 @@ from flightdepth.flight.autopilot import (
     autopilot_telemetry,
 )
 from flightdepth.flight.gimbal import GimbalAttitude
-from flightdepth.flight.power_ups import OTHER_POWER_UPS, boots, longest_boot
+from flightdepth.flight.power_ups import DAMAGED_TIMES, OTHER_POWER_UPS, boots, longest_boot
 from flightdepth.flight.records import Telemetry
 from flightdepth.flight.ulog_file import MAGIC, load
 
@@ -122,21 +122,21 @@ def velocities(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
     evh, evv, *places = told
     sigmas = np.sqrt((evh * evh + evv * evv) / 3)
     ned = np.stack([columns[name] for name in ("vx", "vy", "vz")], axis=1).astype(np.float64)
-    return timed(
-        columns, map(Velocity, ned.tolist(), sigmas.tolist(), np.stack(places, axis=1).tolist()), valid
-    )
+    found = map(Velocity, ned.tolist(), sigmas.tolist(), np.stack(places, axis=1).tolist())
+    return timed(columns, found, counts, valid)
 
 
 def body_attitudes(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
     """VehicleAttitude: q rotates from body (forward, right, down) to world (NED), w first."""
-    return timed(columns, map(BodyAttitude, quaternions(columns)))
+    return timed(columns, map(BodyAttitude, quaternions(columns)), counts)
 
 
 def gimbal_attitudes(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
     """GimbalDeviceAttitudeStatus: as MAVLink's; older logs have no `delta_yaw`."""
     flags = columns["device_flags"].astype(np.int64)
     delta_yaws = columns.get("delta_yaw", np.full(len(flags), np.nan))
-    return timed(columns, map(GimbalAttitude, quaternions(columns), flags.tolist(), delta_yaws.tolist()))
+    found = map(GimbalAttitude, quaternions(columns), flags.tolist(), delta_yaws.tolist())
+    return timed(columns, found, counts)
 
 
 def global_positions(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
@@ -146,7 +146,7 @@ def global_positions(columns: Columns, counts: Counter[str]) -> Iterator[Record]
     valid, measured = (columns.get(name, whole).astype(bool) for name in ("lat_lon_valid", "alt_valid"))
     counts[INVALID_POSITIONS] += int(np.count_nonzero(~valid))
     altitudes_m = np.where(measured, alt, np.nan)
-    return timed(columns, map(Position, lat.tolist(), lon.tolist(), altitudes_m.tolist()), valid)
+    return timed(columns, map(Position, lat.tolist(), lon.tolist(), altitudes_m.tolist()), counts, valid)
 
 
 def moments(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
@@ -156,16 +156,22 @@ def moments(columns: Columns, counts: Counter[str]) -> Iterator[Record]:
     utc_us = np.minimum(columns.get("time_utc_usec", untold), LAST_STAMP_US).astype(np.int64)
     fixed = (columns.get("fix_type", untold) >= FIX_3D) & (utc_us > 0)
     told_us = stamps_us + columns.get("timestamp_time_relative", untold)  # when it was so
-    return timed({"timestamp": told_us}, (Moment(each * 1000) for each in utc_us.tolist()), fixed)
+    return timed({"timestamp": told_us}, (Moment(each * 1000) for each in utc_us.tolist()), counts, fixed)
 
 
 def timed(
-    columns: Columns, values: Iterable[Value], kept: NDArray[np.bool_] | None = None
+    columns: Columns,
+    values: Iterable[Value],
+    counts: Counter[str],
+    kept: NDArray[np.bool_] | None = None,
 ) -> Iterator[Record]:
-    """A record for each of the values [n] that is `kept` [n] and whose time is not damaged."""
+    """A record for each of the values [n] that is `kept` [n]; damaged times are counted instead."""
     told = repeat(True) if kept is None else kept.tolist()
-    rows = compress(zip(stamps_us(columns), values, strict=True), told)
-    return (Record(stamp * 1000, value) for stamp, value in rows if stamp < LAST_STAMP_US)
+    for stamp_us, value in compress(zip(stamps_us(columns), values, strict=True), told):
+        if stamp_us < LAST_STAMP_US:
+            yield Record(stamp_us * 1000, value)
+        else:
+            counts[DAMAGED_TIMES] += 1
 
 
 def stamps_us(columns: Columns) -> list[int]:
