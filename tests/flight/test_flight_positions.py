@@ -13,6 +13,7 @@ from flightdepth.flight.positions import (
     local_ned,
     on_earth,
     place_track,
+    torn,
     velocities,
     velocities_by_places,
     without_jumps,
@@ -160,6 +161,22 @@ def test_a_wrong_fix_spoils_the_sigma_of_its_surroundings_only():
     errors = np.abs(found.velocity_ned - (5, 0, 0)).max(axis=1)
     assert errors[near].max() > 5
     assert (found.sigma[errors > 1] > 5).all()
+
+
+@pytest.mark.parametrize(("step_m", "is_torn"), [(29.0, False), (31.0, True)])
+def test_windows_that_hold_a_step_faster_than_any_drone_are_torn(step_m, is_torn):
+    """Fixes 0.2 s apart, so 30 m are 150 m/s; windows of half a second to either side."""
+    times_s = np.arange(50) * 0.2
+    places = np.where(times_s[:, None] > 5.1, step_m, 0.0) * [1, 0]
+    found = torn(times_s, places, times_s, 0.0)
+    assert np.flatnonzero(found).tolist() == ([24, 25, 26, 27] if is_torn else [])
+
+
+def test_rounding_alone_tears_no_window():
+    """Latitude and longitude may step by their rounding one picture after the other."""
+    times_s, places = np.arange(20) / 30, np.zeros((20, 2))
+    places[10:, 0] = places[11:, 1] = 11.0
+    assert not torn(times_s, places, times_s, 11.0).any()
 
 
 def test_slopes_of_one_fix_are_unknown():

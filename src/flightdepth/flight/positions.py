@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdepth.flight.local_regression import line_slopes
+from flightdepth.flight.local_regression import half_window_s, line_slopes
 from flightdepth.flight.order import rising
 from flightdepth.flight.places import AltitudeAbove, PlaceTrack
 from flightdepth.flight.records import FASTEST_M_S, NS_PER_S, VelocitySample
@@ -211,6 +211,7 @@ def velocities(stamps_ns: Stamps, ned: Vector, *, steps_m: tuple[float, float]) 
     """Velocities at the horizontal fixes of positions [n, 3] at rising stamps, and between fixes that are seldom.
 
     Those beyond reason are left out. `steps_m` is what places and heights are rounded to.
+    Across a step that nobody flew, as where two recordings are joined, the deviation is FASTEST_M_S.
     """
     times_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
     across, up = fixes(times_s, ned[:, :2]), fixes(times_s, ned[:, 2:])
@@ -222,6 +223,21 @@ def velocities(stamps_ns: Stamps, ned: Vector, *, steps_m: tuple[float, float]) 
     down = np.where(np.isfinite(vertical.slopes), vertical.slopes, 0.0)
     velocity = np.concatenate([horizontal.slopes, down], axis=1)
     sigma = np.fmax(horizontal.sigma, vertical.sigma)
+    sigma[torn(times_s[across], ned[across, :2], at_s, steps_m[0])] = FASTEST_M_S
     sound = np.isfinite(velocity).all(axis=1) & np.isfinite(sigma)
     sound[sound] = np.linalg.norm(velocity[sound], axis=1) < FASTEST_M_S
     return Velocities(stamps_ns[told][sound], velocity[sound], sigma[sound])
+
+
+def torn(times_s: Vector, values: Vector, at_s: Vector, step_m: float) -> NDArray[np.bool_]:
+    """Around which of `at_s` [n] a line's window holds a step between fixes [m, 2] that is faster than any drone.
+
+    Rounding, to `step_m`, may move two fixes by a step each.
+    """
+    half_s = half_window_s(times_s, step_m)
+    moved_m, took_s = np.linalg.norm(np.diff(values, axis=0), axis=1), np.diff(times_s)
+    steps = np.flatnonzero(moved_m - 2 * step_m > FASTEST_M_S * took_s)
+    found = np.zeros(len(at_s), dtype=np.bool_)
+    for step in steps.tolist():
+        found |= (at_s - half_s <= times_s[step]) & (times_s[step + 1] <= at_s + half_s)
+    return found
