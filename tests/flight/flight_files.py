@@ -151,28 +151,30 @@ def trimmed(path: Path, out: Path, start_ms: int) -> Path:
     return out
 
 
-def add_gpmf(path: Path, payloads, duration_ms=1000, *, begins_ms=None) -> Path:
+def add_gpmf(path: Path, payloads, duration_ms=1000, *, begins_ms=None, kind="gpmd") -> Path:
     """Append a GPMF track to an MP4 whose index is its last box; each payload lasts `duration_ms`.
+
+    `kind`: of a track of other data.
 
     `begins_ms`: an edit list says that so much of the track lies before the video's start.
     """
     data = path.read_bytes()
     moov = data.rindex(b"moov") - 4
     assert moov + int.from_bytes(data[moov : moov + 4], "big") == len(data)
-    shift = len(_trak(payloads, 0, duration_ms, begins_ms))
-    trak = _trak(payloads, len(data) + shift + 8, duration_ms, begins_ms)
+    shift = len(_trak(payloads, 0, duration_ms, begins_ms, kind))
+    trak = _trak(payloads, len(data) + shift + 8, duration_ms, begins_ms, kind)
     path.write_bytes(data[:moov] + box("moov", data[moov + 8 :], trak) + box("mdat", *payloads))
     return path
 
 
-def _trak(payloads, offset, duration_ms, begins_ms) -> bytes:
+def _trak(payloads, offset, duration_ms, begins_ms, kind) -> bytes:
     total, count = duration_ms * len(payloads), len(payloads)
     matrix = struct.pack(">9L", *IDENTITY)
     tkhd = full_box("tkhd", struct.pack(">5L", 0, 0, 9, 0, total), bytes(16), matrix, bytes(8))
     mdhd = full_box("mdhd", struct.pack(">4L", 0, 0, 1000, total), bytes(4))
     hdlr = full_box("hdlr", b"mhlrmeta", bytes(12), b"GoPro MET\0")
     dinf = box("dinf", full_box("dref", struct.pack(">L", 1), box("url ", b"\0\0\0\1")))
-    stsd = full_box("stsd", struct.pack(">L", 1), box("gpmd", bytes(6), b"\0\1", bytes(4)))
+    stsd = full_box("stsd", struct.pack(">L", 1), box(kind, bytes(6), b"\0\1", bytes(4)))
     stts = full_box("stts", struct.pack(">3L", 1, count, duration_ms))
     stsc = full_box("stsc", struct.pack(">4L", 1, 1, count, 1))
     stsz = full_box("stsz", struct.pack(f">{count + 2}L", 0, count, *map(len, payloads)))

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flightdepth.flight.inside import read_inside
+from flightdepth.flight.open import open_flight
 from flightdepth.flight.records import AttitudeSample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
@@ -57,3 +59,19 @@ def test_where_two_recordings_are_joined_the_velocity_is_unknown_and_elsewhere_i
     assert (speeds[~near] < 16).all()
     assert (sigma[~near] < 1).all()
     assert (sigma[speeds > 16] == 150).all()
+
+
+@pytest.mark.parametrize("ending", ["mp4", "mkv"])
+def test_subtitles_inside_a_video_tell_what_their_file_tells(ending):
+    """The same subtitles, muxed by FFmpeg."""
+    inside, beside = read_inside(SAMPLES / f"phantom_4_rtk.{ending}"), read_telemetry(PHANTOM)
+    assert inside.name == "DJI subtitles in the video: 55 velocities from positions, gimbal attitude"
+    assert inside.digest == beside.digest
+    assert not inside.counts
+
+
+def test_a_video_with_subtitles_inside_needs_no_log(tmp_path):
+    with open_flight(SAMPLES / "phantom_4_rtk.mp4", hfov_deg=70) as flight:
+        samples = [event for event in flight if isinstance(event, AttitudeSample)]
+    assert "DJI subtitles in the video" in flight.telemetry_name
+    assert len(samples) == 55

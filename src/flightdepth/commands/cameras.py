@@ -64,7 +64,7 @@ def tell(path: Path, log: Path | None, mask: Path | None, rate_hz: float | None)
     """What `run` would take for a video without --camera, or what it would ask for."""
     from flightdepth.flight.cameras import choose_camera
     from flightdepth.flight.flight_log import at_names
-    from flightdepth.flight.gpmf_telemetry import read_gpmf
+    from flightdepth.flight.inside import read_inside
     from flightdepth.flight.mask import PictureMask
     from flightdepth.flight.recordings import at_recording
     from flightdepth.flight.telemetry import read_telemetry
@@ -75,7 +75,7 @@ def tell(path: Path, log: Path | None, mask: Path | None, rate_hz: float | None)
     with Video(path, mask=hidden, rate_hz=rate_hz) as video:
         try:
             told = (
-                read_gpmf(path)
+                read_inside(path)
                 if log is None
                 else at_names(at_recording(read_telemetry(log), video.duration_ns, mend=""), video.utc)
             )

@@ -12,7 +12,7 @@ TelemetryOption = Annotated[
     typer.Option(
         metavar="LOG",
         help="Flight log of PX4, ArduPilot, MAVLink, DJI, Parrot, ROS, GPX, CSV, or a trajectory (TUM): told by what "
-        "is in it. Without it, the video's own track (GoPro), or a log of its name beside it.",
+        "is in it. Without it, the video's own track (GoPro, DJI), or a log of its name beside it.",
     ),
 ]
 CameraOption = Annotated[

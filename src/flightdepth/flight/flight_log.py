@@ -11,7 +11,7 @@ from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.apparent_motion import apparent_motion
 from flightdepth.flight.gimbal import looking, with_fixed_camera
-from flightdepth.flight.gpmf_telemetry import read_gpmf
+from flightdepth.flight.inside import read_inside
 from flightdepth.flight.offset import ClockOffset, estimate_offset
 from flightdepth.flight.recordings import at_recording, searched_s
 from flightdepth.flight.records import (
@@ -121,7 +121,7 @@ def own_telemetry(video: Path, *, mend: str) -> tuple[Telemetry, bool]:
     """
     silent = None
     try:
-        inside = read_gpmf(video)
+        inside = read_inside(video)
     except BadInput as error:
         inside, silent = None, error
     if inside is not None:

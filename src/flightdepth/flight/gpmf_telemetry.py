@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from av.error import FFmpegError
-from av.stream import Discard
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.autopilot import Gate, Velocity
-from flightdepth.flight.container import main_stream, open_container
+from flightdepth.flight.data_track import track_packets
 from flightdepth.flight.gopro_gps import gps_moments, gps_places, gps_velocities
 from flightdepth.flight.gpmf import GpmfError, Stream, streams
 from flightdepth.flight.order import rising
@@ -29,8 +25,6 @@ from flightdepth.motion import Stamps
 TimedStream = tuple[Interval, Stream]
 GYROSCOPE, GPS = "GYRO", ("GPS9", "GPS5")
 DAMAGED = "damaged telemetry payloads"
-# A trimmed video's edit list says where each track begins; FFmpeg cuts pictures there, and a track of data it moves.
-WHOLE_TRACKS = {"advanced_editlist": "0"}
 # A Karma's samples, the only ones with a clock, reach the camera by so much later than `on_video_clock` takes for
 # granted: by the ways between pictures of one flight, and by the drone's pitch against the camera's accelerometer.
 KARMA_LATE_NS = 280_000_000
@@ -65,34 +59,8 @@ def read_gpmf(path: Path) -> Telemetry | None:
 
 def payloads(path: Path) -> Iterator[tuple[Interval, bytes]]:
     """The payloads of the first GPMF track, with the time each spans since the first picture."""
-    with open_container(path) as container:
-        video = main_stream(container)
-        zero = video.start_time * video.time_base if video is not None and video.start_time else Fraction(0)
-    with open_container(path, WHOLE_TRACKS) as container:
-        tracks = [stream for stream in container.streams if stream.type == "data"]
-        for stream in container.streams:
-            if stream not in tracks:
-                stream.discard = Discard.all  # the pictures are skipped, not read
-        chosen = None
-        for packet in _packets(container, tracks):
-            data = bytes(packet)
-            if chosen is None and data[:4] == b"DEVC":
-                chosen = packet.stream
-            if packet.stream is chosen and packet.pts is not None:
-                yield _interval(packet, zero), data
-
-
-def _packets(container: Any, tracks: list[Any]) -> Iterator[Any]:
-    try:
-        yield from (packet for packet in container.demux(tracks) if packet.size)
-    except FFmpegError:
-        return  # a file cut off: the payloads before the cut are good
-
-
-def _interval(packet: Any, zero: Fraction) -> Interval:
-    start = packet.pts * packet.time_base - zero
-    end = start + (packet.duration or 0) * packet.time_base
-    return Interval(int(start * NS_PER_S), int(end * NS_PER_S))
+    for interval, payload, _ in track_packets(path, "data", lambda data: data[:4] == b"DEVC"):
+        yield interval, payload
 
 
 def _telemetry(

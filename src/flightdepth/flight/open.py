@@ -210,7 +210,7 @@ def open_flight(
 ) -> Flight:
     """Open a video, or a folder of pictures, with its telemetry.
 
-    telemetry  a log file; None looks inside the video (GPMF), then for a log of the video's name beside it,
+    telemetry  a log file; None looks inside the video (GoPro, DJI), then for a log of the video's name beside it,
                unless `speed_m_s` is given
     telemetry_offset_s  is added to the log's times, so that they count from the video's first picture; "auto"
                estimates it from the pictures, which takes a pass over the video, and stays at 0 where they tell none

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.gpmf_telemetry import read_gpmf
+from flightdepth.flight.inside import read_inside
 from flightdepth.flight.records import NS_PER_S, Telemetry
 from flightdepth.flight.signals import speed_signal
 from flightdepth.flight.video import Video
@@ -19,7 +19,7 @@ LEAST_SHARE = 0.3  # nor by less than this of the track's
 def disagreements(log: Telemetry, video: Video) -> tuple[str, ...]:
     """A line where the log flies at another speed than the track inside the video; none without such a track."""
     try:
-        inside = read_gpmf(video.path)
+        inside = read_inside(video.path)
     except BadInput:
         return ()  # a track that tells nothing contradicts nothing
     if inside is None:

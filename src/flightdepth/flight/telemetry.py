@@ -12,8 +12,8 @@ from flightdepth.flight.dataflash import looks_like_dataflash, read_dataflash
 from flightdepth.flight.dji_record import looks_like_dji_record, read_dji_record
 from flightdepth.flight.dji_srt import looks_like_dji_srt, read_dji_srt
 from flightdepth.flight.file_bytes import head_of, log_bytes
-from flightdepth.flight.gpmf_telemetry import read_gpmf
 from flightdepth.flight.gpx import looks_like_gpx, read_gpx
+from flightdepth.flight.inside import read_inside
 from flightdepth.flight.parrot import looks_like_parrot, read_parrot
 from flightdepth.flight.records import Telemetry
 from flightdepth.flight.ros import looks_like_ros, read_ros
@@ -69,7 +69,7 @@ def read_telemetry(path: Path) -> Telemetry:
     log_format = _format_of(head, path)
     if log_format is not None:
         return log_format.read(path)
-    if head[4:8] == b"ftyp" and (inside := read_gpmf(path)) is not None:
+    if head[4:8] == b"ftyp" and (inside := read_inside(path)) is not None:
         return inside  # of another copy of the video, which has lost it
     known = ", ".join(log_format.name for log_format in FORMATS)
     got = _folder(path) if path.is_dir() else _described(head, path.name)
