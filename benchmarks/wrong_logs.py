@@ -1,9 +1,14 @@
 """What a wrong log does to depth: the sample flight with its log in other axes, late, or without the camera's attitude.
 
     python benchmarks/wrong_logs.py
+    python benchmarks/wrong_logs.py --noise
 
 Each is run with the check of the log's direction (`ranges/log_check.py`) and without it: the pixels with a depth, of
-those nearer than 200 m, their relative error, the median confidence and the share of frames whose log was denied.
+those nearer than 200 m, their relative error, the median confidence, the share of frames whose log was denied, and of
+errors inside one sigma.
+
+With --noise each velocity is off as a satellite receiver's is, by an error that drifts away within a second, and the
+log tells by how much, or does not.
 """
 
 from __future__ import annotations
@@ -11,7 +16,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
+from functools import reduce
 from unittest.mock import patch
 
 import numpy as np
@@ -20,7 +26,7 @@ from flightdepth.commands.demo import AT_TRUTH, CALIBRATION, LOG, TRUTH, VIDEO
 from flightdepth.evaluation.provenance import origin_of
 from flightdepth.flight.cameras import choose_camera
 from flightdepth.flight.open import Flight
-from flightdepth.flight.records import NS_PER_S, AttitudeSample, Telemetry, VelocitySample
+from flightdepth.flight.records import NS_PER_S, AttitudeSample, Sample, Telemetry, VelocitySample
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.video import Video
 from flightdepth.outputs import read_depth
@@ -30,6 +36,7 @@ from flightdepth.ranges.log_check import LogCheck
 from flightdepth.runtimes.network import Network, load_network
 
 FARTHEST_M = 200.0
+LASTS_S, NOISES_M_S, SEEDS = 1.0, (0.0, 0.1, 0.3, 0.6, 1.0), 3
 
 
 def turned(matrix: list[list[float]]) -> Callable[[Telemetry], Telemetry]:
@@ -64,6 +71,22 @@ LOGS: dict[str, Callable[[Telemetry], Telemetry]] = {
 }
 
 
+def noisy(log: Telemetry, sigma_m_s: float, *, told: bool, seed: int) -> Telemetry:
+    """The log with an error of each velocity that is e times smaller LASTS_S later; `told`: it says its deviation."""
+    rng, error, before_ns = np.random.default_rng(seed), np.zeros(3), None
+    samples: list[Sample] = []
+    for sample in log.samples:
+        if isinstance(sample, VelocitySample):
+            passed_s = np.inf if before_ns is None else (sample.stamp_ns - before_ns) / NS_PER_S
+            kept, before_ns = np.exp(-passed_s / LASTS_S), sample.stamp_ns
+            error = kept * error + sigma_m_s * np.sqrt(1 - kept**2) * rng.standard_normal(3)
+            sigma = np.hypot(sigma_m_s, sample.sigma or 0.0) if told else None
+            samples.append(replace(sample, velocity=sample.velocity + error, sigma=sigma))
+        else:
+            samples.append(sample)
+    return replace(log, samples=tuple(samples))
+
+
 @dataclass
 class Row:
     """Means over frames with a truth, of pixels nearer than FARTHEST_M."""
@@ -72,17 +95,23 @@ class Row:
     error: list[float]
     confidence: list[float]
     denied: list[bool]
+    inside: list[float]
 
     def __str__(self) -> str:
-        known, error, confidence, denied = (
-            100 * np.nanmean(each) for each in (self.known, self.error, self.confidence, self.denied)
+        known, error, confidence, denied, inside = (
+            100 * np.nanmean(each)
+            for each in (self.known, self.error, self.confidence, self.denied, self.inside)
         )
-        return f"{known:6.0f} {error:7.1f} {confidence:10.0f} {denied:7.0f}"
+        return f"{known:6.0f} {error:7.1f} {confidence:10.0f} {denied:7.0f} {inside:7.0f}"
+
+    def joined(self, other: Row) -> Row:
+        """The frames of both."""
+        return Row(*(mine + others for mine, others in zip(astuple(self), astuple(other), strict=True)))
 
 
 def flown(network: Network, log: Telemetry) -> Row:
     """The sample flight with a log."""
-    row = Row([], [], [], [])
+    row = Row([], [], [], [], [])
     video = Video(VIDEO)
     with Flight(video, choose_camera(video, CALIBRATION, None, log), log, 0.0) as flight:
         estimator = MultiRangeEstimator(network, flight.camera, ranges=2)
@@ -98,16 +127,29 @@ def flown(network: Network, log: Telemetry) -> Row:
             if known.any():
                 row.error.append(float(np.mean(np.abs(depth_m[known] / truth_m[known] - 1))))
                 row.confidence.append(float(np.median(result.confidence[AT_TRUTH][known])))
+            if known.any() and result.sigma_m is not None:
+                sigma_m = result.sigma_m[AT_TRUTH][known]
+                row.inside.append(float(np.mean(np.abs(depth_m[known] - truth_m[known]) < sigma_m)))
     return row
 
 
 def main() -> None:
     """Print the table."""
-    argparse.ArgumentParser(description=__doc__).parse_args()
-    network = load_network("motion")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--noise", action="store_true", help="velocities that are off, and told to be or not")
+    given = parser.parse_args()
+    network, right = load_network("motion"), read_telemetry(LOG)
     print(origin_of(network))
-    print(f"{'% of each':28} {'known':>6} {'error':>7} {'confidence':>10} {'denied':>7}")
-    right = read_telemetry(LOG)
+    print(f"{'% of each':28} {'known':>6} {'error':>7} {'confidence':>10} {'denied':>7} {'inside':>7}")
+    if given.noise:
+        for sigma_m_s in NOISES_M_S:
+            for told in (False, True):
+                logs = (noisy(right, sigma_m_s, told=told, seed=seed) for seed in range(SEEDS))
+                row = reduce(Row.joined, (flown(network, log) for log in logs))
+                print(f"{sigma_m_s:.1f} m/s, {'told' if told else 'not told':18} {row}", flush=True)
+        return
     for name, change in LOGS.items():
         for kind in ("without", "with"):
             with patch.object(LogCheck, "denies", return_value=False) if kind == "without" else nullcontext():

@@ -133,9 +133,8 @@ def test_each_frame_of_a_flight_is_shown_once_with_all_that_is_known_of_it():
     current[:, 96:] = previous[:, 96:] = 180
     turns = np.stack([np.eye(3), cv2.Rodrigues(turn)[0]])
     frames = (Frame(3, 30, pair.previous), Frame(4, 40, previous))
-    lines = Baselines(
-        frames, np.zeros((2, 3)), np.zeros(2), turns, np.radians([0.0, 12.0]), *np.ones((2, 2), bool), None
-    )
+    nothing = np.zeros((2, 3)), np.zeros(2), np.zeros(2)
+    lines = Baselines(frames, *nothing, turns, np.radians([0.0, 12.0]), *np.ones((2, 2), bool), None)
     exposed = ExposedFrames(lines, current, camera, shown, evened=lambda image: image // 2)
     found = exposed[1]
     assert (found.index, found.stamp_ns) == (4, 40)

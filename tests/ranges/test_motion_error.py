@@ -114,6 +114,14 @@ def test_pairs_are_widened_each_by_its_own_motion():
     assert (sigma_m[1] > 0.5).all() and (sigma_m[2] > sigma_m[1]).all()
 
 
+@pytest.mark.parametrize("own_m", [0.0, 0.5])
+def test_an_uncertain_length_makes_depth_uncertain_by_its_share(own_m):
+    depth_m = some_depth()[None]
+    found = Prediction(depth_m / 100, depth_m, np.full_like(depth_m, own_m), np.ones(SHAPE, bool))
+    pair = replace(pair_of(None), length_sigma_m=0.055)  # of 0.55 m
+    assert widened(found, [pair], CAMERA).sigma_m == pytest.approx(np.hypot(own_m, 0.1 * depth_m), rel=1e-5)
+
+
 def test_it_is_largest_at_the_focus_of_expansion_and_far_away():
     ahead = np.array([0.0, 0.0, 0.5])
     covariance = np.diag([1e-7] * 3 + [1e-4, 1e-4, 0.0])
@@ -155,6 +163,27 @@ def test_in_flight_the_bar_holds_what_the_tracks_leave_open():
     assert tracked.depth_m[known] == pytest.approx(untracked.depth_m[known], rel=1e-3)
     share = (tracked.sigma_m / untracked.sigma_m)[known]
     assert share.min() > 1 and share.max() < 3
+
+
+def test_in_flight_the_bar_holds_what_the_log_says_of_its_velocity():
+    """0.2 of 1 m/s: a fifth of the depth beside what the network says; depth itself stays."""
+    noise = np.random.default_rng(4).integers(0, 256, (192, 320, 3), dtype=np.uint8)
+    wall = cv2.GaussianBlur(noise, (0, 0), 2.0)
+    results = []
+    for sigma in (None, 0.2):
+        estimator = MultiRangeEstimator(Network(swept_card(), BestHypothesis()), CAMERA, derotate=False)
+        for number in range(4):
+            estimator.add_velocity(number * 10**8, [1.0, 0.0, 0.0], frame="camera", sigma=sigma)
+            result = estimator.add_frame(number * 10**8, wall[:, 3 * number : 3 * number + 256])
+        results.append(result)
+    sure, unsure = results
+    known = np.isfinite(unsure.depth_m)
+    assert known.mean() > 0.5
+    assert unsure.depth_m[known] == pytest.approx(sure.depth_m[known], rel=1e-4)
+    told = np.hypot(sure.sigma_m, 0.2 * sure.depth_m)[known]
+    off = np.abs(unsure.sigma_m[known] / told - 1)
+    assert (off < 0.02).mean() > 0.98  # but for edges, where bars of two things are mixed
+    assert unsure.confidence[known].mean() < sure.confidence[known].mean() - 0.1
 
 
 @pytest.mark.parametrize("depth_m", [0.0, 2.0, 5.0, 1e6])

@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -47,6 +48,25 @@ def test_the_order_of_the_wishes_is_of_no_account(wanted: list[float]) -> None:
     assert [(p.length_m, p.depth_m) for p in picked(wanted)] == [
         (p.length_m, p.depth_m) for p in picked([0.3, 1, 3])
     ]
+
+
+def test_a_length_is_as_sure_as_the_velocities_on_its_way() -> None:
+    """Errors of one log go together for a while, so deviations add up: 0.1 m/s for a second, 0.3 for the next."""
+    track = Trajectory()
+    for k in range(61):
+        track.add_velocity(k * STEP, (3.0, 0, 0), frame="world", sigma=0.1 if k < 30 else 0.3)
+    lines = baselines(track, frames(60), 60 * STEP, 0.3)
+    assert lines.length_sigma_m[[0, 30, 45]] == pytest.approx([0.4, 0.3, 0.15], abs=0.005)
+    (pair,) = pick(lines, np.array([6.0]), np.array([48.0]))
+    assert pair.length_sigma_m == lines.length_sigma_m[0]
+
+
+def test_lengths_of_a_log_without_deviations_or_of_positions_have_none() -> None:
+    track = Trajectory()
+    for k in range(61):
+        track.add_position(k * STEP, (0.1 * k, 0.0, 0.0))
+    for told in (track, straight(3.0, 60)):
+        assert not baselines(told, frames(60), 60 * STEP, 0.3).length_sigma_m.any()
 
 
 @given(st.lists(st.sampled_from([0.1, 1.2]), min_size=61, max_size=61))
@@ -130,6 +150,7 @@ def lines_of(displacements):
         frames=frames(count),
         displacement_m=moved,
         length_m=np.linalg.norm(moved, axis=1),
+        length_sigma_m=np.zeros(count),
         current_from_previous=np.repeat(np.eye(3)[None], count, axis=0),
         turn_rad=np.zeros(count),
         directed=np.zeros(count, dtype=bool),

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flightdepth.flight.position_noise import smoothed
 from flightdepth.flight.positions import fixes
 from flightdepth.flight.records import (
     FASTEST_M_S,
@@ -24,12 +25,13 @@ LEAST_STEP_S = 0.1  # over less, a centimetre of noise is a large velocity
 def samples_along(stamps_ns: Stamps, ned: Vector) -> list[Sample]:
     """Positions [n, 3], metres north, east, down, at rising stamps [n >= 1], and velocities along them.
 
-    Where a row repeats the position before until the receiver has a new one, it tells nothing. Velocities are told at
-    positions LEAST_STEP_S apart, the mean of the slopes before and after; none across a gap of more than MAX_GAP_S,
-    nor across a jump. Empty where no two positions belong together.
+    Where a row repeats the position before until the receiver has a new one, it tells nothing; positions that jitter
+    are `smoothed`. Velocities are told at positions LEAST_STEP_S apart, the mean of the slopes before and after; none
+    across a gap of more than MAX_GAP_S, nor across a jump. Empty where no two positions belong together.
     """
     told = fixes((stamps_ns - stamps_ns[0]) / NS_PER_S, ned)
-    stamps_ns, ned = stamps_ns[told], ned[told]
+    stamps_ns = stamps_ns[told]
+    ned = smoothed((stamps_ns - stamps_ns[0]) / NS_PER_S, ned[told])
     apart = _apart(stamps_ns.tolist())
     velocities = _velocities(stamps_ns[apart], ned[apart])
     if not velocities:

@@ -3,6 +3,7 @@
 A static point of inverse depth w = 1 / Z on the ray (x, y, 1) was seen at (x + w d_x, y + w d_y) / (1 + w d_z). A turn
 that is left unknown moves it along its line too, and is taken for parallax; a wrong direction changes by how much a
 depth moves it. Both make w wrong by a share that grows towards the focus of expansion, and for a turn with depth.
+A wrong length of the displacement makes every depth wrong by its own share.
 """
 
 from __future__ import annotations
@@ -25,12 +26,19 @@ def widened(prediction: Prediction, pairs: Iterable[Pair], camera: Camera) -> Pr
     if prediction.sigma_m is None:
         return prediction
     sigma_m = [
-        own
-        if pair.covariance is None
-        else with_motion_error(own, depth_m, pair.displacement_m, pair.covariance, camera)
+        _with_pairs_error(own, depth_m, pair, camera)
         for own, depth_m, pair in zip(prediction.sigma_m, prediction.depth_m, pairs, strict=True)
     ]
     return replace(prediction, sigma_m=np.stack(sigma_m))
+
+
+def _with_pairs_error(sigma_m: Map, depth_m: Map, pair: Pair, camera: Camera) -> Map:
+    if pair.covariance is not None:
+        sigma_m = with_motion_error(sigma_m, depth_m, pair.displacement_m, pair.covariance, camera)
+    if pair.length_sigma_m:
+        share = np.float32(pair.length_sigma_m / pair.length_m)
+        sigma_m = np.asarray(np.hypot(sigma_m, share * depth_m), np.float32)
+    return sigma_m
 
 
 def with_motion_error(

@@ -11,7 +11,7 @@ import numpy as np
 
 from flightdepth.levels import AnyImage, packed, unpacked
 from flightdepth.motion import Vector
-from flightdepth.ranges.displacement import States, Trajectory
+from flightdepth.ranges.displacement import Trajectory
 from flightdepth.runtimes.arrays import Flags
 
 MAX_FRAMES = 128
@@ -96,6 +96,7 @@ class Baselines:
     frames                 [k]        oldest first
     displacement_m         [k, 3]     current camera's orientation where `directed`, else world
     length_m               [k]
+    length_sigma_m         [k]        its standard deviation, as the log tells it; 0 where it does not
     current_from_previous  [k, 3, 3]  the identity where an attitude is unknown
     turn_rad               [k]
     directed               [k]        whether the displacement's direction is known to the camera
@@ -106,6 +107,7 @@ class Baselines:
     frames: Frames
     displacement_m: Vector
     length_m: Vector
+    length_sigma_m: Vector
     current_from_previous: Vector
     turn_rad: Vector
     directed: Flags
@@ -129,13 +131,14 @@ def baselines(
     connected = (states.segment[:-1] == states.segment[-1]) & (states.segment[-1] >= 0)
     steady = turn_rad <= max_turn_rad
     seconds = np.asarray((stamp_ns - stamps[:-1]) * 1e-9, dtype=np.float64)
-    moved = length >= _least_baseline(states, seconds, measured=trajectory.from_poses)
+    drift_m = np.asarray(states.sigma_m[-1] - states.sigma_m[:-1])
+    moved = length >= _least_baseline(drift_m, seconds, measured=trajectory.from_poses)
     current = stamp_ns, int(states.segment[-1])
     reason = _reason(frames, current, length, (connected, steady, moved))
     displacement = np.where(oriented[:, None], in_camera, world)
     directed = oriented | trajectory.non_rotating
     usable = connected & steady & moved
-    return Baselines(frames, displacement, length, turn, turn_rad, directed, usable, reason)
+    return Baselines(frames, displacement, length, drift_m, turn, turn_rad, directed, usable, reason)
 
 
 @dataclass(frozen=True)
@@ -143,9 +146,9 @@ class Pair:
     """An earlier frame chosen for the current one.
 
     displacement_m (3,) and directed as in Baselines, or seen, where the pictures tell its direction to the camera;
-    length_m its length, depth_m the depth that asked for it, current_from_previous (3, 3), turn_rad
-    its angle; covariance (6, 6) of what its rotation and direction may still be off (`Remainder.left_open`), None
-    where the pictures were not asked.
+    length_m its length and length_sigma_m the deviation of that; depth_m the depth that asked for it;
+    current_from_previous (3, 3), turn_rad its angle; covariance (6, 6) of what its rotation and direction may still be
+    off (`Remainder.left_open`), None where the pictures were not asked.
     """
 
     previous: AnyFrame
@@ -154,6 +157,7 @@ class Pair:
     depth_m: float
     current_from_previous: Vector
     turn_rad: float
+    length_sigma_m: float = 0.0
     directed: bool = True
     seen: bool = False
     covariance: Vector | None = None
@@ -181,6 +185,7 @@ def _pair(lines: Baselines, k: int, depth_m: float = np.nan) -> Pair:
         depth_m=depth_m,
         current_from_previous=lines.current_from_previous[k],
         turn_rad=float(lines.turn_rad[k]),
+        length_sigma_m=float(lines.length_sigma_m[k]),
         directed=bool(lines.directed[k]),
     )
 
@@ -214,11 +219,10 @@ def same_way(displacements_m: Vector, one_m: Vector) -> Flags:
     return np.asarray(displacements_m @ one_m >= np.cos(SAME_WAY_RAD) * lengths)
 
 
-def _least_baseline(states: States, seconds: Vector, *, measured: bool) -> Vector:
-    """Metres [k] that a displacement to the last state needs; a measured position has no drift that grows with time."""
+def _least_baseline(drift_m: Vector, seconds: Vector, *, measured: bool) -> Vector:
+    """Metres [k] that a displacement needs; a measured position has no drift that grows with time."""
     if measured:
         return np.full(len(seconds), MIN_BASELINE_M)
-    drift_m = states.sigma_m[-1] - states.sigma_m[:-1]
     hidden_m = np.maximum(MIN_SPEED_M_S * seconds, SPEED_OVER_SIGMA * drift_m)
     return np.asarray(hidden_m.clip(MIN_BASELINE_M), np.float64)
 
