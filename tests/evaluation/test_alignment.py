@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from plane_pairs import plane_pair
@@ -11,7 +13,9 @@ from plane_pairs import plane_pair
 from flightdepth.camera import Camera
 from flightdepth.runtimes import alignment
 from flightdepth.runtimes.alignment import align, clues_of
+from flightdepth.runtimes.left_rotation import mended_depth, rotated_flow
 from flightdepth.runtimes.network import Network, load_network
+from flightdepth.triangulation import flow_of_depth
 from tests_networks import swept_card
 
 SQUARE = Camera(128, 128, 64.0, 64.0, 63.5, 63.5)
@@ -134,6 +138,16 @@ def test_an_aligned_depth_stays_within_the_network_s_range(monkeypatch: pytest.M
     assert found.depth_m == pytest.approx(100 / 0.3, rel=1e-5)
 
 
+def test_an_aligned_depth_is_no_nearer_than_the_network_s_range(monkeypatch: pytest.MonkeyPatch) -> None:
+    says = np.stack([np.full((32, 32), -3.0, np.float32), np.full((32, 32), 0.1, np.float32)])
+    monkeypatch.setattr(alignment, "judge", lambda: lambda _: says)
+    depth_m = np.full((1, 32, 32), 20.0, np.float32)
+    output = {"depth_m": depth_m, "sigma_m": 0.15 * depth_m}
+    card = swept_card().model_copy(update={"depth_min_m": 10.0})
+    align(card, output, [BLANK], BLANK, np.array([[1.0, 0, 0]]), camera=SQUARE)
+    assert (output["depth_m"] == 10).all()
+
+
 def test_a_depth_is_aligned_through_another_lens_than_the_card_s() -> None:
     """Twice the focal length, at which an output is worth another depth; one that is a fourth wrong is mended."""
     camera, card = SQUARE.zoomed(2.0), swept_card()
@@ -153,3 +167,118 @@ def test_the_judge_is_told_how_far_the_flow_left_the_line(monkeypatch: pytest.Mo
     depth, sigma = np.full((32, 32), 6.0, np.float32), np.full((32, 32), 0.1, np.float32)
     clues, _ = clues_of(previous, current, depth, sigma, np.array([1.0, 0, 0]), camera=SQUARE)
     assert np.median(clues[3][MIDDLE]) == pytest.approx(np.log1p(3 * 2), abs=0.05)
+
+
+# What the judge is told, of a flow that is given
+
+
+@pytest.fixture
+def flown(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
+    """Flow is what it starts from, times and plus what stands here; no rotation is left."""
+    change = [np.float32(1), np.zeros((128, 128, 2), np.float32)]
+
+    class Given:
+        def calc(self, current: np.ndarray, previous: np.ndarray, start: np.ndarray) -> np.ndarray:
+            return start * change[0] + change[1]
+
+    monkeypatch.setattr(alignment, "_FLOW", SimpleNamespace(dis=Given()))
+    monkeypatch.setattr(alignment, "left_rotation", lambda *_: None)
+    return change
+
+
+def clues_along_x(depth: float = 6.0, sigma: float = 0.1) -> np.ndarray:
+    maps = (np.full((32, 32), value, np.float32) for value in (depth, sigma))
+    return clues_of(BLANK[..., 0], BLANK[..., 0], *maps, np.array([1.0, 0, 0]), camera=SQUARE)[0]
+
+
+def test_flow_starts_from_where_the_network_says_that_points_were(flown: list[np.ndarray]) -> None:
+    ratio, *_ = clues_along_x()
+    assert ratio[MIDDLE] == pytest.approx(0, abs=1e-5)
+
+
+@pytest.mark.parametrize(("times", "ratio"), [(1.5, np.log(1.5)), (20, 2), (0.01, -2)])
+def test_the_judge_is_told_of_no_more_than_e_squared_times_another_depth(
+    flown: list[np.ndarray], times: float, ratio: float
+) -> None:
+    flown[0] = np.float32(times)
+    assert clues_along_x(depth=60.0)[0][:, :10] == pytest.approx(ratio, abs=1e-4)
+
+
+def test_the_judge_is_told_how_rough_the_flow_is_within_a_block(flown: list[np.ndarray]) -> None:
+    """Pixels beside each other two pixels to the left and to the right of the mean."""
+    flown[1][..., 0] = np.where(np.indices((128, 128)).sum(0) % 2, 2, -2)
+    ratio, _, _, off, rough, *_ = clues_along_x()
+    assert rough[MIDDLE] == pytest.approx(np.log1p(3 * 2), abs=1e-4)
+    assert (ratio[MIDDLE], off[MIDDLE]) == (pytest.approx(0, abs=1e-5), pytest.approx(0, abs=1e-4))
+
+
+def test_the_judge_is_told_of_no_smaller_doubt_and_shift_than_count(flown: list[np.ndarray]) -> None:
+    _, doubt, moved, *_ = clues_along_x(depth=1e6, sigma=1e-6)
+    assert (doubt[5, 5], moved[5, 5]) == (pytest.approx(np.log(0.005)), pytest.approx(np.log(0.05)))
+
+
+@pytest.mark.parametrize(
+    ("moved", "block", "held"),
+    [
+        ((1.51, 0), (5, -1), 0),
+        ((1.51, 0), (5, 0), 1),
+        ((-1.51, 0), (5, 0), 0),
+        ((0, 1.51), (-1, 5), 0),
+        ((0, 1.51), (0, 5), 1),
+        ((0, -1.51), (0, 5), 0),
+        ((1.49, 1.49), (-1, -1), 1),
+        ((-1.49, -1.49), (0, 0), 1),
+    ],
+)
+def test_the_earlier_picture_holds_a_block_whose_middle_is_in_it(
+    flown: list[np.ndarray], moved: tuple[float, float], block: tuple[int, int], held: float
+) -> None:
+    """The middle of the outermost blocks is 1.5 pixels from that of the outermost pixels."""
+    flown[0], flown[1][:] = np.float32(0), moved
+    assert clues_along_x()[-1][block] == held
+
+
+@pytest.mark.parametrize(
+    ("direction", "change"), [([1.0, 0, 0], 1.0), ([0.6, 0.8, 0], 0.04), ([0.6, -0.8, 0], 1.96)]
+)
+def test_contrast_across_the_line_tells_of_rotation(
+    flown: list[np.ndarray], monkeypatch: pytest.MonkeyPatch, direction: list[float], change: float
+) -> None:
+    """A level a pixel to the right, and one down; squared."""
+    told = []
+    monkeypatch.setattr(alignment, "left_rotation", lambda _, contrast, *__: told.append(contrast))
+    slope = np.add.outer(np.arange(128), np.arange(128)).astype(np.uint8)
+    maps = np.full((32, 32), 6.0, np.float32), np.full((32, 32), 0.1, np.float32)
+    clues_of(slope, slope, *maps, np.array(direction), camera=SQUARE)
+    assert told[0][MIDDLE] == pytest.approx(change, abs=1e-4)
+
+
+def test_a_rotation_is_taken_out_of_the_flow_and_of_the_depth(
+    flown: list[np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A flow that a turn made is none, and the network's depth is what it would have said without."""
+    turn, way = np.array([0.0, 0.01, 0.0]), np.array([1.0, 0, 0])
+    depth = np.full((32, 32), 6.0, np.float32)
+    start = flow_of_depth(depth, way, SQUARE.resized(32, 32)) * 4
+    made = rotated_flow((start * 0).astype(np.float32), turn, SQUARE)
+    flown[1] = cv2.resize(made, (128, 128))
+    clues = []
+    for rotation in (None, turn):
+        monkeypatch.setattr(alignment, "left_rotation", lambda *_, rotation=rotation: rotation)
+        clues.append(clues_of(BLANK[..., 0], BLANK[..., 0], depth, 0.1 + 0 * depth, way, camera=SQUARE))
+    mended = mended_depth(depth, turn, way, SQUARE)
+    np.testing.assert_allclose(clues[1][1], mended)
+    assert np.abs(np.log(mended / depth)).min() > 0.05
+    shifts = [np.exp(told[0][MIDDLE]) / depth_then[MIDDLE] for told, depth_then in clues]
+    assert np.median(shifts[1]) == pytest.approx(1 / 6, rel=0.01)
+    assert abs(np.median(shifts[0]) * 6 - 1) > 0.05
+
+
+def test_the_error_bar_is_the_judge_s_share_of_the_aligned_depth(monkeypatch: pytest.MonkeyPatch) -> None:
+    says = np.stack([np.full((32, 32), value, np.float32) for value in (0.5, 0.1)])
+    monkeypatch.setattr(alignment, "judge", lambda: lambda _: says)
+    depth_m = np.full((1, 32, 32), 20.0, np.float32)
+    output = {"depth_m": depth_m, "sigma_m": 0.15 * depth_m}
+    align(swept_card(), output, [BLANK], BLANK, np.array([[1.0, 0, 0]]), camera=SQUARE)
+    assert output["depth_m"] == pytest.approx(20 * np.exp(0.5), rel=1e-4)
+    assert output["sigma_m"] == pytest.approx(2 * np.exp(0.5), rel=1e-4)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation.baseline_methods import Answer, PeerMethod
-from flightdepth.evaluation.baseline_pairs import BaselinePairs, Witness
+from flightdepth.evaluation.baseline_methods import PEER, Answer, PeerMethod
+from flightdepth.evaluation.baseline_pairs import BaselinePair, BaselinePairs, Moment, Witness
 from flightdepth.evaluation.baseline_sheets import SheetSights, sheet
 from flightdepth.evaluation.baselines import CONSTANT, BaselineStudy, agreement
 from flightdepth.evaluation.bootstrap import interval
@@ -345,6 +345,103 @@ def test_agreement_by_hand():
     assert log == pytest.approx(np.log(2))  # of log 2, 0 and log 4
     assert share == 0.75
     assert agreement(one, other, np.array([[False, True, False, True]])) == (0, 0.5)
+
+
+def test_agreement_is_the_median_of_the_ratios():
+    one, other = answer(10, 10, 10), answer(10, 20, 1280)
+    assert agreement(one, other, np.ones((1, 3), np.bool_))[0] == pytest.approx(np.log(2))
+
+
+@dataclass(frozen=True)
+class Says:
+    """Maps [16, 16] of a depth less what was flown so far, by the displacement's length."""
+
+    depth_m: dict[float, np.ndarray]
+    measured: np.ndarray
+    name: str = "says"
+
+    def answer(self, previous, current, displacement, camera) -> Answer:
+        del previous, current, camera
+        return Answer(np.float32(self.depth_m[float(np.linalg.norm(displacement))]), self.measured)
+
+
+SMALL = Camera(64, 64, 32.0, 32.0, 31.5, 31.5)
+LEFT = np.arange(16) + np.zeros((16, 1), int) < 8  # of a map; of a picture the left half too
+EVERYWHERE = np.ones((16, 16), np.bool_)
+
+
+def enlarged(flags: np.ndarray) -> np.ndarray:
+    return flags.repeat(4, axis=0).repeat(4, axis=1)
+
+
+def moment(index: int = 0, flown_m: float = 0.0, lengths_m=(1.0,)) -> Moment:
+    """A still picture, said to have been flown past sideways."""
+    picture = np.random.default_rng(3).integers(0, 256, (64, 64, 3)).astype(np.uint8)
+    pairs = (
+        BaselinePair(
+            length, np.roll(picture, 1, 1), enlarged(EVERYWHERE), np.array([length, 0, 0]), Witness.LOG
+        )
+        for length in lengths_m
+    )
+    return Moment(index, picture, tuple(pairs), flown_m)
+
+
+def points(
+    measured: np.ndarray, *, valid=EVERYWHERE, depth_m: float = 20.0, flown_m: float = 3.1
+) -> tuple[int, int]:
+    """Of how many tracks there are slopes, of all and of those that moved, while so many metres are flown."""
+    depths_m, known = {1.0: np.full((16, 16), depth_m)}, enlarged(valid)
+    study = BaselineStudy([Says(depths_m, measured)], SMALL, valid, known, (1.0,))
+    for index, flown in enumerate(np.linspace(0, flown_m, 15)):
+        depths_m[1.0] = np.full((16, 16), depth_m - flown)
+        study.add(moment(index, float(flown)))
+    result = study.result()
+    return rows(result, "slope", "says")[0]["points"], rows(result, "slope_of_moved", "says")[0]["points"]
+
+
+def test_points_are_tracked_where_they_are_measured_within_the_picture():
+    assert points(LEFT, valid=LEFT)[0] > 0
+    assert points(~LEFT, valid=LEFT)[0] == 0
+
+
+def test_points_are_tracked_over_three_metres():
+    assert points(EVERYWHERE, flown_m=2.9)[0] == 0
+
+
+@pytest.mark.parametrize(("depth_m", "moved"), [(31.5, True), (36.0, False)])
+def test_points_that_moved_are_those_that_moved_by_a_pixel(depth_m, moved):
+    """32 px of focal length, a metre: 31.5 to 28.4 m away by more than a pixel, 36 to 32.9 m away by less."""
+    all_of_them, those = points(EVERYWHERE, depth_m=depth_m)
+    assert all_of_them > 0
+    assert (those > 0) == moved
+
+
+def test_padding_is_not_counted_as_unmeasured():
+    study = BaselineStudy([Says({1.0: np.full((16, 16), 9.0)}, LEFT)], SMALL, LEFT, enlarged(LEFT), (1.0,))
+    study.add(moment())
+    (row,) = rows(study.result(), "photometric", "says")
+    assert row["pixels_measured"] == 1
+
+
+def test_padding_of_the_current_picture_is_not_compared():
+    study = BaselineStudy([Says({1.0: np.full((16, 16), 9.0)}, LEFT)], SMALL, LEFT, enlarged(LEFT), (1.0,))
+    (sight,) = study.add(moment())
+    assert np.isnan(sight.errors["says"][:, 32:]).all()
+    assert np.isnan(sight.unmoved[:, 32:]).all()
+
+
+def test_what_agrees_where_the_peer_measures_is_told_apart():
+    """On the right, where the peer measures nothing, depth doubles with the baseline; padding aside."""
+    valid = EVERYWHERE.copy()
+    valid[:, :6] = False
+    depths_m = {1.0: np.full((16, 16), 9.0), 2.0: np.where(LEFT, 9.0, 18.0)}
+    peer = Says({1.0: depths_m[1.0], 2.0: depths_m[1.0]}, LEFT, PEER)
+    study = BaselineStudy([Says(depths_m, EVERYWHERE), peer], SMALL, valid, enlarged(EVERYWHERE), (1.0, 2.0))
+    study.add(moment(lengths_m=(1.0, 2.0)))
+    (row,) = rows(study.result(), "agreement", "says")
+    assert row["median_log_ratio"]["mean"] == pytest.approx(np.log(2))
+    assert row["median_log_ratio_where_peer_measures"]["mean"] == 0
+    assert row["measured_by_both"]["mean"] == 1
 
 
 def test_nothing_measured_by_both_agrees_on_nothing():

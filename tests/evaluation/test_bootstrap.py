@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flightdepth.evaluation.bootstrap import AT_ONCE, DRAWS, with_ends
+from flightdepth.evaluation.bootstrap import AT_ONCE, DRAWS, interval, with_ends
 
 
 def test_a_long_flight_s_values_are_not_drawn_all_at_once():
@@ -22,3 +22,9 @@ def test_a_long_flight_s_values_are_not_drawn_all_at_once():
 def test_an_interval_holds_the_mean_of_one_value_and_none_of_nothing():
     assert with_ends(np.array([3.0]), np.mean) == (3, 3, 3)
     assert np.isnan(with_ends(np.zeros(0), np.mean)).all()
+
+
+def test_an_interval_over_frames_is_that_of_their_mean():
+    found = interval([1.0, 2.0, float("nan"), 9.0])
+    assert (found["mean"], found["frames"]) == (4, 3)
+    assert found["low"] < 4 < found["high"]

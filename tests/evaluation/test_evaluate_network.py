@@ -150,6 +150,50 @@ def test_a_set_of_another_focal_length_is_refused() -> None:
         evaluate_network(network, pairs(), set_name="planes")
 
 
+@pytest.mark.parametrize(
+    ("focal_px", "shape"), [(64 * 1.02, (64, 128)), (64.0, (60, 128)), (64.0, (64, 120))]
+)
+def test_a_pair_a_little_out_of_what_the_network_knows_is_refused(
+    focal_px: float, shape: tuple[int, int]
+) -> None:
+    pair = replace(pairs()[0], focal_px=focal_px, depth_m=np.ones(shape, np.float32))
+    with pytest.raises(BadInput, match=r"focal length 64 px and sides of 64 px multiples"):
+        Task.of(pair, CARD)
+
+
+def test_a_focal_length_less_than_a_per_cent_off_is_the_pair_s_own() -> None:
+    camera = Task.of(replace(pairs()[0], focal_px=64.5), CARD).camera
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == (64.5, 64.5, 63.5, 31.5)
+
+
+def test_a_block_tells_one_of_its_pixels_and_how_far_they_are_apart() -> None:
+    rows, columns = np.indices((64, 128), np.float32)
+    depth_m = 2 + rows % 4 + 4 * (columns % 4)  # 2 to 17 m
+    task = Task.of(replace(pairs()[0], depth_m=depth_m), CARD)
+    assert task.sampled_m == pytest.approx(np.full((16, 32), 2 + 2 + 4 * 2), rel=1e-5)
+    assert task.apart == pytest.approx(np.full((16, 32), 17 / 2), rel=1e-5)
+    assert task.truth_m == pytest.approx(np.full((16, 32), 9.5), rel=1e-5)
+
+
+def test_a_network_is_asked_of_the_pair_or_of_what_is_given_instead() -> None:
+    class Asked:
+        def at_focal(self, focal_px: float) -> Asked:
+            assert focal_px == 64
+            return self
+
+        def predict(
+            self, previous: list[np.ndarray], current: np.ndarray, moved: np.ndarray, _: Camera
+        ) -> tuple:
+            return previous[0], current, moved
+
+    pair = pairs()[0]
+    task, other, way = Task.of(pair, CARD), pairs()[1].current, np.array([0.0, 0.1, 0.0])
+    plain, wrong = task.ask(Asked(), pair), task.ask(Asked(), pair, previous=other, nominal=way)
+    assert plain[0] is pair.previous and wrong[0] is other
+    assert plain[1] is wrong[1] is pair.current
+    assert (plain[2].tolist(), wrong[2].tolist()) == ([task.nominal.tolist()], [way.tolist()])
+
+
 def test_a_pair_without_displacement_is_refused() -> None:
     pair = pairs()[0]
     still = PlanePair(pair.previous, pair.current, pair.depth_m, np.zeros(3), pair.focal_px)

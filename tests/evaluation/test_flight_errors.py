@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from flightdepth.evaluation.flight_errors import DepthRange, FlightErrors
+from flightdepth.evaluation.flight_errors import DepthRange, FlightErrors, cells_of
+from flightdepth.evaluation.metrics import DepthErrors
 
 RANGES = (DepthRange("near", 0, 10), DepthRange("far", 10, 100))
 TRUTH = np.array([[5, 20], [40, np.nan]], np.float32)
@@ -45,6 +46,23 @@ def test_a_range_that_never_occurs_is_nan() -> None:
     far = errors.result()["ours"][1]
     assert far.pixels == 0
     assert np.isnan([far.known, far.l1_m, far.abs_rel]).all()
+
+
+def test_an_edge_belongs_to_the_range_above() -> None:
+    truth = np.full((2, 2), 10, np.float32)
+    near, far = FlightErrors(RANGES).add("ours", truth, truth)
+    assert (near.pixels, far.pixels) == (0, 4)
+
+
+@pytest.mark.parametrize("nothing", [0.0, -1.0, np.nan])
+def test_a_truth_that_is_none_is_in_no_range(nothing: float) -> None:
+    truth = np.full((2, 2), nothing, np.float32)
+    assert [row.pixels for row in FlightErrors(RANGES).add("ours", TRUTH, truth)] == [0, 0]
+
+
+def test_a_row_tells_the_relative_error_the_mean_error_and_what_is_known() -> None:
+    errors = DepthErrors(pixels=9, known=0.5, l1_m=3.0, rmse_m=4.0, abs_rel=0.1, delta=0.9)
+    assert cells_of(errors) == ("10 %", "3.0", "50 %")
 
 
 def test_estimators_stand_side_by_side() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from rich.console import Console
@@ -121,6 +123,74 @@ def test_the_worst_frames_come_first_and_one_without_depth_is_none_of_them() -> 
     assert found.range_errors()[0].known == pytest.approx(0.75)
 
 
+def counted(truth_m, depth_m, **said) -> FlightTruth:
+    """One frame, of a row of pixels."""
+    found = FlightTruth(RANGES)
+    found.add(0, maps(np.array([depth_m]), **said), np.array([truth_m], np.float32))
+    return found
+
+
+def test_a_depth_of_0_is_none() -> None:
+    assert counted([10, 10], [0, 10]).range_errors()[0].known == 0.5
+
+
+def test_confidence_is_not_judged_where_the_truth_is_unknown() -> None:
+    rows = counted([10, NAN], [10, 10]).figures()["confidence"]
+    assert [(row["of_depth"], row["right_within_a_quarter"]) for row in rows] == [(0, None), (1, 1), (1, 1)]
+
+
+def test_confidence_counts_from_its_limit_on() -> None:
+    rows = counted([10, 10], [10, 10], confidence=0.75).figures()["confidence"]
+    assert [(row["at_least"], row["of_depth"]) for row in rows] == [(0.9, 0), (0.75, 1), (0.5, 1)]
+
+
+def test_a_depth_without_a_deviation_says_nothing_of_it() -> None:
+    assert counted([10, 10], [11, 11], sigma_m=[[2, NAN]]).figures()["ranges"][0]["inside_sigma"] == 1
+
+
+def test_an_error_as_large_as_sigma_is_inside() -> None:
+    assert counted([10, 10], [11, 12], sigma_m=[[1, 1]]).figures()["ranges"][0]["inside_sigma"] == 0.5
+
+
+def test_a_bound_holds_to_the_centimetre_that_files_tell() -> None:
+    farther = counted([99.995, 99.98], [NAN, NAN], farther_m=100).figures()["farther_than_holds"]
+    nearer = counted([60.005, 60.02], [NAN, NAN], nearer_m=60).figures()["nearer_than_holds"]
+    assert farther == nearer == {"pixels": 2, "share": 0.5}
+
+
+def test_bounds_are_told_of_a_share_of_all_pixels_with_a_truth() -> None:
+    found = counted(
+        [90, 30, 40, NAN], [90, 30, NAN, NAN], farther_m=[[NAN, NAN, 20, 20]], nearer_m=[[99, NAN, NAN, 9]]
+    )
+    assert found.told_farther.share == pytest.approx(1 / 3)
+    assert found.told_nearer.share == pytest.approx(1 / 3)
+
+
+def test_what_is_in_no_range_since_it_is_too_far_is_beyond_them() -> None:
+    assert counted([150, 149], [NAN, NAN]).figures()["beyond_the_ranges"] == {"pixels": 2, "share": 0.5}
+
+
+def test_a_frame_that_is_too_near_may_be_the_worst() -> None:
+    found = FlightTruth(RANGES)
+    for index, depth in ((1, 11.0), (2, 5.0)):
+        found.add(index, maps(np.full(SHAPE, depth)), np.full(SHAPE, 10, np.float32))
+    assert [frame.index for frame in found.worst(2)] == [2, 1]
+
+
+def test_all_ranges_together_begin_where_the_first_does() -> None:
+    found = FlightTruth([DepthRange("", 10, 20), DepthRange("", 20, 40)])
+    found.add(0, maps([[5, 15, 25]]), np.array([[5, 15, 25]], np.float32))
+    assert [row["pixels"] for row in found.figures()["ranges"]] == [1, 1, 2]
+
+
+def test_each_map_of_a_folder_is_taken_for_what_it_is() -> None:
+    names = ("depth_m", "confidence", "sigma_m", "farther_than_m", "nearer_than_m")
+    told = {name: np.full((4, 6), k, np.float32) for k, name in enumerate(names, 1)}
+    folder = SimpleNamespace(**{name: lambda index, name=name: told[name] * index for name in names})
+    found = FrameMaps.of(folder, 10, (2, 3))
+    assert [getattr(found, name).tolist() for name in names] == [[[10.0 * k] * 3] * 2 for k in range(1, 6)]
+
+
 def test_ratios_of_any_size_have_their_quantiles() -> None:
     values = np.random.default_rng(1).lognormal(sigma=2, size=9999)
     ratios = Ratios()
@@ -132,6 +202,27 @@ def test_ratios_of_any_size_have_their_quantiles() -> None:
     assert ratios.abs_rel(2.0) == pytest.approx(np.abs(values / 2 - 1).mean(), rel=1e-3)
     ratios.add(np.array([1e-300, 1e300]))
     assert ratios.count == 10001
+
+
+@pytest.mark.parametrize(("share", "ratio"), [(0, 2), (1, 3)])
+def test_the_least_and_the_largest_ratio_are_the_ends(share: float, ratio: float) -> None:
+    ratios = Ratios()
+    ratios.add(np.array([2.0, 2.5, 3.0]))
+    assert ratios.quantile(share) == pytest.approx(ratio, rel=6e-4)
+
+
+@pytest.mark.parametrize("ratio", [0.25, 1.0, 1.7])
+def test_ratios_are_told_to_a_twentieth_of_a_per_cent(ratio: float) -> None:
+    ratios = Ratios()
+    ratios.add(np.full(9, ratio))
+    assert ratios.quantile(0.5) == pytest.approx(ratio, rel=5e-4)
+
+
+def test_the_mean_error_of_ratios_is_more_exact_than_a_single_one() -> None:
+    values = np.random.default_rng(2).uniform(1.4, 1.6, 9999)
+    ratios = Ratios()
+    ratios.add(values)
+    assert ratios.abs_rel() == pytest.approx(np.abs(values - 1).mean(), rel=1e-4)
 
 
 def test_no_ratios_have_no_quantiles() -> None:

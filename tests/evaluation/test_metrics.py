@@ -73,6 +73,20 @@ def test_a_truth_of_0_has_an_error_in_metres_alone() -> None:
     assert (errors.l1_m, errors.abs_rel, errors.delta) == (2, 0.5, 0)
 
 
+def test_a_depth_is_known_whether_or_not_its_truth_is_0() -> None:
+    assert picture_errors(ONES * 3, np.array([[0, 2], [0, 2]], np.float32)).known == 1
+
+
+def test_an_infinite_depth_is_none() -> None:
+    errors = picture_errors(np.array([[3, np.inf], [3, 3]], np.float32), ONES)
+    assert (errors.l1_m, errors.known) == (2, 0.75)
+
+
+def test_an_infinite_truth_as_of_a_sky_is_none() -> None:
+    errors = picture_errors(ONES * 3, np.array([[1, np.inf], [1, 1]], np.float32))
+    assert (errors.pixels, errors.l1_m) == (3, 2)
+
+
 @pytest.mark.parametrize(("prediction", "truth"), [(NOTHING, ONES), (ONES, NOTHING), (NOTHING, NOTHING)])
 def test_nothing_valid_is_nan(prediction: np.ndarray, truth: np.ndarray) -> None:
     errors = picture_errors(prediction, truth)
@@ -139,6 +153,22 @@ def test_a_set_is_the_mean_over_its_pictures() -> None:
 def test_a_picture_without_truth_does_not_count() -> None:
     pictures = [picture_errors(ONES * 3, ONES), picture_errors(ONES, NOTHING)]
     assert summary(pictures, [(0, 0, 1), (0, 0, 1)])["l1_m"] == 2
+
+
+def test_a_picture_without_truth_does_not_spoil_its_angle_of_travel() -> None:
+    pictures = [picture_errors(ONES * 3, ONES), picture_errors(ONES, NOTHING)]
+    row = summary(pictures, [(0, 0, 1), (0, 0, 1)])["travel_angles"][0]
+    assert (row["pictures"], row["l1_m"]) == (2, 2)
+
+
+def test_straight_back_is_the_last_angle_of_travel() -> None:
+    row = summary([picture_errors(ONES * 3, ONES)], [(0, 0, -1)])["travel_angles"][-1]
+    assert (row["from_deg"], row["to_deg"], row["pictures"], row["l1_m"]) == (150, 180, 1, 2)
+
+
+def test_a_depth_bin_tells_how_many_pixels_have_a_depth() -> None:
+    half = picture_errors(np.array([[3, np.nan], [3, np.nan]], np.float32), ONES)
+    assert summary([half], [(0, 0, 1)])["depth_bins"][0]["pixels"] == 2
 
 
 def test_depth_bins_pool_the_pixels_of_all_pictures() -> None:

@@ -52,6 +52,15 @@ def test_next_to_the_focus_of_expansion_stands_the_median() -> None:
     assert depth_m[64, 96] == pytest.approx(10, rel=0.02)
 
 
+def test_that_median_is_the_one_of_all_other_pixels() -> None:
+    pair = plane_pair(CAMERA, FORWARD, tilt=0.9)
+    depth_m = ClassicalPeer(0, 100).depth(pair.previous, pair.current, FORWARD, CAMERA)
+    blind = inverse_depth(np.zeros((128, 192, 2), np.float32), FORWARD, CAMERA)[1] < BLIND_PX * 10
+    others = depth_m[~blind]
+    assert set(depth_m[blind]) == {np.median(others)}
+    assert abs(others.mean() / np.median(others) - 1) > 0.01
+
+
 def test_without_a_displacement_nothing_is_known() -> None:
     pair = plane_pair(CAMERA, LATERAL)
     depth_m = ClassicalPeer(0, 100).depth(pair.previous, pair.current, (0.0, 0.0, 0.0), CAMERA)

@@ -1,13 +1,21 @@
 """The scale of an error bar, fitted with a network whose errors are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plane_pairs import plane_pair
 
 from flightdepth.camera import Camera
-from flightdepth.evaluation.fixed_set import fixed_set
+from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set
 from flightdepth.evaluation.network import evaluate_network
-from flightdepth.evaluation.sigma_scale import calibration_set, fitted_sigma_scale
+from flightdepth.evaluation.sigma_scale import (
+    believed,
+    calibration_set,
+    fitted_sigma_scale,
+    outdoor_calibration_set,
+)
+from flightdepth.ranges.fusion import WORST_SIGMA, ends
 from flightdepth.runtimes.network import Network
 from flightdepth.weights.store import SHIPPED, read_card
 
@@ -56,6 +64,43 @@ def test_a_scale_that_grows_with_the_focal_length_is_found() -> None:
         0.0,
         pytest.approx(0.5, abs=0.051),
     )
+
+
+class UnderSky(Drawn):
+    """Half of each other picture is sky, where the errors of the rest are e^0.4 times as large."""
+
+    calls = 0
+
+    def __call__(self, inputs):
+        found = super().__call__(inputs)
+        depth_m, self.calls = found["depth_m"], self.calls + 1
+        if self.calls % 2:
+            depth_m[:] = 25 + (depth_m - 25) * np.float32(np.exp(0.4))
+            depth_m[:, :16] = 99.0
+        return found
+
+
+def test_a_scale_that_grows_with_the_sky_is_found() -> None:
+    """By e^0.4 from 1/32 of it to 1/2."""
+    card = CARD.at_focal(CAMERA.fx)
+    pairs = [plane_pair(CAMERA, (card.D0_m, 0.0, 0.0), distance_m=25.0, seed=seed) for seed in range(8)]
+    scale, growth, power = fitted_sigma_scale(Network(card, UnderSky(1.0), aligned=False), pairs)
+    assert growth == pytest.approx(0.4 / (1 / 2 - 1 / 32), abs=0.11)
+    assert scale * np.exp(growth / 32) == pytest.approx(2, rel=0.06)
+    assert power == 0
+
+
+def test_flights_believe_what_is_within_the_range_and_not_too_uncertain() -> None:
+    lower, upper = (end * CARD.depth_max_m for end in ends(CARD))
+    depth_m = np.array([0.99 * lower, 1.01 * lower, 0.99 * upper, 1.01 * upper, 25, 25])
+    sigma_m = WORST_SIGMA * depth_m * np.array([0.5, 0.5, 0.5, 0.5, 0.99, 1.01])
+    assert believed(CARD, depth_m, sigma_m).tolist() == [False, True, True, False, True, False]
+
+
+def test_outdoors_it_is_fitted_on_other_flights_than_the_error_is_measured_on() -> None:
+    fixed, ours = outdoor_set(CARD, scenes=4), outdoor_calibration_set(CARD, scenes=4)
+    assert ours.seed != fixed.seed
+    assert replace(ours, seed=fixed.seed) == fixed
 
 
 def test_the_card_s_growth_is_no_part_of_what_is_fitted() -> None:

@@ -41,10 +41,44 @@ def test_the_error_itself_is_the_best_order(honest):
     assert spread_summary(error, sigma)["area"] > 0
 
 
+def test_groups_rise_with_sigma_and_tell_means():
+    """Sigma 29^2 + 1 down to 1, three a group."""
+    sigma = np.arange(29.0, -1, -1) ** 2 + 1
+    rows = spread_summary(2 * sigma, sigma)["by_sigma"]
+    assert [row["sigma_m"] for row in rows] == sorted(row["sigma_m"] for row in rows)
+    assert (rows[0]["sigma_m"], rows[0]["l1_m"]) == pytest.approx((8 / 3, 16 / 3))  # of 1, 2 and 5
+
+
+def test_the_area_by_hand():
+    """One of ten errs, and has the least sigma: n pixels that are left have 10 / n of the mean error, or none of it."""
+    error = np.array([1.0] + [0.0] * 9)
+    found = spread_summary(error, 1 - error + 0.1)
+    assert found["area"] == pytest.approx(1 / 2 + sum(1 / n for n in range(2, 10)))
+
+
 def test_left_over_by_hand():
     error = np.array([4.0, 1.0, 2.0, 3.0, 0.0, 5.0, 6.0, 7.0, 8.0, 9.0])
     assert left_over(error, error)[5] == pytest.approx(2.0 / 4.5)
     assert left_over(error, -error)[5] == pytest.approx(7.0 / 4.5)
+
+
+def test_of_few_errors_one_is_left():
+    assert left_over(np.array([1.0, 2.0, 6.0]), np.array([1.0, 2.0, 3.0]))[-1] == pytest.approx(1 / 3)
+
+
+def test_errors_of_nothing_ask_for_no_scale():
+    """0 would have made every bar 0."""
+    assert sigma_scale(np.zeros(4), np.ones(4)) == 1.0
+
+
+def test_pixels_that_tell_nothing_do_not_move_the_growth():
+    rng = np.random.default_rng(3)
+    sigma, far = np.exp(rng.normal(size=2000)), rng.choice([0.0, 0.5], 2000)
+    error = np.abs(rng.normal(0, sigma)) * np.exp(far)
+    told = growing_scale(error, sigma, far)
+    assert told[1] > 0.5
+    nothing = (np.append(values, last) for values, last in ((error, np.nan), (sigma, 1.0), (far, 0.5)))
+    assert growing_scale(*nothing) == pytest.approx(told)
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 3.0])

@@ -27,6 +27,11 @@ def test_whole_numbers_are_centimetres_of_which_the_last_is_sky(tmp_path: Path) 
     np.testing.assert_allclose(truth(tmp_path, stored), expected, rtol=1e-6)
 
 
+def test_numbers_of_more_than_16_bits_have_no_last_one(tmp_path: Path) -> None:
+    found = truth(tmp_path, np.full((2, 4), 65535, np.uint32))
+    np.testing.assert_allclose(found, np.full((2, 4), 655.35), rtol=1e-6)
+
+
 def test_floats_are_metres(tmp_path: Path) -> None:
     stored = np.array([[0, -1, 0.5, 2000], [NAN, INF, -INF, 9]], np.float64)
     found = truth(tmp_path, stored)
@@ -120,6 +125,12 @@ def test_another_shape_is_refused_and_a_rounded_one_is_not(tmp_path: Path) -> No
         true.at(1, CAMERA)
 
 
+def test_a_shape_that_is_two_per_cent_off_is_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "0.npy", np.ones((49, 64)))
+    with pytest.raises(BadInput, match="got 64x49"):
+        TrueDepth(truth_files(tmp_path)).at(0, CAMERA)
+
+
 # Names
 
 
@@ -193,6 +204,30 @@ def test_pictures_named_by_times_have_the_truth_that_is_nearest(tmp_path: Path) 
     assert found.spans == "their times are 1305031102.090 to 1305031102.390 s, the pictures' " + (
         "1305031102.100 to 1305031102.300 s"
     )
+
+
+def test_a_gap_between_pictures_makes_no_truth_nearer(tmp_path: Path) -> None:
+    """80 ms off, where pictures are 100 ms apart but for a gap of 5 s."""
+    touched(tmp_path, ["1305031102.100.png", "1305031102.380.png"])
+    pictures = dict(
+        enumerate(f"{time:.3f}.png" for time in (1305031102.1, 1305031102.2, 1305031102.3, 1305031107.3))
+    )
+    assert names(matched(tmp_path, pictures).files) == {0: "1305031102.100.png"}
+
+
+def test_half_a_step_off_is_near_enough(tmp_path: Path) -> None:
+    touched(tmp_path, ["1305031102.050.png"])
+    pictures = {0: "1305031102.100.png", 1: "1305031102.200.png"}
+    assert names(matched(tmp_path, pictures).files) == {0: "1305031102.050.png"}
+
+
+def test_a_truth_between_two_pictures_is_one_file(tmp_path: Path) -> None:
+    """It was counted twice: of two files none was said to be of no frame."""
+    touched(tmp_path, ["1305031102.150.png", "1305031102.900.png"])
+    pictures = {0: "1305031102.100.png", 1: "1305031102.200.png", 2: "1305031102.300.png"}
+    found = matched(tmp_path, pictures)
+    assert names(found.files) == {0: "1305031102.150.png", 1: "1305031102.150.png"}
+    assert found.of_no_frame == 1
 
 
 def test_numbered_truth_of_pictures_named_by_times_counts_frames(tmp_path: Path) -> None:

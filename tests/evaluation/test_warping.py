@@ -94,3 +94,65 @@ def test_nothing_to_compare_is_nan():
 
 def test_an_output_of_zero_has_an_inverse():
     assert np.isfinite(inverse_at(np.zeros((48, 64), np.float32), CAMERA)).all()
+
+
+def test_a_constant_that_leaves_little_to_compare_is_not_the_best():
+    """Pictures that agree 32 px aside, of 60: less than half of them is inside then."""
+    noise = np.random.default_rng(0).integers(0, 256, (48, 92, 1)).astype(np.uint8).repeat(3, axis=2)
+    camera = Camera(60, 48, 100.0, 100.0, 29.5, 23.5)
+    known = np.ones((48, 60), np.bool_)
+    previous, current = np.ascontiguousarray(noise[:, :60]), np.ascontiguousarray(noise[:, 32:])
+    pair = WarpedPair(
+        previous, current, np.array([1.0, 0.0, 0.0]), camera, known_previous=known, known_current=known
+    )
+    assert matched(pair, np.full((48, 60), 100 / 32, np.float32)) == Match(
+        pytest.approx(0, abs=1e-6), 28 / 60
+    )
+    assert pair.best_constant().error > 0.5
+
+
+def half_known(previous: bool, current: bool) -> WarpedPair:
+    """The left half of a picture, of the other, or of both shows nothing."""
+    pair, half = plane_pair(CAMERA, (0.4, 0.0, 0.0)), ALL.copy()
+    half[:, :128] = False
+    known = {"known_previous": half if previous else ALL, "known_current": half if current else ALL}
+    return WarpedPair(pair.previous, pair.current, pair.displacement, CAMERA, **known)
+
+
+@pytest.mark.parametrize(("previous", "current"), [(True, False), (False, True)])
+def test_padding_of_either_picture_counts_nowhere(previous, current):
+    pair = half_known(previous, current)
+    assert matched(pair, np.full((192, 256), np.inf, np.float32)) == Match(pytest.approx(1), 1)
+    assert np.isfinite(pair.unmoved_map()).sum() == 192 * 128
+
+
+def test_what_is_interpolated_with_padding_is_not_compared():
+    """Seen 0.3 pixels to the left: of the first known column a part is padding."""
+    pair, half = plane_pair(CAMERA, (-0.4, 0.0, 0.0)), ALL.copy()
+    half[:, :128] = False
+    seen = WarpedPair(
+        pair.previous, pair.current, pair.displacement, CAMERA, known_previous=half, known_current=ALL
+    )
+    error = seen.error_map(np.full((192, 256), 200 * 0.4 / 0.3, np.float32))
+    assert np.isnan(error[:, :129]).all()
+    assert np.isfinite(error[:, 129:]).all()
+
+
+def test_what_would_have_been_behind_the_earlier_camera_is_not_compared():
+    pair = plane_pair(CAMERA, (0.2, 0.1, -1.2))
+    error = warped(pair).error_map(np.full((192, 256), 0.5, np.float32))
+    assert np.isnan(error).all()
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_principal_point_need_not_be_in_the_middle(way):
+    camera = Camera(256, 192, 200.0, 180.0, 110.0, 70.0)
+    pair = plane_pair(camera, way)
+    seen = WarpedPair(
+        pair.previous, pair.current, pair.displacement, camera, known_previous=ALL, known_current=ALL
+    )
+    assert matched(seen, pair.depth_m).error < 0.1
+
+
+def test_near_depth_has_its_inverse():
+    assert inverse_at(np.full((48, 64), 0.25, np.float32), CAMERA) == pytest.approx(4)

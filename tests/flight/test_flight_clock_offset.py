@@ -8,7 +8,7 @@ import pytest
 from flightdepth.flight import GyroscopeTrack, Telemetry, VelocitySample
 from flightdepth.flight.apparent_motion import ApparentMotion
 from flightdepth.flight.correlation import correlations
-from flightdepth.flight.offset import estimate_offset
+from flightdepth.flight.offset import ClockOffset, estimate_offset
 from flightdepth.flight.records import NS_PER_S, AttitudeSample, BodyAttitudeSample, by_time
 from flightdepth.flight.signals import STEP_S, Signal, turn_signal
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
@@ -27,12 +27,12 @@ def wandering(seed, *, rate_hz=50.0, span_s=60.0, cut_hz=1.0, columns=3):
     return at_s, values / values.std()
 
 
-def pictures(turn, flow, noise=0.0, course=None):
+def pictures(turn, flow, noise=0.0, course=None, lasts_s=VIDEO_S):
     """What the pictures show, 30 a second: `turn` rad/s [n, 3] and `flow` [n] as functions of time.
 
     `course`: the direction of flight to the right of where the camera looks, radians; unseen where None.
     """
-    at_s = np.arange(0, VIDEO_S, 1 / 30)
+    at_s = np.arange(0, lasts_s, 1 / 30)
     rng = np.random.default_rng(1)
     turns = np.stack([np.interp(at_s, turn[0], column) for column in turn[1].T], axis=1)
     flows = np.interp(at_s, flow[0], flow[1])
@@ -346,3 +346,153 @@ def test_a_gyroscope_that_turns_evenly_does_so_to_both_ends(count):
     track = GyroscopeTrack(stamps_ns, np.full((count, 3), 0.1))
     told = turn_signal(Telemetry("log", (VelocitySample(0, np.ones(3)),), gyroscope=track))
     np.testing.assert_allclose(told.values, track.rates_rad_s)
+
+
+@pytest.mark.parametrize(
+    ("sigma_s", "told_s", "contradicts"),
+    [(0.01, 1.19, False), (0.01, 1.21, True), (0.01, 0.79, True), (0.1, 1.39, False), (0.1, 1.41, True)],
+)
+def test_two_offsets_contradict_each_other_beyond_0_2_s_and_four_deviations(sigma_s, told_s, contradicts):
+    assert ClockOffset(1.0, sigma_s, 0.9, 1e-9, "speed").contradicts(told_s) == contradicts
+
+
+def test_an_offset_is_a_line():
+    found = ClockOffset(-1.2345, 0.0214, 0.876, 3.2e-5, "turn rate")
+    assert str(found) == (
+        "-1.234 s, give or take 0.021 s, by the turn rate (correlation 0.88, odds of another offset 3e-05)"
+    )
+    assert str(replace(found, offset_s=None, reason="no fit")) == "unknown: no fit"
+
+
+def gyroscope(at_s, turn, late_s=0.0):
+    """A log of even speed whose gyroscope tells turns, rad/s."""
+    return Telemetry("t", even_speed(), gyroscope=GyroscopeTrack(np.array(stamps_of(at_s + late_s)), turn))
+
+
+@pytest.mark.parametrize(("within_s", "found"), [(1.4, False), (1.7, True)])
+def test_no_offset_larger_than_what_may_be_is_looked_at(within_s, found):
+    at_s, turn = wandering(1, rate_hz=75)
+    clock = estimate_offset(pictures((at_s, 0.1 * turn), EVEN), gyroscope(at_s, 0.1 * turn, -1.5), within_s)
+    assert (clock.offset_s == pytest.approx(1.5, abs=0.01)) == found
+
+
+@pytest.mark.parametrize(("within_s", "found"), [(1.2, False), (1.8, True)])
+@pytest.mark.parametrize("witness", ["speed", "direction"])
+def test_by_no_witness_is_a_larger_offset_looked_at(witness, within_s, found):
+    at_s, change = wandering(3, cut_hz=0.3)
+    speed = np.abs(6 + 2 * change[:, 0])
+    if witness == "speed":
+        log = Telemetry("t", even_speed(speed=lambda t: np.interp(t, at_s, speed)))
+        seen = pictures((at_s, 0 * change), (at_s, speed / 20))
+    else:
+        log, seen = flown(COURSE, frame="camera"), pictures(STEADY, EVEN, 0.01, COURSE)
+    clock = estimate_offset(seen, log.later_by(-3 * NS_PER_S // 2), within_s)
+    assert (clock.witness == witness and clock.offset_s == pytest.approx(1.5, abs=0.1)) == found
+
+
+@pytest.mark.parametrize("offset_s", [-0.01, 0.01, 0.02, 0.03])
+def test_the_offset_lies_between_the_steps_of_the_curve(offset_s):
+    """Steps of 0.04 s."""
+    at_s, turn = wandering(1, rate_hz=75)
+    found = estimate_offset(pictures((at_s, 0.1 * turn), EVEN), gyroscope(at_s, 0.1 * turn, -offset_s), 0.5)
+    assert found.offset_s == pytest.approx(offset_s, abs=0.004)
+
+
+def test_the_deviation_is_the_error_really_made():
+    at_s, turn = wandering(1, rate_hz=75)
+    log, errors, sigmas = gyroscope(at_s, 0.1 * turn), [], []
+    for seed in range(12):
+        noise = np.random.default_rng(seed).normal(0, 1, (len(at_s) // 10, 3)).repeat(10, axis=0)
+        found = estimate_offset(pictures((at_s, 0.1 * (turn + noise)), EVEN), log, 1.0)
+        errors.append(found.offset_s)
+        sigmas.append(found.sigma_s)
+    ratio = np.sqrt(np.mean(np.square(errors))) / np.sqrt(np.mean(np.square(sigmas)))
+    assert 0.3 < ratio < 1.5
+
+
+@pytest.mark.parametrize(("deviation", "tells"), [(0.019, False), (0.021, True)])
+@pytest.mark.parametrize("of", ["pictures", "log"])
+def test_turns_below_a_degree_a_second_may_be_what_tracking_makes_of_a_steady_camera(deviation, tells, of):
+    """On a grid of 0.04 s, over all axes; the other of the two turns more."""
+    at_s, turn = wandering(1, cut_hz=0.5)
+    shown = (at_s >= 0) & (at_s <= VIDEO_S)
+    even = deviation * turn / np.sqrt(turn[shown if of == "pictures" else slice(None)].var(axis=0).sum())
+    seen, told = (even, 0.2 * turn) if of == "pictures" else (0.2 * turn, even)
+    found = estimate_offset(pictures((at_s, seen), EVEN), gyroscope(at_s, told), 0.5)
+    assert (found.offset_s is not None) == tells
+    assert ("turn rate: even within 1.1 degrees/s" in found.reason) != tells
+
+
+@pytest.mark.parametrize(("share", "tells"), [(0.095, False), (0.105, True)])
+def test_a_speed_that_changes_by_less_than_a_tenth_tells_nothing(share, tells):
+    at_s, change = wandering(3, cut_hz=0.3)
+    shown = (at_s >= 0) & (at_s <= VIDEO_S)
+    wave = change[:, 0] - change[shown, 0].mean()
+    speed = 6 * (1 + share * wave / wave[shown].std())
+    log = Telemetry("t", even_speed(speed=lambda t: np.interp(t, at_s, 6 + 2 * wave)))
+    found = estimate_offset(pictures((at_s, 0 * change), (at_s, speed / 20)), log, 1.0)
+    assert (found.offset_s is not None) == tells
+    assert ("speed: even within" in found.reason) != tells
+
+
+@pytest.mark.parametrize(
+    ("aside_rad", "said"),
+    [(0.4, "even within 11 degrees"), (0.44, "another offset"), (0.6, "the peak is too wide (0.")],
+)
+def test_a_way_that_hardly_goes_aside_tells_nothing(aside_rad, said):
+    """In 20 of 50 s it goes one way, in 30 another: 0.49 of the angle between them; 0.2 and more is compared."""
+    told = flown((STEADY[0], aside_rad / np.radians(80) * COURSE[1]), frame="camera")
+    found = estimate_offset(pictures(STEADY, EVEN, 0.01, COURSE), told, 2.0)
+    assert found.offset_s is None
+    assert f"direction: {said}" in found.reason
+
+
+def test_why_nothing_is_known_is_told_of_each_witness():
+    found = estimate_offset(pictures(STEADY, EVEN), Telemetry("t", even_speed()))
+    assert found.reason == (
+        "turn rate: the log has none; speed: even within 0%; direction: too few points in the pictures"
+    )
+
+
+@pytest.mark.parametrize(("alike", "fits"), [(0.5, False), (0.75, True)])
+def test_a_fit_is_believed_from_a_correlation_of_0_6_on(alike, fits):
+    """Half of a signal and more of another one."""
+    (at_s, turn), (_, other) = wandering(1, cut_hz=3), wandering(2, cut_hz=3)
+    mixed = 0.1 * (alike * turn + np.sqrt(1 - alike**2) * other)
+    found = estimate_offset(pictures((at_s, mixed), EVEN), gyroscope(at_s, 0.1 * turn), 0.5)
+    assert (found.offset_s is not None) == fits
+    if not fits:
+        assert "turn rate: no fit (correlation 0." in found.reason
+
+
+@pytest.mark.parametrize("clearer", ["the first", "the second"])
+def test_what_the_log_tells_twice_is_ambiguous_whichever_fits_better(clearer):
+    """The same turns, after a silence that is longer than the video, one of them with a little of something else."""
+    (at_s, turn), (_, other) = wandering(1, span_s=24), wandering(2, span_s=24)
+    blurred = turn + 0.05 * other
+    twice = [turn, blurred] if clearer == "the first" else [blurred, turn]
+    log = gyroscope(np.concatenate([at_s, at_s + 37]), 0.1 * np.concatenate(twice))
+    found = estimate_offset(pictures((at_s, 0.1 * turn), EVEN, lasts_s=12), log)
+    assert found.offset_s is None
+    assert "turn rate: another offset fits nearly as well (odds 1)" in found.reason
+
+
+def test_a_peak_at_the_end_of_what_was_tried_is_no_peak():
+    """The best offset of all lies beyond."""
+    at_s, turn = wandering(1, cut_hz=0.2)
+    clock = estimate_offset(pictures((at_s, 0.1 * turn), EVEN), gyroscope(at_s, 0.1 * turn, -0.5), 0.3)
+    assert clock.offset_s is None
+    assert "turn rate: no fit" in clock.reason
+
+
+@pytest.mark.parametrize("narrower", ["turn rate", "speed"])
+def test_of_two_witnesses_the_one_with_the_narrower_peak_decides(narrower):
+    """Both fit, 0.1 s apart, which is no contradiction: the one that changes more quickly is surer."""
+    quick, slow = wandering(1, cut_hz=0.8), wandering(3, cut_hz=0.2)
+    (at_s, turn), (_, change) = (quick, slow) if narrower == "turn rate" else (slow, quick)
+    speed = np.abs(6 + 1.5 * change[:, 0])
+    samples = even_speed(speed=lambda t: np.interp(t - 0.1, at_s, speed))
+    log = replace(gyroscope(at_s, 0.1 * turn), samples=samples)
+    found = estimate_offset(pictures((at_s, 0.1 * turn), (at_s, speed / 20), 0.03), log, 1.0)
+    assert found.witness == narrower
+    assert found.offset_s == pytest.approx(0 if narrower == "turn rate" else -0.1, abs=0.03)

@@ -5,7 +5,16 @@ import pytest
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import GyroscopeTrack
-from flightdepth.flight.steadiness import MAX_TURN_RAD, Steadiness, follow, verdict
+from flightdepth.flight.steadiness import (
+    MAX_REPORTED_RAD,
+    MAX_TURN_RAD,
+    Steadiness,
+    TurnRate,
+    follow,
+    small_camera,
+    small_grey,
+    verdict,
+)
 from flightdepth.runtimes.lens import undistort
 
 CAMERA = Camera.from_fov(320, 192, 64.0)
@@ -165,6 +174,87 @@ def test_corners_are_followed_to_where_they_went():
     start, end, found = follow(before, after)
     assert len(start) > 0.8 * found
     assert np.median(end - start, axis=0) == pytest.approx([-4, 0], abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("step_ns", "steps"),
+    [(STEP_NS, 3), (55_000_000, 2), (56_000_000, 1), (500_000_000, 1)],
+    ids=["three at 29.97 a second", "two in 0.11 s", "one in 0.056 s", "one in 0.5 s"],
+)
+def test_a_picture_is_followed_from_one_a_tenth_of_a_second_before_or_else_the_one_before(step_ns, steps):
+    """Pixels are those of the small picture: of 4 pixels a step half."""
+    followed = []
+    steadiness = Steadiness(CAMERA, on_followed=lambda *pair: followed.append(pair))
+    for k in range(6):
+        steadiness.add(k * step_ns, shifted(4 * k))
+    start, end, before_ns, after_ns = followed[-1]
+    assert (before_ns, after_ns) == ((5 - steps) * step_ns, 5 * step_ns)
+    assert np.median(end - start, axis=0) == pytest.approx([-2 * steps, 0], abs=0.05)
+
+
+def dotted(count):
+    """`count` dots on black, each a corner."""
+    picture = np.zeros((192, 320, 3), np.uint8)
+    for k in range(count):
+        cv2.circle(picture, (20 + 30 * (k % 10), 20 + 30 * (k // 10)), 4, (255, 255, 255), -1)
+    return picture
+
+
+@pytest.mark.parametrize(("count", "told"), [(15, False), (40, True)])
+def test_a_few_corners_are_too_little_texture(count, told):
+    last = judge([dotted(count)] * 3)[-1]
+    assert np.isfinite(last.rad_s) == told
+    assert ("texture" in last.reason) != told
+
+
+def test_after_a_cut_nothing_is_followed():
+    last = judge([panned(0)] * 4 + [texture(seed=9)[:192, :320]])[-1]
+    assert np.isnan(last.rad_s)
+    assert "too fast to be followed" in last.unusable
+
+
+def test_of_points_in_pictures_of_different_things_hardly_any_come_home():
+    before, after = (texture(seed)[:192, :320, 0] for seed in (0, 9))
+    start, _, found = follow(before, after)
+    assert len(start) < 0.15 * found
+
+
+def test_a_reason_tells_the_angle_the_time_and_who_says_so():
+    told = verdict(np.radians(2), 0.1, "the gyroscope")
+    assert told.unusable == told.reason == "turns 2.0 degrees in 0.10 s, says the gyroscope"
+    assert told.rad_s == pytest.approx(np.radians(20))
+
+
+def test_what_cannot_be_told_is_no_reason_against_depth():
+    assert TurnRate(np.nan, True, "too little texture").unusable is None
+
+
+@pytest.mark.parametrize("pictures", ["textured", "blank"])
+def test_a_larger_turn_may_be_allowed(pictures):
+    """As where each pair's rotation is taken out."""
+    views = [
+        panned(0.015 * k) if pictures == "textured" else np.zeros((192, 320, 3), np.uint8) for k in range(6)
+    ]
+    gyroscope = GyroscopeTrack(np.arange(200) * 2_500_000, np.tile([0.0, 0.3, 0.0], (200, 1)))
+    steadiness = Steadiness(CAMERA, gyroscope)
+    last = [steadiness.add(k * STEP_NS, view, MAX_REPORTED_RAD) for k, view in enumerate(views)][-1]
+    assert last.usable
+    assert last.rad_s > 0.25
+
+
+def test_a_panorama_is_followed_in_one_row_at_least():
+    small = small_camera(Camera.from_fov(4000, 8, 60.0))
+    assert (small.width, small.height) == (160, 1)
+
+
+@pytest.mark.parametrize(("colour", "grey"), [((255, 0, 0), 76), ((0, 255, 0), 150), ((0, 0, 255), 29)])
+def test_red_green_and_blue_are_as_bright_as_they_look(colour, grey):
+    assert (small_grey(np.full((192, 320, 3), colour, np.uint8), small_camera(CAMERA)) == grey).all()
+
+
+def test_a_picture_of_another_width_is_refused():
+    with pytest.raises(BadInput, match="expected 320x192, got 100x192"):
+        judge([np.zeros((192, 100, 3), np.uint8)])
 
 
 @pytest.mark.parametrize("camera", [CAMERA, Camera(320, 192, 250, 251, 150, 99, (-0.2, 0.05, 0.001, 0.0))])

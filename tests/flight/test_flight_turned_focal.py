@@ -21,9 +21,10 @@ from flightdepth.flight import (
     read_telemetry,
     write_csv,
 )
-from flightdepth.flight.records import BodyAttitudeSample
+from flightdepth.flight.records import BodyAttitudeSample, GyroscopeTrack
+from flightdepth.flight.signals import Signal
 from flightdepth.flight.turn_verdict import doubted_by_turns, turns_deny
-from flightdepth.flight.turned_focal import TurnWatch, ideal_lenses
+from flightdepth.flight.turned_focal import TurnPoints, TurnWatch, ideal_lenses, told_rates
 from flightdepth.motion import quaternion_from_rotation
 from flightdepth.outputs import FlightFolder
 
@@ -135,6 +136,113 @@ def test_pictures_are_kept_near_turns_only():
     assert not watch.wants(-2 * 10**9)
     assert watch.wants(2 * 10**9)
     assert 0.0 <= watch.busiest_s(0.0, 24.0, 4.0) < 22
+
+
+def turning(*whiles_s):
+    """A log that turns by 10 degrees a second in each of some whiles, told 20 times a second."""
+    at_s = np.arange(0, 200, 0.05)
+    turns = np.any([(at_s >= first_s) & (at_s <= last_s) for first_s, last_s in whiles_s], axis=0)
+    track = GyroscopeTrack((at_s * 1e9).astype(np.int64), np.radians(10) * turns[:, None] * [0.0, 1, 0])
+    return Telemetry("a log", (VelocitySample(0, [1.0, 0, 0]),), gyroscope=track)
+
+
+@pytest.mark.parametrize(
+    ("at_s", "wanted"), [(19.2, False), (19.4, True), (21, True), (22.6, True), (22.8, False)]
+)
+def test_pictures_are_wanted_up_to_0_7_s_from_a_turn(at_s, wanted):
+    watch = TurnWatch(turning((20, 22)), PINHOLE)
+    assert watch.wants(round(at_s * 1e9)) == wanted
+    points = np.random.default_rng(0).uniform(0, 90, (2, 30, 2))
+    watch.add(*points, round((at_s - 0.1) * 1e9), round(at_s * 1e9))
+    assert len(watch.points) == wanted
+
+
+@pytest.mark.parametrize(
+    ("first_s", "last_s", "length_s", "start_s"),
+    [
+        (0, 200, 10, 49.3),
+        (0, 200, 30, 79.3),
+        (0, 30, 10, 19.3),
+        (60, 200, 10, 79.3),
+        (60, 70, 10, 60),
+        (50, 200, 10, 50),
+    ],
+    ids=[
+        "the longest",
+        "two that are near",
+        "before a time",
+        "after one",
+        "none",
+        "not before what is asked",
+    ],
+)
+def test_the_part_in_which_it_turns_most_begins_where_its_first_turn_does(first_s, last_s, length_s, start_s):
+    """For 2, 5, 3 and 3 s; a little before the turn flying is seen."""
+    watch = TurnWatch(turning((20, 22), (50, 55), (80, 83), (105, 108)), PINHOLE)
+    assert watch.busiest_s(first_s, last_s, length_s) == pytest.approx(start_s, abs=0.06)
+
+
+def test_a_turn_slower_than_three_degrees_a_second_is_none():
+    log = turning((20, 22))
+    slow = replace(log, gyroscope=replace(log.gyroscope, rates_rad_s=0.28 * log.gyroscope.rates_rad_s))
+    assert not TurnWatch(slow, PINHOLE).wants(21 * 10**9)
+
+
+def points_of(count, seed=0):
+    return np.random.default_rng(seed).uniform(0, 90, (2, count, 2))
+
+
+@pytest.mark.parametrize(
+    ("count", "apart_ns", "kept"),
+    [(9, 10**8, False), (10, 10**8, True), (10, 25 * 10**7, True), (10, 26 * 10**7, False)],
+    ids=["few points", "enough", "a quarter of a second", "longer"],
+)
+def test_a_pair_has_ten_points_and_is_short(count, apart_ns, kept):
+    points = TurnPoints(PINHOLE)
+    assert points.add(*points_of(count), 10**9, 10**9 + apart_ns) == kept
+    assert len(points) == kept
+
+
+def test_more_than_eighty_points_of_a_pair_are_not_kept():
+    points = TurnPoints(PINHOLE)
+    assert points.add(*points_of(100), 0, 10**8)
+
+
+def test_the_newest_pairs_are_kept():
+    """Of 12 of 20 pairs turns are told; of 11 it is said that there are none."""
+    for most, said in ((11, "hardly turns"), (12, "turns by 0 degrees only")):
+        points = TurnPoints(PINHOLE, most=most)
+        for k in range(20):
+            points.add(*points_of(20, k), k * 10**8, (k + 1) * 10**8)
+        assert len(points) == most
+        assert said in points.focal(Signal(np.arange(-1, 5, 0.05), np.zeros((120, 3)))).reason
+
+
+def test_of_the_drones_attitudes_and_the_gyroscope_the_latter_tells_as_it_stands():
+    """Not smoothed, as for the clock of a log; its axes may be any."""
+    rates = np.random.default_rng(0).normal(size=(40, 3))
+    track = GyroscopeTrack(np.arange(40) * 10**7, rates)
+    bodies = tuple(BodyAttitudeSample(k * 10**8, np.array([1.0, 0, 0, 0])) for k in range(99))
+    told = told_rates(
+        Telemetry("a log", (VelocitySample(0, [1.0, 0, 0]),), gyroscope=track, body_attitudes=bodies)
+    )
+    assert not told.axes
+    np.testing.assert_array_equal(told.values, rates)
+    np.testing.assert_allclose(told.at_s, np.arange(40) / 100)
+
+
+@pytest.mark.parametrize(("count", "enough"), [(11, False), (12, True)])
+def test_a_log_of_few_rates_tells_no_turns(count, enough):
+    track = GyroscopeTrack(np.arange(count) * 10**7, np.zeros((count, 3)))
+    told = told_rates(Telemetry("a log", (VelocitySample(0, [1.0, 0, 0]),), gyroscope=track))
+    assert (told is not None) == enough
+
+
+def test_ideal_lenses_have_the_size_and_the_focal_length_of_the_camera():
+    bent = Camera(640, 360, 400, 410, 310, 170, (-0.2, 0.03, 0.0, 0.0))
+    pinhole, fisheye = ideal_lenses(bent)
+    assert pinhole == replace(bent, distortion=pinhole.distortion) and pinhole.is_ideal
+    assert fisheye == replace(pinhole, model="fisheye")
 
 
 @pytest.mark.parametrize(("factor", "denied"), [(1.05, False), (1.25, True), (0.8, True)])

@@ -1,6 +1,7 @@
 """A log whose velocities disagree with its own positions: depth is to scale with the velocities."""
 
 from collections import Counter
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from flightdepth.flight import open_flight
 from flightdepth.flight.places import SEA_LEVEL
 from flightdepth.flight.positions import place_track
 from flightdepth.flight.records import MAX_GAP_S, Telemetry, VelocitySample
-from flightdepth.flight.way_length import both_ways, longer
+from flightdepth.flight.way_length import both_ways, fitted, lengths_apart, longer, said_longer
 from tests_recordings import cues, mavic_3, phantom_4_rtk, place
 
 S = 10**9
@@ -104,6 +105,105 @@ def test_velocities_across_a_gap_are_not_summed():
 )
 def test_a_log_that_tells_no_two_ways_says_nothing(log):
     assert [len(way) for way in both_ways(log, 0, 60 * S)] == [0, 0]
+
+
+def line(spread_m):
+    """East of 0, 40 points so far apart that they are `spread_m` from their mean, on the mean."""
+    return (np.arange(40) - 19.5) / 10 * spread_m + 0j
+
+
+@pytest.mark.parametrize("turn", [1j, -1, 1.5, 0.7j])
+def test_the_fit_finds_the_turn_the_stretch_and_the_shift(turn):
+    flown = line(10) + 1j * line(5) ** 2
+    found = fitted(flown, turn * flown + 30 - 4j, turns=True, stretches=True)
+    assert found == (pytest.approx(turn), pytest.approx(30 - 4j))
+
+
+def test_a_fit_that_does_not_stretch_turns_only():
+    turn, shift = fitted(line(10), 1.5j * line(10) + 3, turns=True)
+    assert (turn, shift) == (pytest.approx(1j), pytest.approx(3))
+
+
+def test_a_fit_that_does_not_turn_shifts_only():
+    assert fitted(line(10), 1j * line(10) + 3, turns=False) == (1, pytest.approx(3))
+
+
+def test_one_fix_that_is_wrong_moves_the_fit_by_nothing():
+    """By least squares it would by a quarter of a metre; by the least sum of distances only where it weighs."""
+    told = line(10)
+    told[20] += 10j
+    turn, shift = fitted(line(10), told, turns=True, stretches=True)
+    assert abs(turn - 1) < 1e-4
+    assert abs(shift) < 1e-3
+
+
+def test_a_way_that_stands_still_is_neither_turned_nor_stretched():
+    still = np.zeros(5, dtype=np.complex128)
+    for stretches in (False, True):
+        assert fitted(still, still + 2, turns=True, stretches=stretches) == (1, pytest.approx(2))
+    assert longer(still, still) == 0
+
+
+@pytest.mark.parametrize(("times", "said"), [(1.04, 0.0), (1.06, 0.06), (0.96, 0.0), (0.94, -0.06)])
+def test_half_a_metre_on_the_mean_may_be_the_receivers(times, said):
+    """Of a way whose points are 10 m from their mean: 0.4 and 0.6 m."""
+    assert longer(times * line(10), line(10)) == pytest.approx(said)
+
+
+@pytest.mark.parametrize(("spread_m", "said"), [(0.4, 0.0), (0.6, 9.0)])
+def test_positions_that_may_be_nothing_but_error_say_nothing_of_a_long_way(spread_m, said):
+    """A tenth of what was flown, and all of it within what a receiver wanders."""
+    assert longer(10 * line(spread_m), line(spread_m)) == pytest.approx(said)
+
+
+@pytest.mark.parametrize(("spread_m", "said"), [(50, 0.0), (70, 0.1)])
+def test_twice_the_scatter_of_positions_may_hide_the_difference(spread_m, said):
+    """3 m to either side: 5 m of difference are hidden, 7 m are not."""
+    aside = 3j * np.array([1, -1, -1, 1] * 10)
+    assert longer(1.1 * line(spread_m), line(spread_m) + aside) == pytest.approx(said, abs=1e-3)
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.021, True), (-0.021, True), (0.019, False), (-0.019, False)])
+def test_less_than_a_fiftieth_is_not_told(share, told):
+    assert bool(said_longer(share)) == told
+
+
+def test_the_part_that_is_shown_is_judged():
+    fast, right = flight(seconds=30, times=1.11), flight(seconds=60)
+    samples = [*fast.velocities, *(each for each in right.velocities if each.stamp_ns >= 30 * S)]
+    log = Telemetry("log", tuple(samples), places=right.places)
+    first, second = (
+        SimpleNamespace(start_ns=start_s * S, end_ns=end_s * S, duration_ns=60 * S)
+        for start_s, end_s in ((0, 29), (31, 60))
+    )
+    assert "11.0 % longer" in lengths_apart(first, log)[0]
+    assert lengths_apart(second, log) == ()
+
+
+def test_fixes_at_both_ends_of_a_time_count():
+    log = flight(seconds=10, velocity_s=FIX_S)
+    assert [len(way) for way in both_ways(log, 0, 2 * S)] == [11, 11]
+    assert len(both_ways(log, 0, 60 * S)[0]) == 50
+
+
+@pytest.mark.parametrize(("gap_s", "fixes"), [(1.5, 151), (1.6, 93)])
+def test_velocities_are_summed_across_what_is_bridged(gap_s, fixes):
+    """Of 30 s without the velocities for a while after 10 s: all fixes, or those of the longer part."""
+    log = flight(seconds=30.1)
+    kept = [each for each in log.velocities if not 10 < each.stamp_ns / S < 10 + gap_s - 0.01]
+    flown, _ = both_ways(Telemetry("log", tuple(kept), places=log.places), 0, 60 * S)
+    assert len(flown) == fixes
+
+
+def test_what_is_flown_between_two_fixes_counts():
+    """It stands at each fix and goes 2 m/s midway between two, a second apart: 1 m each."""
+    samples = tuple(VelocitySample(k * S // 2, [0, 2.0 * (k % 2), 0]) for k in range(9))
+    stamps_ns, east_m = np.arange(5) * S, np.arange(5.0)
+    places = np.array([place(0.0, east) for east in east_m])
+    track = place_track(stamps_ns, places, np.zeros(5), SEA_LEVEL, Counter())
+    flown, told = both_ways(Telemetry("log", samples, places=track), 0, 60 * S)
+    assert flown == pytest.approx(east_m)
+    assert told == pytest.approx(east_m, rel=1e-4, abs=1e-4)
 
 
 HEADER = "time_s,vn_m_s,ve_m_s,vd_m_s,latitude_deg,longitude_deg\n"

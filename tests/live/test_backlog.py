@@ -77,6 +77,68 @@ def test_a_clock_that_drifts_is_followed_by_a_reader_that_never_waits():
     assert abs(clock.late_ns(3600 * S, 3600 * S + 360 * MS)) < 2 * MS
 
 
+def hearing(each_ms, seconds=2.0):
+    """A backlog that heard ten packets a second, each waited for so long."""
+    backlog = Backlog()
+    for i in range(round(10 * seconds) + 1):
+        backlog.read(i * 100 * MS, round(each_ms * MS))
+    return backlog
+
+
+@pytest.mark.parametrize(("each_ms", "hurried"), [(8.5, True), (9.5, False)])
+def test_a_reader_that_waits_for_less_than_a_tenth_of_a_second_each_second_is_hurried(each_ms, hurried):
+    """Eleven packets of the last second, with both ends."""
+    assert hearing(each_ms).hurried == hurried
+
+
+def test_nothing_is_known_of_the_first_second():
+    assert not hearing(0, seconds=0.9).hurried
+    assert hearing(0, seconds=1.0).hurried
+
+
+def caught_up():
+    """One that kept up, then hardly waited for the last second."""
+    backlog = hearing(50)
+    for i in range(21, 33):
+        backlog.read(i * 100 * MS, 0)
+    assert backlog.hurried
+    return backlog
+
+
+@pytest.mark.parametrize(("late_ms", "thrown"), [(249, False), (251, True)])
+def test_who_kept_up_throws_away_what_is_a_quarter_of_a_second_late(late_ms, thrown):
+    assert caught_up().skips(late_ms * MS) == thrown
+
+
+@pytest.mark.parametrize("late_ms", [0, 300])
+def test_what_came_while_the_stream_was_opened_is_thrown_away_however_late_it_seems(late_ms):
+    assert hearing(0, seconds=1.0).skips(late_ms * MS)
+
+
+@pytest.mark.parametrize(
+    ("late_ms", "waited_ms", "ends"), [(63, 0, False), (62, 0, True), (200, 9.9, False), (200, 10, True)]
+)
+def test_it_is_thrown_away_up_to_one_in_time_or_waited_for(late_ms, waited_ms, ends):
+    backlog = caught_up()
+    assert backlog.skips(300 * MS)
+    backlog.read(3_210 * MS, round(waited_ms * MS))
+    assert backlog.skips(late_ms * MS) != ends
+    assert backlog.hurried != ends
+
+
+def test_after_that_the_next_second_is_heard_first():
+    """Else the wait that ended it would be forgotten, and the reader be hurried again at once."""
+    backlog = caught_up()
+    assert backlog.skips(300 * MS)
+    backlog.read(3_300 * MS, 0)
+    assert not backlog.skips(0)
+    for i in range(34, 43):
+        backlog.read(i * 100 * MS, 0)
+        assert not backlog.skips(300 * MS)
+    backlog.read(4_300 * MS, 0)
+    assert backlog.skips(300 * MS)
+
+
 @pytest.mark.slow
 def test_pictures_that_pile_up_in_ffmpegs_queue(tmp_path, monkeypatch):
     clip, sent, counts, stop = (

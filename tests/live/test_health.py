@@ -260,3 +260,60 @@ def test_a_network_that_is_prepared_for_another_size_is_not_stuck(flight):
 def test_why_pictures_cannot_be_used_is_told(flight):
     flight.monitor.refused("camera: expected its shape, got 100x100")
     assert flight.fly(3, results=False)[-1].reason.startswith(f"{STUCK}: camera")
+
+
+@pytest.mark.parametrize(
+    ("lacks", "limit_s", "reason"),
+    [("picture", 1.5, SILENT), ("result", 2.0, STUCK), ("velocity", 0.5, LATE), ("depth", 0.3, "hovering")],
+)
+def test_each_thing_may_lack_for_so_long_and_no_longer(lacks, limit_s, reason):
+    monitor = HealthMonitor(0)
+    for hundredth in range(round(100 * limit_s) + 2):
+        now = ns(10 + hundredth / 100)
+        if lacks != "picture" or not hundredth:
+            monitor.picture(now)
+        if lacks != "velocity" or not hundredth:
+            monitor.velocity(now)
+        if lacks != "result" or not hundredth:
+            monitor.result(now, no_depth="hovering" if lacks == "depth" and hundredth else None, age_ms=30)
+        told = monitor.judge(now).reason
+        assert (told or "").startswith(reason) == (hundredth > round(100 * limit_s))
+
+
+def test_all_is_well_half_a_second_after_the_last_trouble():
+    monitor, told = HealthMonitor(0), []
+    for hundredth in range(120):
+        now = ns(10 + hundredth / 100)
+        monitor.picture(now)
+        monitor.velocity(now)
+        monitor.result(now, no_depth=None, age_ms=30, doubt="denied" if hundredth == 20 else None)
+        told.append(monitor.judge(now).reason)
+    assert told == [None] * 20 + ["denied"] + ["recovering from denied"] * 49 + [None] * 50
+
+
+@pytest.mark.parametrize(
+    ("pictures_hz", "taken_hz", "slow"),
+    [(30, 7.9, True), (30, 8.1, False), (5, 2.4, True), (5, 2.6, False), (30, 0, False)],
+)
+def test_a_machine_is_slow_below_8_results_a_second_or_half_of_the_pictures(
+    flight, pictures_hz, taken_hz, slow
+):
+    """None at all is nothing to judge by: a session begins so."""
+    flight.monitor.pictures_hz, flight.monitor.taken_hz = float(pictures_hz), float(taken_hz)
+    assert (flight.fly(FRAME_S)[-1].state is State.DEGRADED) == slow
+
+
+def test_what_fails_again_after_all_went_well_is_news():
+    monitor = HealthMonitor(0)
+    assert [monitor.stream_failed(why) for why in ("refused", "refused", "timed out")] == [True, False, True]
+    monitor.picture(1)
+    assert monitor.stream_failed("timed out")
+    assert [monitor.link_failed(why) for why in ("no port", "no port")] == [True, False]
+    monitor.velocity(1)
+    assert monitor.link_failed("no port")
+
+
+def test_a_refused_picture_is_forgotten_with_the_next_result(flight):
+    flight.monitor.refused("camera: expected its shape, got 100x100")
+    flight.fly(1)
+    assert flight.fly(3, results=False)[-1].reason == STUCK

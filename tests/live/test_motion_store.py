@@ -107,3 +107,39 @@ def test_what_is_older_than_four_seconds_is_forgotten():
     newest_ns = 9_900 * MS
     assert store.at(newest_ns - KEPT_NS + 150 * MS).velocity_ned[0] == pytest.approx(60.5)
     assert store.at(newest_ns - KEPT_NS - 150 * MS).velocity_ned is None
+
+
+@pytest.mark.parametrize("sample", [VelocitySample, AttitudeSample, BodyAttitudeSample])
+def test_four_seconds_are_kept_of_each_and_no_more(sample):
+    """Hours of flight would fill the memory."""
+    store = MotionStore()
+    for k in range(100):
+        store.add(sample(k * 100 * MS, [1.0, 0, 0, 0][: 3 if sample is VelocitySample else 4]), 0)
+    kept = {
+        VelocitySample: store._velocities,
+        AttitudeSample: store._cameras,
+        BodyAttitudeSample: store._bodies,
+    }
+    assert 40 <= len(kept[sample]) <= 42
+
+
+def test_a_height_of_a_second_ago_is_true_and_an_older_one_is_not():
+    store = MotionStore()
+    store.add_height(5 * S, 12.5)
+    assert store.at(5 * S + 1000 * MS).height_above_ground_m == 12.5
+    assert store.at(5 * S + 1001 * MS).height_above_ground_m is None
+
+
+def test_rates_and_ages_are_those_of_reception():
+    """A log's stamps may lie anywhere."""
+    store = MotionStore()
+    for k in range(21):
+        store.add(VelocitySample(S + k * MS, [1.0, 0, 0]), 50 * S + k * 50 * MS)
+    assert store.rate_hz(51 * S) == pytest.approx(20)
+    assert store.age_ms(51 * S + 70 * MS) == 70
+
+
+def test_between_two_attitudes_of_a_body_a_share_of_both_is_true():
+    store = MotionStore()
+    turning(store, sample=BodyAttitudeSample)
+    np.testing.assert_allclose(store.at(1_750_000_000).world_from_body, yawed(0.3), atol=1e-9)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from obstacle_worlds import CAMERA, SETTINGS, SIGHT, camera_attitude, nothing, result, wall
+from obstacle_worlds import CAMERA, SETTINGS, SIGHT, camera_attitude, ground, nothing, result, wall
 
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.live.obstacle_memory import ObstacleMap
@@ -138,3 +138,247 @@ def test_without_attitude_or_heading_all_is_unknown():
             velocity_ned=np.array([0.0, 3.0, 0.0]),
         )
         assert (cm(found) == UNKNOWN).all()
+
+
+SLOWLY = (0.0, 0.5, 0.0)  # so that sideways nothing moves to another sector
+
+
+def test_what_is_seen_in_between_is_kept_each_fifth_of_a_second():
+    """The second of three results saw the wall; ahead the third knows nothing, and the first saw none yet."""
+    left = np.full((CAMERA.height, CAMERA.width), np.nan)
+    left[:, :100] = 90.0
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, nothing(90.0), SLOWLY)
+    added(obstacles, 0.2, result(wall(camera_attitude(), 10.0)), SLOWLY)
+    added(obstacles, 0.4, result(left), SLOWLY)
+    assert added(obstacles, 0.7, NONE, SLOWLY).obstacle_m[0] == pytest.approx(10.0, abs=0.1)
+
+
+def test_what_the_last_result_that_saw_anything_saw_is_remembered():
+    """A wall that came into view less than a fifth of a second before depth ended was told as free."""
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, nothing(90.0), SLOWLY)
+    for step in range(1, 5):
+        added(obstacles, step / 30, nothing(90.0), SLOWLY)
+    added(obstacles, 5 / 30, result(wall(camera_attitude(), 10.0)), SLOWLY)
+    for step in range(6, 15):
+        assert cm(added(obstacles, step / 30, NONE, SLOWLY))[0] == pytest.approx(1000, abs=5)
+
+
+def test_a_result_that_knows_nothing_takes_no_snapshots_place():
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, NONE, SLOWLY)
+    added(obstacles, 0.1, result(wall(camera_attitude(), 10.0)), SLOWLY)
+    assert added(obstacles, 0.5, NONE, SLOWLY).obstacle_m[0] == pytest.approx(10.0, abs=0.1)
+
+
+def test_an_obstacle_of_little_confidence_is_remembered():
+    """Of it alone nothing is clear."""
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    seen = added(obstacles, 0.0, result(wall(camera_attitude(), 10.0), confidence=0.3), SLOWLY)
+    assert not seen.clear_m.any()
+    assert added(obstacles, 0.4, NONE, SLOWLY).obstacle_m[0] == pytest.approx(10.0, abs=0.1)
+
+
+def test_a_memory_does_not_renew_itself():
+    """Results come each tenth of a second, and none of them sees anything: the wall is gone after a second."""
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), SLOWLY)
+    found = [added(obstacles, step / 10, NONE, SLOWLY).obstacle_m[0] for step in range(1, 13)]
+    assert np.isfinite(found).tolist() == [True] * 10 + [False] * 2
+
+
+@pytest.mark.parametrize(("gap_s", "kept"), [(0.5, True), (0.51, False)])
+def test_over_a_gap_of_half_a_second_the_way_is_known(gap_s, kept):
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 1.0, result(wall(camera_attitude(), 10.0)), SLOWLY)
+    assert np.isfinite(added(obstacles, 1.0 + gap_s, NONE, SLOWLY).obstacle_m[0]) == kept
+
+
+@pytest.mark.parametrize(("apart_s", "near"), [(0.25, True), (0.26, False)])
+def test_results_a_quarter_of_a_second_apart_count_as_one(apart_s, near):
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, result(wall(camera_attitude(), 8.0)), SLOWLY)
+    found = added(obstacles, apart_s, result(wall(camera_attitude(), 30.0)), SLOWLY)
+    assert found.obstacle_m[0] == pytest.approx(8.0 if near else 30.0, abs=0.1)
+
+
+def test_a_result_of_the_same_time_forgets_nothing():
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (0.0, 3.0, 0.0))
+    assert added(obstacles, 0.0, NONE, (0.0, 3.0, 0.0)).obstacle_m[0] == pytest.approx(10.0, abs=0.1)
+
+
+def test_of_two_results_in_a_row_each_may_call_clear_what_it_knows():
+    """The second knows 25 m only; a third of a second later what it knows is all that is told."""
+    for apart_s, told in ((0.1, FREE), (0.3, 2500)):
+        obstacles = ObstacleMap(lambda _: SIGHT)
+        added(obstacles, 0.0, nothing(90.0), SLOWLY)
+        found = added(obstacles, apart_s, nothing(25.0), SLOWLY)
+        assert cm(found)[0] == pytest.approx(told, abs=1) and not found.remembered[0]
+
+
+def test_what_is_clear_ends_at_the_obstacle_that_either_of_two_saw():
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), SLOWLY)
+    found = added(obstacles, 0.05, nothing(90.0), SLOWLY)
+    assert found.clear_m[0] == found.obstacle_m[0] == pytest.approx(10.0, abs=0.1)
+
+
+def test_what_was_clear_ends_at_the_obstacle_that_a_later_snapshot_saw():
+    """Of little confidence, so that alone it says nothing of what is clear."""
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, nothing(90.0), SLOWLY)
+    added(obstacles, 0.3, result(wall(camera_attitude(), 10.0), confidence=0.3), SLOWLY)
+    found = added(obstacles, 0.6, NONE, SLOWLY)
+    assert found.clear_m[0] == found.obstacle_m[0] == pytest.approx(10.0, abs=0.1)
+
+
+def test_remembered_is_only_what_the_newest_did_not_see_itself():
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    for time_s in (0.0, 0.1):
+        found = added(obstacles, time_s, result(wall(camera_attitude(), 10.0)), SLOWLY)
+    assert np.isfinite(found.obstacle_m[0]) and not found.remembered[0]
+    assert not found.remembered[18:55].any()  # nobody ever saw there
+    found = added(obstacles, 0.5, NONE, SLOWLY)
+    assert found.remembered[0] and not found.remembered[18:55].any()
+
+
+def test_clear_that_an_older_snapshot_told_is_remembered_and_told_so():
+    """The later one knew 25 m of it."""
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, nothing(90.0), SLOWLY)
+    added(obstacles, 0.3, nothing(25.0), SLOWLY)
+    found = added(obstacles, 0.6, NONE, (0.0, 0.0, 0.0))
+    assert cm(found)[0] == FREE and found.remembered[0] and np.isnan(found.obstacle_m[0])
+
+
+def test_a_newer_obstacle_stands_before_a_nearer_one_of_the_memory():
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, result(wall(camera_attitude(), 8.0)), SLOWLY)
+    found = added(obstacles, 0.3, result(wall(camera_attitude(), 12.0), confidence=0.3), SLOWLY)
+    assert found.obstacle_m[0] == pytest.approx(12.0, abs=0.1)
+
+
+@pytest.mark.parametrize("heading", [0, 40, -170])
+def test_turning_from_any_heading_turns_what_was_clear(heading):
+    """80 degrees were seen; 30 degrees of turn to the right move them as much to the left. So for a wall."""
+    east, north = 0.5 * math.cos(math.radians(heading)), -0.5 * math.sin(math.radians(heading))
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, nothing(90.0), (north, east, 0.0), yaw=heading)
+    found = added(obstacles, 0.01, NONE, (0.0, 0.0, 0.0), yaw=heading + 30)
+    clear = np.flatnonzero(found.clear_m)
+    assert sorted((clear + 36) % 72 - 36) == list(range(-13, 2))
+    attitude = camera_attitude(yaw=heading)
+    walled = ObstacleMap(lambda _: SIGHT)
+    added(walled, 0.0, result(wall(attitude, 10.0, bearing_deg=heading)), (north, east, 0.0), yaw=heading)
+    found = added(walled, 0.01, NONE, (0.0, 0.0, 0.0), yaw=heading + 30)
+    assert np.nanmin(found.obstacle_m[[65, 66, 67]]) == pytest.approx(10.0, abs=0.1)
+    assert np.isnan(found.obstacle_m[4:56]).all()
+
+
+def test_a_sector_is_clear_as_far_as_all_its_width_was():
+    """Sector 7 was seen whole, sector 8 by half; 2 degrees of turn bring the edge of the one into the other."""
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    seen = added(obstacles, 0.0, nothing(90.0), SLOWLY)
+    assert cm(seen)[7] == FREE and cm(seen)[8] == UNKNOWN
+    found = cm(added(obstacles, 0.01, NONE, (0.0, 0.0, 0.0), yaw=2))
+    assert found[6] == FREE and found[7] == UNKNOWN
+
+
+@pytest.mark.parametrize(("bound_m", "told"), [(20.5, 2000), (19.5, UNKNOWN)])
+def test_clear_for_less_than_half_of_the_reach_is_not_remembered(bound_m, told):
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, nothing(bound_m), (0.0, 3.0, 0.0))
+    assert cm(added(obstacles, 0.01, NONE, (0.0, 0.0, 0.0)))[0] == told
+
+
+def test_clear_is_remembered_in_steps_of_a_metre_never_farther_than_it_was():
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, nothing(25.5), (0.0, 3.0, 0.0))
+    assert cm(added(obstacles, 0.01, NONE, (0.0, 0.0, 0.0)))[0] == 2500
+
+
+def test_what_is_remembered_as_free_is_free_until_the_result_is_old():
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, nothing(90.0), (0.0, 4.0, 0.0))
+    found = added(obstacles, 0.02, NONE, (0.0, 4.0, 0.0))
+    assert distances_cm(found, 0.2, SETTINGS)[0] == FREE
+
+
+@pytest.mark.parametrize(("back_m", "free"), [(1.5, True), (2.2, False)])
+def test_flying_backwards_only_the_drones_own_place_counts_as_seen(back_m, free):
+    """Sector 0 begins then behind where the camera looked from: within a metre of it nothing else can have been."""
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, nothing(90.0), SLOWLY)
+    added(obstacles, 0.01, NONE, (-10 * back_m, 0.0, 0.0))
+    found = added(obstacles, 0.11, NONE, (-10 * back_m, 0.0, 0.0))
+    assert (cm(found)[0] != UNKNOWN) == free
+
+
+@pytest.mark.parametrize(("sunk_m", "free"), [(-0.55, False), (-0.45, True), (0.45, True), (0.55, False)])
+def test_what_was_clear_is_not_where_the_corridor_left_the_old_one(sunk_m, free):
+    """It may move by half of its lesser half: here 0.5 m, up or down."""
+    obstacles = ObstacleMap(lambda _: SIGHT, ObstacleSettings(above_m=1.0, below_m=1.5))
+    added(obstacles, 0.0, nothing(90.0), (0.0, 3.0, 10 * sunk_m))
+    found = added(obstacles, 0.1, NONE, (0.0, 0.0, 10 * sunk_m))
+    assert (cm(found)[0] == FREE) == free
+
+
+def ball(distance_m):
+    """A ball at the camera's height, a metre wide."""
+    depth = np.full((CAMERA.height, CAMERA.width), np.nan)
+    depth[118:122, 150:170] = distance_m
+    return result(depth, farther_m=90.0)
+
+
+@pytest.mark.parametrize(("sunk_m", "kept"), [(-1.3, False), (-0.8, True), (1.3, True), (1.8, False)])
+def test_an_obstacle_that_left_the_corridor_is_forgotten(sunk_m, kept):
+    """1.5 m over the camera and 1 m under it: after a climb of 1.3 m the ball lies below, after a descent within."""
+    obstacles = ObstacleMap(lambda _: SIGHT, ObstacleSettings(above_m=1.5, below_m=1.0))
+    added(obstacles, 0.0, ball(12.0), (0.0, 3.0, 4 * sunk_m))
+    found = added(obstacles, 0.25, NONE, (0.0, 0.0, 4 * sunk_m))
+    assert np.isfinite(found.obstacle_m).any() == kept
+
+
+def test_a_remembered_obstacles_point_moves_as_well():
+    """OBSTACLE_DISTANCE_3D tells the point."""
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (2.0, 3.0, 0.0))
+    found = added(obstacles, 0.4, NONE, (2.0, -3.0, 0.0))
+    known = np.isfinite(found.obstacle_m)
+    assert known[0] and found.points_m[known][:, 0] == pytest.approx(np.full(known.sum(), 9.2), abs=0.1)
+    np.testing.assert_allclose(np.hypot(*found.points_m[known][:, :2].T), found.obstacle_m[known])
+    assert np.isnan(found.points_m[~known]).all()
+
+
+def test_near_the_ground_the_corridor_of_a_result_ends_above_it():
+    """The foot of the view meets the ground 1.2 m below: no obstacle where somebody tells that height."""
+    attitude = camera_attitude(pitch=-10)
+    for height_m, seen in ((None, True), (math.nan, True), (1.2, False)):
+        found = ObstacleMap(lambda _: SIGHT).add(
+            0,
+            result(ground(attitude, 1.2), farther_m=60.0),
+            CAMERA,
+            world_from_camera=attitude,
+            heading_rad=0.0,
+            velocity_ned=np.array([0.0, 3.0, 0.0]),
+            height_m=height_m,
+        )
+        assert np.isfinite(found.obstacle_m).any() == seen
+
+
+def test_few_snapshots_are_kept_however_many_results_come():
+    """Each costs time with each result."""
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    for step in range(45):
+        added(obstacles, step / 30, nothing(90.0), SLOWLY)
+    assert len(obstacles._snapshots) <= 7
+
+
+def test_what_is_remembered_comes_nearer_with_its_age_too():
+    """Hovering pictures show nothing, but the drone flies on at 2 m/s."""
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (0.0, 2.0, 0.0))
+    found = added(obstacles, 0.1, NONE, (0.0, 2.0, 0.0))
+    assert distances_cm(found, 0.25, SETTINGS)[0] == pytest.approx(cm(found)[0] - 50, abs=1)

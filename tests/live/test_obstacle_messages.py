@@ -7,6 +7,7 @@ import shutil
 import socket
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from live_peers import PATIENCE_S, until
-from obstacle_worlds import CAMERA, SETTINGS, SIGHT, camera_attitude, looked, nothing, result, wall
+from obstacle_worlds import CAMERA, SETTINGS, SIGHT, camera_attitude, ground, looked, nothing, result, wall
 
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.live import obstacle_sender
@@ -27,9 +28,10 @@ from flightdepth.live.obstacle_messages import (
     ObstaclePacker,
     distances_cm,
     in_tlog,
+    is_own_log,
 )
 from flightdepth.live.obstacle_sender import ObstacleFeed, ObstacleSender
-from flightdepth.live.obstacles import SECTORS
+from flightdepth.live.obstacles import SECTORS, Sectors
 from flightdepth.live.status import Health, LiveResult, LiveStatus, State
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
 from flightdepth.ranges.result import RangedDepth
@@ -321,3 +323,202 @@ def test_the_nearest_value_is_within_the_range_that_is_told(min_m: float) -> Non
     near = replace(near, obstacle_m=np.full_like(near.obstacle_m, min_m / 2))
     [message] = decoded([packer.distances(near, 0, 0.0)])
     assert set(message.distances) == {message.min_distance}
+
+
+def at(distances_m, *, clear_m=0.0, speed_m_s=0.0, down_m=0.0) -> Sectors:
+    """Sectors with these obstacles, the first ahead and each next one clockwise, all `down_m` below the camera."""
+    nothing_known = Sectors.unknown(speed_m_s)
+    obstacle_m, points_m = nothing_known.obstacle_m, nothing_known.points_m
+    for sector, distance_m in enumerate(distances_m):
+        azimuth = math.radians(5 * sector)
+        obstacle_m[sector] = distance_m
+        points_m[sector] = distance_m * math.cos(azimuth), distance_m * math.sin(azimuth), down_m
+    return replace(nothing_known, clear_m=np.full(SECTORS, clear_m))
+
+
+def test_of_more_obstacles_than_are_sent_the_nearest_are_nearest_first():
+    distances_m = np.random.default_rng(0).permutation(np.linspace(3.0, 38.0, 40))
+    points = decoded(ObstaclePacker(SETTINGS).points(at(distances_m), 5000, 0.0))
+    assert [math.hypot(point.x, point.y) for point in points] == pytest.approx(sorted(distances_m)[:24])
+
+
+def test_points_come_nearer_with_their_age_and_never_nearer_than_the_least_distance():
+    """4 m/s for a quarter of a second: 1 m along each ray; what was just too far is told then."""
+    sectors = at([10.0, 1.5, 40.9, 41.1], speed_m_s=4.0)
+    points = decoded(ObstaclePacker(SETTINGS).points(sectors, 5000, 0.25))
+    told = [(math.hypot(point.x, point.y), math.degrees(math.atan2(point.y, point.x))) for point in points]
+    assert [pytest.approx(each, rel=1e-5) for each in told] == [(1.0, 5.0), (9.0, 0.0), (39.9, 10.0)]
+
+
+def test_a_negative_age_moves_nothing_away():
+    """A picture's time may lie ahead by a little."""
+    sectors, packer = at([10.0], speed_m_s=4.0), ObstaclePacker(SETTINGS)
+    [message, point] = decoded([packer.distances(sectors, 1, -0.04), *packer.points(sectors, 1, -0.04)])
+    assert message.distances[0] == 1000 and point.x == 10.0
+
+
+def test_every_field_of_a_point():
+    """Their time has 32 bits: 50 days of milliseconds."""
+    [message] = decoded(ObstaclePacker(SETTINGS).points(at([10.0], down_m=0.5), 2**32 + 17, 0.0))
+    assert (message.time_boot_ms, message.sensor_type, message.frame, message.obstacle_id) == (
+        17,
+        4,
+        12,
+        65535,
+    )
+    assert (message.x, message.y, message.z) == (10.0, 0.0, 0.5)
+    assert (message.min_distance, message.max_distance) == (1.0, 40.0)
+
+
+def test_the_heartbeat_is_that_of_an_onboard_computer_and_no_autopilots():
+    """Else ground stations take it for another vehicle."""
+    [beat] = decoded([ObstaclePacker(SETTINGS).heartbeat(usable=True)])
+    assert beat.type == dialect.MAV_TYPE_ONBOARD_CONTROLLER == 18
+    assert beat.autopilot == dialect.MAV_AUTOPILOT_INVALID == 8
+    assert (beat.base_mode, beat.custom_mode) == (0, 0)
+
+
+def test_messages_are_numbered_and_the_numbers_wrap_around():
+    packer = ObstaclePacker(SETTINGS)
+    messages = decoded([packer.heartbeat(usable=True) for _ in range(258)])
+    assert [message.get_seq() for message in messages] == [*range(256), 0, 1]
+
+
+def test_messages_before_an_autopilot_is_heard_are_of_system_1_and_its_number_stays():
+    numbers = iter([None, 42, None])
+    packer = ObstaclePacker(SETTINGS, system=lambda: next(numbers))
+    messages = decoded([packer.heartbeat(usable=True) for _ in range(3)])
+    assert [message.get_srcSystem() for message in messages] == [1, 42, 42]
+
+
+@pytest.mark.parametrize(
+    ("obstacle_m", "clear_m", "told"),
+    [
+        (40.0, 40.0, 4000),
+        (40.01, 40.01, FREE),
+        (math.nan, 40.0, FREE),
+        (math.nan, 39.99, 3999),
+        (math.nan, 12.3499, 1234),  # rounded down, never farther than known
+        (12.3499, 12.3499, 1234),
+        (1.13, 0.0, 113),  # 112.99999999999999 centimetres
+        (math.nan, 1.0, 100),
+        (math.nan, 0.99, UNKNOWN),
+        (0.3, 0.3, 100),
+    ],
+)
+def test_what_is_told_of_a_sector(obstacle_m, clear_m, told):
+    assert distances_cm(at([obstacle_m], clear_m=clear_m), 0.0, SETTINGS)[0] == told
+
+
+def test_a_log_is_known_for_ours_by_its_first_message():
+    ours = in_tlog(1_700_000_000_000_000, ObstaclePacker(SETTINGS).heartbeat(usable=True))
+    assert is_own_log(ours[:15]) and not is_own_log(ours[:14]) and not is_own_log(b"")
+    for place in (8, 14):  # MAVLink 2's first byte; the component
+        assert not is_own_log(ours[:place] + b"\x01" + ours[place + 1 :])
+
+
+# What is sent of a result
+
+
+def of(result_: LiveResult, **motion) -> LiveResult:
+    """The same with another motion."""
+    return replace(result_, motion=replace(result_.motion, **motion))
+
+
+def yawed(degrees: float) -> np.ndarray:
+    return quaternion_from_rotation(rotation_from_euler(0, 0, math.radians(degrees)))
+
+
+def test_the_height_that_somebody_tells_keeps_the_ground_out():
+    attitude = camera_attitude(pitch=-10)
+    low = of(live_result(0, result(ground(attitude, 1.2), farther_m=60.0)), world_from_camera=attitude)
+    for height_m, told in ((None, True), (1.2, False)):
+        flying = feed()
+        flying.take(of(low, height_above_ground_m=height_m))
+        assert np.isfinite(flying.newest.sectors.obstacle_m).any() == told
+
+
+def test_points_of_a_banked_drone_that_flies_east_lie_on_the_wall():
+    """Its nose, its camera and the wall 60 degrees from north."""
+    velocity = np.array([-3 * math.sin(math.radians(60)), 3 * math.cos(math.radians(60)), 0.0])
+    camera, body = camera_attitude(yaw=60), rotation_from_euler(math.radians(20), 0, math.radians(60))
+    banked = feed(points=True)
+    seen = live_result(0, result(wall(camera, 10.0, bearing_deg=60)))
+    turn = quaternion_from_rotation(body)
+    banked.take(of(seen, world_from_camera=camera, world_from_body=turn, velocity_ned=velocity))
+    _, distances, *points = decoded(banked.due(0))
+    assert distances.distances[0] == pytest.approx(1000, abs=2) and len(points) > 10
+    north_east_down = np.array([body @ (point.x, point.y, point.z) for point in points])
+    assert north_east_down @ (0.5, math.sqrt(0.75), 0) == pytest.approx(np.full(len(points), 10.0), rel=1e-3)
+    assert abs(north_east_down[:, 2]).max() <= 1.5
+
+
+def test_the_drones_own_heading_stands_before_its_cameras():
+    """A camera 30 degrees to the right of the nose: its wall is in sector 6, whoever says that it looks ahead."""
+    attitude = camera_attitude(yaw=30)
+    seen = of(live_result(0, result(wall(attitude, 10.0, bearing_deg=30))), world_from_camera=attitude)
+    ahead = feed(camera_ahead=True)
+    ahead.take(seen)
+    assert ahead.newest.sectors.obstacle_m[6] == pytest.approx(10.0, rel=0.01)
+
+
+def test_a_camera_that_looks_ahead_tells_the_heading_in_any_direction():
+    attitude = camera_attitude(pitch=-20, yaw=60)
+    seen = of(live_result(0, result(wall(attitude, 10.0, bearing_deg=60))), world_from_camera=attitude)
+    ahead = feed(camera_ahead=True)
+    ahead.take(of(seen, world_from_body=None))
+    assert np.nanargmin(ahead.newest.sectors.obstacle_m) == 0
+    assert ahead.newest.sectors.obstacle_m[0] == pytest.approx(10.0, rel=0.02)
+
+
+def test_all_that_is_wanting_is_told_in_one_sentence():
+    told = feed(camera_ahead=True)
+    told.take(of(live_result(0, nothing(60.0)), world_from_camera=None, world_from_body=None))
+    assert told.lacking == "obstacles are unknown: nobody tells the camera's attitude and the drone's heading"
+    told.take(of(live_result(1, nothing(60.0)), world_from_camera=None))
+    assert told.lacking == "obstacles are unknown: nobody tells the camera's attitude"
+
+
+@pytest.mark.parametrize(("boot_ns", "told_us"), [(7 * NS_PER_S, 7_000_000), (None, 2_000_000)])
+def test_messages_tell_when_the_picture_was_taken(boot_ns, told_us):
+    """By the autopilot's clock where that is known; points in milliseconds."""
+    timed = feed(points=True)
+    seen = live_result(2 * NS_PER_S, result(wall(camera_attitude(), 10.0)))
+    timed.take(replace(seen, boot_ns=boot_ns))
+    _, distances, *points = decoded(timed.due(2 * NS_PER_S + 100_000_000))
+    assert distances.time_usec == told_us
+    assert {point.time_boot_ms for point in points} == {told_us // 1000}
+    # 0.3 m were flown meanwhile; a point farther below is a little farther off.
+    assert points[0].x == pytest.approx(distances.distances[0] / 100, abs=0.02) and points[0].x < 9.75
+
+
+def test_nothing_is_sent_twice_within_a_fifteenth_of_a_second():
+    steady = feed()
+    steady.take(live_result(0, nothing(90.0)))
+    times_ms = [ms for ms in range(0, 400) if len(steady.due(ms * 1_000_000)) > (ms == 0)]
+    assert times_ms == [0, 66, 132, 198, 264, 330, 396]
+
+
+def test_a_clock_that_went_back_holds_nothing_up():
+    steady = feed()
+    for now_ns in (10 * NS_PER_S, NS_PER_S):
+        steady.take(live_result(now_ns, nothing(90.0)))
+        assert len(steady.due(now_ns)) == 2
+
+
+def test_nothing_is_due_before_somebody_is_heard_and_what_is_sent_is_counted(clock):
+    live, sent, heard, asked = feed(), [], threading.Event(), threading.Event()
+
+    def is_heard():
+        asked.set()
+        return heard.is_set()
+
+    live.take(live_result(clock.now_ns, nothing(90.0)))
+    with ObstacleSender(live, sent.append, heard=is_heard) as sender:
+        assert asked.wait(PATIENCE_S)
+        asked.clear()
+        assert asked.wait(PATIENCE_S) and not sent  # asked once more, after it might have sent
+        heard.set()
+        until(lambda: sender.sent == 2)
+    assert [message.get_type() for message in decoded(sent)] == [HEARTBEAT, DISTANCE]
+    assert sender.failed == 0 and not sender._thread.is_alive()

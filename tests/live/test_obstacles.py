@@ -26,15 +26,20 @@ from obstacle_worlds import (
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.live.obstacle_messages import UNKNOWN, distances_cm
+from flightdepth.live.obstacle_rays import Rays, _clear, _nearest, rays_of
 from flightdepth.live.obstacles import (
     LEAST_PARALLAX_PX,
     SECTORS,
     ObstacleSettings,
+    Pose,
+    Sectors,
     Sight,
     heading_rad,
 )
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
+from flightdepth.ranges.fusion import ends
 from flightdepth.ranges.result import RangedDepth
+from tests_networks import swept_card
 
 FREE = 4001  # max_distance + 1
 INNER = range(-6, 7)  # whole sectors within 80 degrees: up to 32.5 off the axis
@@ -299,3 +304,246 @@ def test_distances_grow_with_the_scene(scale, yaw):
 def test_settings_are_checked(bad):
     with pytest.raises(BadInput):
         ObstacleSettings(**bad)
+
+
+def band(low_row, high_row, depth_m, *, farther_m=90.0):
+    """Something in these rows of the picture, as wide as the view; row 119.5 looks level."""
+    depth = np.full((CAMERA.height, CAMERA.width), np.nan)
+    depth[low_row:high_row] = depth_m
+    return result(depth, farther_m=farther_m)
+
+
+@pytest.mark.parametrize(
+    ("rows", "seen"), [((98, 104), True), ((84, 90), False), ((134, 140), False), ((124, 130), True)]
+)
+def test_the_corridor_is_as_high_above_as_below_only_where_both_are_the_same(rows, seen):
+    """10 m away, 190.7 px of focal length: 15.5 to 21.5 rows over the middle are 0.8 to 1.1 m, 29.5 and on 1.5 m."""
+    settings = ObstacleSettings(above_m=1.4, below_m=0.7)
+    assert np.isfinite(looked(band(*rows, 10.0), settings=settings).obstacle_m[0]) == seen
+
+
+@pytest.mark.parametrize(("known", "told"), [(slice(0, 120), FREE), (slice(120, 240), UNKNOWN)])
+def test_rays_count_for_clear_where_their_side_of_the_corridor_reaches_as_far(known, told):
+    """8 m above and 0.3 m below: what looks up stays within it for long, what looks down leaves it soon."""
+    far = np.full((CAMERA.height, CAMERA.width), np.nan)
+    far[known] = 90.0
+    settings = ObstacleSettings(above_m=8.0, below_m=0.3)
+    assert cm(looked(result(far), settings=settings))[0] == told
+
+
+def test_both_edges_of_the_view_see_half_a_sector():
+    found = looked(result(wall(camera_attitude(), 10.0)))
+    assert found.obstacle_m[8] == pytest.approx(found.obstacle_m[-8], rel=0.01)
+    assert found.obstacle_m[8] == pytest.approx(10 / math.cos(math.radians(37.5)), rel=NEAR)
+
+
+@pytest.mark.parametrize(("speed_m_s", "known"), [(0.29, False), (0.31, True)])
+def test_a_velocity_tells_the_way_from_a_foot_a_second_on(speed_m_s, known):
+    found = looked(result(wall(camera_attitude(), 10.0)), velocity=(0.0, speed_m_s, 0.0))
+    assert np.isfinite(found.obstacle_m[0]) == known
+
+
+def test_displacements_whose_direction_is_known_need_no_velocity():
+    """A drone that just stopped after 1 m to the right; and one told to fly ahead, whose pictures know better."""
+    moved = replace(result(wall(camera_attitude(), 10.0)), moved_m=np.array([[1.0, 0.0, 0.0]]))
+    assert looked(moved, velocity=(0.0, 0.0, 0.0)).obstacle_m[0] == pytest.approx(10.0, rel=NEAR)
+    free = replace(nothing(90.0), moved_m=np.array([[1.0, 0.0, 0.0]]))
+    assert cm(looked(free, velocity=(4.0, 0.0, 0.0)))[0] == FREE
+    ahead = replace(nothing(90.0), moved_m=np.array([[0.0, 0.0, 1.0]]))
+    assert cm(looked(ahead))[0] == UNKNOWN
+
+
+def test_confidence_0_is_never_used_whatever_is_asked():
+    settings = ObstacleSettings(least_confidence=0.0, hit_confidence=0.0)
+    for depth in (wall(camera_attitude(), 10.0), np.full((CAMERA.height, CAMERA.width), 90.0)):
+        assert cm(looked(result(depth, confidence=0.0), settings=settings))[0] == UNKNOWN
+        assert cm(looked(result(depth, confidence=0.01), settings=settings))[0] != UNKNOWN
+
+
+def test_what_just_has_the_confidence_asked_for_counts():
+    found = looked(result(wall(camera_attitude(), 10.0), confidence=0.25))
+    assert cm(found)[0] == pytest.approx(1000, abs=2)
+    assert found.points_m[0, 0] == pytest.approx(10.0, rel=NEAR)
+    far = np.full((CAMERA.height, CAMERA.width), 90.0)
+    assert cm(looked(result(far, confidence=0.5)))[0] == FREE
+    assert cm(looked(result(far, confidence=0.49)))[0] == UNKNOWN
+    assert cm(looked(result(wall(camera_attitude(), 10.0), confidence=0.24)))[0] == UNKNOWN
+
+
+def test_bounds_are_horizontal_too():
+    """25 m along the axis are 25 / cos(angle) along the ground, less in no direction: the least of each sector."""
+    values = cm(looked(nothing(25.0)))
+    for sector in (-6, -3, 3, 6):
+        least = 2500 / math.cos(math.radians(abs(sector) * 5 - 2.5))
+        assert least - 1 <= values[sector] <= least * 1.012
+    pitched = camera_attitude(pitch=-25)
+    assert cm(looked(nothing(25.0), pitched))[0] == pytest.approx(2500 / math.cos(math.radians(25)), rel=0.02)
+
+
+def test_the_order_of_the_ranges_does_not_matter():
+    sight = Sight(SIGHT.focal_px, least_depth_per_m=5.0)
+    nowhere = np.full((CAMERA.height, CAMERA.width), np.nan)
+    for depth in (wall(camera_attitude(), 10.0), nowhere):
+        one, other = (
+            looked(
+                result(depth, farther_m=90.0, displacements_m=lengths), velocity=(4.0, 0.0, 0.0), sight=sight
+            )
+            for lengths in ((0.2, 1.0, 6.0), (6.0, 0.2, 1.0))
+        )
+        np.testing.assert_array_equal(one.obstacle_m, other.obstacle_m)
+        np.testing.assert_array_equal(one.clear_m, other.clear_m)
+
+
+def test_an_obstacle_of_little_confidence_was_seen_by_the_range_that_can():
+    """The shortest, 0.02 m, sees nothing beyond 4 m."""
+    seen = result(wall(camera_attitude(), 10.0), confidence=0.3, displacements_m=(0.02, 1.0))
+    assert looked(seen).obstacle_m[0] == pytest.approx(10.0, rel=NEAR)
+
+
+def test_what_lies_beyond_the_reach_is_no_obstacle():
+    found = looked(result(wall(camera_attitude(), 41.4)))
+    assert found.obstacle_m[0] == pytest.approx(41.4, rel=NEAR)  # 40 m, and 3 m/s for half a second
+    assert np.isnan(looked(result(wall(camera_attitude(), 41.6))).obstacle_m[0])
+
+
+def test_the_nearest_of_a_sector_is_told_whatever_stands_behind_it():
+    """Also where the farther lies in rows that come first."""
+    depth = wall(camera_attitude(), 30.0)
+    depth[118:130, 150:170] = 9.0
+    assert looked(result(depth)).obstacle_m[0] == pytest.approx(9.0, rel=NEAR)
+    assert looked(result(depth[::-1].copy())).obstacle_m[0] == pytest.approx(9.0, rel=NEAR)
+
+
+def rays(hit_m, leaves_m=math.inf):
+    n = len(hit_m)
+    nothing_said = np.zeros(n)
+    return Rays(nothing_said, np.array(hit_m), nothing_said, np.broadcast_to(leaves_m, n), np.zeros((n, 3)))
+
+
+def test_an_obstacle_is_where_enough_rays_of_those_still_in_the_corridor_have_hit():
+    """Of 100 rays 3 make one; farther on, where 40 are left, 2 do (1.2, rounded up)."""
+    far = [math.inf] * 97
+    assert _nearest(rays([12.0, 11.0, 10.0, *far]), np.arange(100), 40.0, 0.03) == 0
+    assert _nearest(rays([12.0, 11.0, math.inf, *far]), np.arange(100), 40.0, 0.03) is None
+    leaving = np.where(np.arange(100) < 40, math.inf, 20.0)
+    assert _nearest(rays([25.0, 21.0, math.inf, *far], leaving), np.arange(100), 40.0, 0.03) == 0
+    assert _nearest(rays([25.0, math.inf, math.inf, *far], leaving), np.arange(100), 40.0, 0.03) is None
+    assert _nearest(rays([10.0]), np.arange(1), 40.0, 0.03) == 0  # one of one
+
+
+@pytest.mark.parametrize(("unknown", "clear_m"), [(2, 40.0), (3, 0.0)])
+def test_a_degree_is_clear_where_seven_in_ten_of_its_rays_say_so(unknown, clear_m):
+    """Of nine, seven: two may say nothing."""
+    said = np.where(np.arange(9) < unknown, 0.0, 90.0)
+    told = replace(rays([math.inf] * 9), clear_m=said)
+    assert _clear(told, np.arange(9), 40.0, 0.7) == clear_m
+    assert _clear(replace(told, leaves_m=np.full(9, 39.0)), np.arange(9), 40.0, 0.7) == 0.0
+
+
+def test_a_large_picture_says_what_a_small_one_does():
+    """Of its pixels not each is looked at: a wall, a ball to the right, something below the corridor to the left."""
+    found = []
+    for times in (1, 4):
+        camera = Camera.from_fov(320 * times, 240 * times, 80)
+        depth = wall(camera_attitude(), 20.0, camera=camera)
+        depth[118 * times : 130 * times, 204 * times : 217 * times] = 9.0
+        depth[200 * times : 220 * times, 60 * times : 80 * times] = 9.0
+        found.append(looked(result(depth), camera=camera))
+    small, large = found
+    assert small.obstacle_m[3] == pytest.approx(9.0 / math.cos(math.radians(14)), rel=0.03)
+    assert small.obstacle_m[-5] > 19
+    np.testing.assert_allclose(large.obstacle_m, small.obstacle_m, rtol=0.01)
+    np.testing.assert_array_equal(large.clear_m > 0, small.clear_m > 0)
+
+
+def test_what_each_ray_says_is_horizontal():
+    """Of a surface 10 m along the axis, seen 20 degrees down and rolled: its point, where it leaves the corridor."""
+    attitude = camera_attitude(roll=15, pitch=-20, yaw=-70)
+    settings = ObstacleSettings(above_m=1.2, below_m=0.8)
+    depth = result(np.full((CAMERA.height, CAMERA.width), 10.0))
+    pose = Pose.of(attitude, math.radians(30), np.array([2.8, 1.0, 0.0]))  # to its right
+    found = rays_of(depth, CAMERA, pose, SIGHT, settings)
+    forward, right, down = found.points_m.T
+    along = np.hypot(forward, right)
+    inside = (down >= -1.2) & (down <= 0.8)
+    np.testing.assert_allclose(found.hit_m, np.where(inside, along, np.inf), rtol=1e-5)
+    np.testing.assert_allclose(found.clear_m, along, rtol=1e-5)
+    np.testing.assert_allclose(found.leaves_m, along * np.where(down > 0, 0.8, 1.2) / abs(down), rtol=1e-4)
+    np.testing.assert_allclose(found.azimuth_deg, np.degrees(np.arctan2(right, forward)) % 360, rtol=1e-4)
+    assert 0 < inside.mean() < 1 and found.azimuth_deg.min() >= 0
+
+
+@pytest.mark.parametrize(("displacement_m", "told"), [(0.26, FREE), (0.22, UNKNOWN)])
+def test_beside_the_axis_as_much_is_seen_as_the_ground_is_long(displacement_m, told):
+    """0.26 m sideways, 30 degrees off the axis: up to 200 px * 0.26 m * cos(30) = 45 m; 0.22 m: 38 m of 41.5."""
+    nowhere = np.full((CAMERA.height, CAMERA.width), np.nan)
+    values = cm(looked(result(nowhere, farther_m=90.0, displacements_m=(displacement_m,))))
+    assert values[6] == values[-6] == told
+
+
+# Settings, sight, pose
+
+
+@pytest.mark.parametrize(
+    "extreme",
+    [{"max_m": 650.0}, {"min_m": 39.9}, {"known_share": 0.0, "hit_share": 0.0}, {"least_confidence": 1.0}],
+)
+def test_settings_that_just_can_be(extreme):
+    assert ObstacleSettings(**extreme)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"min_m": 40.0},
+        {"above_m": 0.0},
+        {"above_m": math.nan},
+        {"least_confidence": 1.1},
+        {"hit_confidence": -0.1},
+        {"hit_share": -0.1},
+        {"known_share": 1.1},
+    ],
+)
+def test_settings_that_just_can_not_be(bad):
+    with pytest.raises(BadInput):
+        ObstacleSettings(**bad)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "below_m"),
+    [
+        (None, 1.5),
+        (math.nan, 1.5),
+        (math.inf, 1.5),
+        (9.0, 1.5),
+        (2.0, 1.5),
+        (1.9, 1.4),
+        (0.8, 0.3),
+        (0.1, 0.3),
+    ],
+)
+def test_the_corridor_ends_half_a_metre_above_the_ground_and_below_the_drones_body(height_m, below_m):
+    assert SETTINGS.over_ground(height_m).below_m == pytest.approx(below_m)
+
+
+def test_what_a_network_sees_nearest_follows_its_lens():
+    """100 m at 0.3 m of displacement through 64 px; through 128 px half of that."""
+    card = swept_card(64.0)
+    one, other = Sight.of(card, 64.0), Sight.of(card, 128.0)
+    assert (one.focal_px, other.focal_px) == (64.0, 128.0)
+    assert one.least_depth_per_m == pytest.approx(ends(card)[0] * 100.0 / 0.3)
+    assert other.least_depth_per_m == pytest.approx(2 * one.least_depth_per_m)
+
+
+def test_a_pose_turns_the_velocity_with_the_nose():
+    """Flying east with the nose to the east is flying ahead; heading south, to the left."""
+    for heading_deg, told in ((90, (3.0, 0.0, 1.0)), (180, (0.0, -3.0, 1.0))):
+        pose = Pose.of(camera_attitude(), math.radians(heading_deg), np.array([0.0, 3.0, 1.0]))
+        assert pose.velocity_level == pytest.approx(told, abs=1e-12)
+
+
+@pytest.mark.parametrize("short", ["obstacle_m", "clear_m", "points_m"])
+def test_sectors_are_72(short):
+    whole = Sectors.unknown()
+    with pytest.raises(ValueError, match="72 sectors"):
+        replace(whole, **{short: getattr(whole, short)[:71]})

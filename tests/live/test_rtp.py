@@ -408,6 +408,15 @@ def test_packets_that_waited_while_this_process_slept_are_no_restart():
     assert strays((1, 3000), (2, 6000), ms=60_000) == [0, 0]
 
 
+@pytest.mark.parametrize(("seconds", "stray"), [(1.9, 0), (2.1, 1), (-1.9, 0), (-2.1, 1)])
+def test_a_streams_time_may_step_by_two_seconds(seconds, stray):
+    assert strays((1, 3000), (2, 3000 + round(90_000 * seconds))) == [0, stray]
+
+
+def test_what_may_be_lost_counts_from_the_newest_packet_not_from_a_late_one():
+    assert strays((100, 3000), (10, 300), (100 + MAX_DROPOUT - 1, 9000)) == [0, 0, 0]
+
+
 def renumbered(datagrams, *, number, ticks):
     """The same pictures as a restarted sender's."""
     packets = [RtpPacket.parse(data) for data in datagrams]
@@ -544,3 +553,112 @@ def test_pictures_that_pile_up_in_the_sockets_buffer_are_thrown_away(tmp_path, m
     assert counts[BEHIND] > 5
     assert max(true for true, _ in ages) < 1.5  # 3.5 s where they queue
     assert max(true - told for true, told in ages) < 0.2
+
+
+def test_a_header_that_promises_more_than_there_is_is_none():
+    """Of an extension only a part, padding as long as all of it, sources that are not there."""
+    assert RtpPacket.parse(rtp(payload=b"")) is None
+    assert RtpPacket.parse(rtp(payload=b"x")).payload == b"x"
+    extended = b"\x90" + rtp(payload=b"\xbe\xde\x00\x00")[1:]
+    assert RtpPacket.parse(extended) is None and RtpPacket.parse(extended + b"x").payload == b"x"
+    assert all(RtpPacket.parse(extended[:n]) is None for n in range(12, 16))
+    assert RtpPacket.parse(b"\xa0" + rtp(payload=b"ab\x03")[1:]) is None
+    assert RtpPacket.parse(b"\xa0" + rtp(payload=b"ab\x02")[1:]).payload == b"a"
+    assert RtpPacket.parse(b"\x81" + rtp(payload=b"abcd")[1:]) is None
+    assert RtpPacket.parse(b"\x40" + rtp()[1:]) is None  # version 1
+
+
+def test_only_a_whole_sender_report_is_one():
+    data = struct.pack(">BBHIIIIII", 0x80, 200, 6, 7, 3_000_000_000, 0, 90, 0, 0)
+    assert SenderReport.parse(data) == SenderReport(7, (3_000_000_000 - 2_208_988_800) * 10**9, 90)
+    assert SenderReport.parse(data[:27]) is None
+    assert SenderReport.parse(b"\x40" + data[1:]) is None
+    assert SenderReport.parse(data[:1] + b"\xc9" + data[2:]) is None  # a receiver's
+
+
+def sequences(reorder, number, now_ns=0):
+    return [(packet.sequence, lost) for packet, _, lost in reorder.add(RtpPacket.parse(rtp(number)), now_ns)]
+
+
+def test_sixteen_packets_may_wait_for_one_and_no_more():
+    reorder = Reorder()
+    assert sequences(reorder, 10) == [(10, False)]
+    assert all(sequences(reorder, number) == [] for number in range(12, 28))
+    assert sequences(reorder, 28) == [(12, True), *((number, False) for number in range(13, 29))]
+    assert sequences(reorder, 11) == []  # too late now
+    assert sequences(reorder, 28) == []  # came before
+    assert sequences(reorder, 29) == [(29, False)]
+    assert sequences(reorder, 30, LONGEST_HELD_NS) == [(30, False)]  # and they are not held
+
+
+@pytest.mark.parametrize(("waited_ms", "due"), [(39, []), (40, [(12, True), (13, False)])])
+def test_a_packet_waits_for_40_ms(waited_ms, due):
+    reorder = Reorder()
+    sequences(reorder, 10)
+    sequences(reorder, 12)
+    assert sequences(reorder, 13, waited_ms * 1_000_000) == due
+
+
+def test_a_picture_came_with_its_first_packet():
+    units = Units()
+    assert not list(units.add(RtpPacket.parse(rtp(1, 90)), 5, lost=False))
+    [unit] = units.add(RtpPacket.parse(rtp(2, 90, marker=True)), 9, lost=False)
+    assert (unit.came_ns, unit.ticks, unit.data) == (5, 90, 2 * (START_CODE + b"\x41x"))
+
+
+@pytest.mark.parametrize("lost_first", [True, False])
+def test_a_picture_that_lacks_a_packet_has_no_data_and_the_next_is_whole(lost_first):
+    units = Units()
+    assert not list(units.add(RtpPacket.parse(rtp(2, 90)), 5, lost=lost_first))
+    [damaged] = units.add(RtpPacket.parse(rtp(4, 90, marker=True)), 9, lost=not lost_first)
+    [whole] = units.add(RtpPacket.parse(rtp(5, 180, marker=True)), 10, lost=False)
+    assert (damaged.data, whole.data) == (None, START_CODE + b"\x41x")
+
+
+def test_a_fragment_without_its_beginning_makes_no_picture():
+    units = Units()
+    [unit] = units.add(RtpPacket.parse(rtp(1, 90, marker=True, payload=b"\x7c\x45end")), 5, lost=False)
+    assert unit.data is None
+
+
+@pytest.mark.parametrize(
+    ("parts", "payload"),
+    [
+        (h264_parts, b"\x78\x00\x00"),  # a unit of no bytes
+        (h264_parts, b"\x78\x00\x03ab"),  # one longer than its packet
+        (h264_parts, b"\x79\x00\x01a"),  # STAP-B
+        (h264_parts, b"\x60x"),  # type 0
+        (h265_parts, b"\x60\x01\x00\x04abc"),
+        (h265_parts, b"\x64\x01a"),  # type 50, PACI
+    ],
+)
+def test_payloads_that_are_none_of_these_are_refused(parts, payload):
+    with pytest.raises(ValueError, match="expected"):
+        parts(payload)
+
+
+def test_fragments_keep_their_heads_other_bits():
+    """H.264's importance (2 bits), H.265's layer (its first bit lies in the first byte)."""
+    assert h264_parts(b"\x1c\x81x")[1] == b"\x01" and h264_parts(b"\x5c\x81x")[1] == b"\x41"
+    assert h265_parts(b"\x63\x09\x93x")[1] == b"\x27\x09"
+
+
+@pytest.mark.parametrize(
+    ("h265", "kind", "shows"),
+    [(False, 1, 1), (False, 5, 1), (False, 6, 0), (True, 0, 1), (True, 21, 1), (True, 31, 1), (True, 32, 0)],
+)
+def test_which_units_are_of_a_picture(h265, kind, shows):
+    """Slices are; parameter sets and messages stand before the next one."""
+    payload = bytes([kind << 1, 1, 0]) if h265 else bytes([0x60 | kind, 0])
+    found = list(
+        Units(h265=h265).add(RtpPacket.parse(rtp(1, 0, marker=True, payload=payload)), 0, lost=False)
+    )
+    assert len(found) == shows
+
+
+def test_a_decoder_can_begin_with_parameter_sets_wherever_they_stand():
+    assert begins(START_CODE + b"\x06sei" + START_CODE + b"\x67sps" + START_CODE + b"\x65i", h265=False)
+    assert not begins(START_CODE + b"\x68pps" + START_CODE + b"\x65i", h265=False)
+    assert begins(START_CODE + b"\x40\x01vps", h265=True)
+    assert not begins(START_CODE + b"\x42\x01sps", h265=True)
+    assert not begins(START_CODE, h265=False) and not begins(b"", h265=False)

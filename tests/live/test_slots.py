@@ -126,3 +126,17 @@ def test_the_last_result_is_written_before_a_sink_is_closed():
     sink.close()
     assert seen == [1, 2]
     assert (sink.counts.taken, sink.counts.missed) == (2, 0)
+
+
+def test_a_taker_is_woken_by_what_comes_and_does_not_wait_for_its_time_to_end():
+    slot, taken = Newest(), []
+    threading.Timer(0.05, slot.put, ["late"]).start()
+    assert lasts_s(lambda: taken.append(slot.take(PATIENCE_S))) < PATIENCE_S / 2
+    assert taken == ["late"]
+
+
+def test_a_sink_that_never_ends_does_not_keep_the_process_alive():
+    hold = threading.Event()
+    sink = SinkThread("link", lambda result: hold.wait(PATIENCE_S), lambda name, error: None)
+    assert sink._thread.daemon
+    sink.close()

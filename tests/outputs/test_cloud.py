@@ -207,6 +207,18 @@ def test_a_voxel_begins_at_whole_lengths():
     assert sorted(found[:, 0].tolist()) == [-0.5, 0.25, 1.0]
 
 
+def test_neighbouring_voxels_stay_apart_on_every_axis():
+    middles = np.stack(np.meshgrid(*3 * [np.arange(-2, 2) + 0.5]), axis=-1).reshape(-1, 3)
+    assert {tuple(point) for point in gathered(middles, 1.0)} == {tuple(point) for point in middles}
+
+
+def test_a_voxels_colour_is_the_nearest_whole_one_of_each_channel():
+    grid = VoxelGrid(1.0)
+    colours = np.array([[10, 20, 30], [11, 22, 30], [11, 21, 31]], np.uint8)
+    grid.add(np.full((3, 3), 0.5), colours, np.ones(3, np.float32))
+    assert grid.cloud().colours.tolist() == [[11, 21, 30]]
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_a_flight_beyond_the_last_voxel_is_refused(axis, sign):

@@ -193,6 +193,15 @@ def test_a_hovering_drone_follows():
     assert georeference(flown(STANDS, noise_m=2.5), true_north=True).follows
 
 
+@pytest.mark.parametrize(
+    ("apart_m", "spread_m", "follows"),
+    [(4.9, 0.0, True), (5.1, 0.0, False), (9.9, 100.0, True), (10.1, 100.0, False), (4.9, 20.0, True)],
+)
+def test_a_way_follows_within_a_receivers_error_or_a_tenth_of_its_spread(apart_m, spread_m, follows):
+    found = georeference(flown(weaving()), true_north=True)
+    assert replace(found, apart_m=(apart_m, 99.0), spread_m=spread_m).follows == follows
+
+
 @pytest.mark.parametrize("degrees", [-170.0, -20.0, 3.0, 90.0])
 def test_a_north_that_may_be_any_is_found(degrees):
     ned = weaving()

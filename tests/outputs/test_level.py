@@ -75,3 +75,69 @@ def test_standing_still_says_nothing():
     level = LevelCamera()
     level.add(0, np.zeros(3), np.zeros(3))
     assert level.at(0) is None
+
+
+def told(level, at_ns):
+    """Yaw and pitch, degrees, of the attitude at a time."""
+    body = level.at(at_ns) @ NED_FROM_CAMERA.T
+    return np.degrees(np.arctan2(body[1, 0], body[0, 0])), np.degrees(-np.arcsin(body[2, 0]))
+
+
+def ahead(level, at_ns, yaw_deg=0.0, pitch_deg=0.0):
+    """A motion along the camera's forward axis."""
+    true = attitude(np.radians(yaw_deg), np.radians(pitch_deg))
+    level.add(at_ns, np.array([0, 0, 1.0]), true @ np.array([0, 0, 1.0]))
+
+
+def test_an_older_yaw_fades_within_half_a_second():
+    """North, and half a second later east: arrows of 1/e north and 1 east."""
+    level = LevelCamera()
+    ahead(level, 0)
+    ahead(level, S // 2, yaw_deg=90)
+    assert told(level, S // 2)[0] == pytest.approx(np.degrees(np.arctan2(1, np.exp(-1))), abs=1e-6)
+
+
+def test_an_older_pitch_fades_within_two_seconds():
+    level = LevelCamera()
+    ahead(level, 0)
+    ahead(level, 2 * S, pitch_deg=-30)
+    assert told(level, 2 * S)[1] == pytest.approx(-30 / (1 + np.exp(-1)), abs=1e-6)
+
+
+@pytest.mark.parametrize(("off_deg", "known"), [(12.5, False), (13.5, True)])
+def test_motion_nearly_along_the_right_axis_tells_no_pitch(off_deg, known):
+    level, off = LevelCamera(), np.radians(off_deg)
+    level.add(0, np.array([np.cos(off), 0, np.sin(off)]), np.array([np.sin(off), np.cos(off), 0]))
+    assert (level.at(0) is not None) == known
+
+
+def test_a_climb_tells_no_yaw():
+    """Its arrow is as short as its way over ground: a motion ahead outweighs twenty climbs."""
+    level = LevelCamera()
+    for _ in range(20):
+        level.add(0, np.array([0, -1.0, 0.01]), np.array([0, 0.01, -1.0]))
+    ahead(level, 0)
+    assert abs(told(level, 0)[0]) < 0.2
+
+
+def test_no_gimbal_looks_farther_than_100_degrees_down_or_up():
+    """Ahead and 30 degrees down in the world: by 30 degrees, or by 150, of which none is that near."""
+    body = np.array([1.0, 0, 0])
+    assert np.degrees(pitch_that_lifts(body, 0.5, near_rad=0.0)) == pytest.approx(-30)
+    assert np.degrees(pitch_that_lifts(body, 0.5, near_rad=np.radians(-140))) == pytest.approx(-100)
+    assert np.degrees(pitch_that_lifts(body, -0.5, near_rad=np.radians(140))) == pytest.approx(100)
+
+
+def test_where_no_pitch_fits_it_is_the_one_that_comes_nearest():
+    """Half of the motion is along the right axis, and the log says that it climbs nearly straight."""
+    body = np.array([0.5**0.5, 0.5**0.5, 0])
+    assert np.degrees(pitch_that_lifts(body, -0.9, near_rad=0.0)) == pytest.approx(90)
+    assert pitch_that_lifts(np.array([0, 1.0, 0]), 0.3, near_rad=0.2) == 0.2
+
+
+@pytest.mark.parametrize(("seen", "flown"), [((0, 0, 1.0), (0, 0, 0)), ((0, 0, 0), (1.0, 0, 0))])
+def test_standing_still_by_either_leaves_what_was_known(seen, flown):
+    level = LevelCamera()
+    ahead(level, 0, yaw_deg=30)
+    level.add(S // 10, np.array(seen, float), np.array(flown, float))
+    assert told(level, S // 10) == pytest.approx((30, 0), abs=1e-6)

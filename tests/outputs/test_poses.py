@@ -122,3 +122,37 @@ def test_a_table_of_an_older_version_tells_no_places():
     pose = FramePose(0, 0, 0, np.zeros(3), LOOKING_NORTH, "log")
     text = csv_text(COLUMNS[:11], pose_cells(pose)[:11])
     assert np.isnan(poses_from_csv(text)[0].place).all()
+
+
+def test_the_longest_pair_tells_the_attitude_not_across_a_gap():
+    """A pair that reaches back to another segment would compare places with different origins."""
+    true = rotation_from_euler(0, np.radians(-30), np.radians(90)) @ NED_FROM_CAMERA
+    velocity = np.array([3.0, 1.0, 0.4])
+    track = flown([*((s, velocity) for s in range(3)), *((s, velocity) for s in range(9, 12))])
+    pairs = moving(true.T @ velocity)
+    object.__setattr__(pairs, "shifts", np.array([1, 4]))
+    object.__setattr__(pairs, "moved_m", np.array([[1.0, 0, 0], true.T @ velocity]))
+    told = []
+    for i, seconds in enumerate([0.0, 0.5, 1.0, 1.5, 2.0, 9.0, 9.5, 10.0, 10.5, 11.0]):
+        told.append(at(track, seconds, pairs, i))
+    assert [place.attitude == "pictures" for place in told] == [i in (4, 9) for i in range(10)]
+    assert np.allclose(told[9].ned_from_camera, true, atol=1e-6)
+
+
+def test_a_place_and_a_time_of_a_table_stand_in_their_columns():
+    place = np.array([48.1234567891, 11.1, 520.1234])
+    pose = FramePose(
+        7, 11, 2, np.array([1.0, 2.0, -3.0]), LOOKING_NORTH, "log", place, 1_777_000_000_000_000_001
+    )
+    cells = dict(zip(COLUMNS, map(str, pose_cells(pose)), strict=True))
+    assert (cells["index"], cells["stamp_ns"], cells["segment"]) == ("7", "11", "2")
+    assert [cells[axis] for axis in ("north_m", "east_m", "down_m")] == ["1.0000", "2.0000", "-3.0000"]
+    assert (cells["latitude_deg"], cells["longitude_deg"]) == ("48.123456789", "11.100000000")
+    assert (cells["altitude_m"], cells["utc_ns"]) == ("520.123", "1777000000000000001")
+
+
+def test_an_attitude_that_nobody_knows_of_is_refused():
+    pose = FramePose(0, 0, 0, np.zeros(3), LOOKING_NORTH, "log")
+    text = csv_text(COLUMNS, pose_cells(pose)).replace("log", "guessed")
+    with pytest.raises(ValueError, match="attitude 'guessed'"):
+        poses_from_csv(text)

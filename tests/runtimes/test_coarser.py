@@ -132,3 +132,20 @@ def test_padding_asks_for_no_second_look() -> None:
     moved_px = np.full((2, 32, 32), 5.0, np.float32)
     moved_px[0, :, 0], moved_px[1, :, 31] = 40.0, 40.0
     assert beyond_reach(swept_card(), np.float32(64 * 0.3) / moved_px, valid) == [0]
+
+
+def test_the_reach_of_a_network_with_another_displacement_is_as_many_pixels() -> None:
+    card, everywhere = swept_card().model_copy(update={"D0_m": 0.6}), np.ones((4, 4), np.bool_)
+    told = [np.full((1, 4, 4), 64 * 0.6 / pixels, np.float32) for pixels in (20, 40)]
+    assert [beyond_reach(card, depth_m, everywhere) for depth_m in told] == [[], [0]]
+
+
+def test_a_picture_that_half_does_not_fill_a_grid_is_seen_as_large_as_does() -> None:
+    """Of 192 px a half is 96, which takes a grid of 128: two thirds, so 20 px there are 30."""
+    camera, runtime = Camera(192, 192, 64.0, 64.0, 95.5, 95.5), Said(at_192=(50.0, 5.0), at_128=(20.0, 3.0))
+    found = Network(swept_card(), runtime, aligned=False).predict([BLANK_192], BLANK_192, MOVED, camera)
+    assert [call[-1] for call in runtime.calls] == [192, 128]
+    np.testing.assert_allclose(64.0 * 2.0 / found.depth_m[:, :, :20], 30.0, rtol=1e-5)
+
+
+BLANK_192 = np.zeros((192, 192, 3), np.uint8)

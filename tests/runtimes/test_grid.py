@@ -195,6 +195,15 @@ def test_greys_between_levels_stay_on_the_grid(camera: Camera) -> None:
     assert left.std() < 0.22  # of whole levels 0.29 and more
 
 
+def test_pixels_that_are_not_square_are_means_of_what_they_hold_along_both_axes() -> None:
+    """Across to a third of the pixels, down to four fifths: halving would have blurred what is down."""
+    image = np.random.default_rng(0).integers(0, 256, (320, 400, 3), np.uint8)
+    grid = NetworkGrid(Camera(400, 320, 400.0, 160.0, 199.5, 159.5), 128)
+    assert (grid.camera.width, grid.camera.height) == (128, 256)
+    expected = cv2.resize(image.astype(np.float32), (128, 256), interpolation=cv2.INTER_AREA)
+    np.testing.assert_allclose(grid.image(image), expected, atol=0.51)
+
+
 def test_shrinking_leaves_under_half_the_aliasing_of_bilinear_sampling() -> None:
     wave = 127 + 100 * np.sin(np.arange(854) * 2 * math.pi / 3.4)  # too fine for a shrink to 0.38
     image = np.repeat(np.broadcast_to(wave, (480, 854)).astype(np.uint8)[..., None], 3, axis=2)

@@ -69,6 +69,45 @@ def test_few_blocks_tell_nothing():
     )
 
 
+def test_blocks_of_hardly_any_contrast_do_not_count():
+    """As on a blank wall, where flow only guesses."""
+    flow = flow_of(WAYS[0], TURN)
+    assert left_rotation(flow, EVERYWHERE, EVERYWHERE, np.array(WAYS[0]), CAMERA) is None
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_direction_that_is_a_little_off_does_not_pass_for_a_rotation(way):
+    """By 0.4 degrees, to one side or the other."""
+    aside_of = np.cross(way, (0.3, 0.8, 0.5))
+    for sign in (-1, 1):
+        told = np.array(way) + sign * np.tan(np.radians(0.4)) * aside_of / np.linalg.norm(aside_of)
+        found = left_rotation(flow_of(way, TURN), CONTRAST, EVERYWHERE, told / np.linalg.norm(told), CAMERA)
+        assert found == pytest.approx(TURN, abs=2e-4)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_rotation_is_found_and_taken_out_where_pixels_are_not_square(way):
+    camera = Camera(256, 192, 150.0, 190.0, 127.5, 95.5)
+    turned, still = (np.stack(seen_through(camera, way, turn), axis=-1) for turn in (TURN, (0, 0, 0)))
+    found = left_rotation(turned, CONTRAST, EVERYWHERE, np.array(way), camera)
+    assert found == pytest.approx(TURN, abs=4e-5)
+    assert turned - rotated_flow(turned, TURN, camera) == pytest.approx(still, abs=4e-3)
+
+
+def seen_through(camera, way, turn):
+    """Flow as `flow_of` makes it, along x and along y."""
+    rays = camera.resized(*SHAPE[::-1]).rays()
+    before = rays * np.random.default_rng(0).uniform(3, 40, (*SHAPE, 1)) + np.array(way)
+    before = before @ cv2.Rodrigues(np.asarray(turn, float))[0].T
+    moved = before[..., :2] / before[..., 2:] - rays[..., :2]
+    return (camera.fx * moved[..., 0]).astype(np.float32), (camera.fy * moved[..., 1]).astype(np.float32)
+
+
+def test_depth_of_what_moved_by_a_pixel_is_mended():
+    depth = np.full(SHAPE, CAMERA.fx / 1.0, np.float32)
+    assert (mended_depth(depth, TURN / 10, np.array(WAYS[0]), CAMERA) != depth).all()
+
+
 @pytest.mark.parametrize("way", WAYS)
 def test_its_flow_is_what_it_added(way):
     turned, still = flow_of(way, TURN), flow_of(way, (0, 0, 0))

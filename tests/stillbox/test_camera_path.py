@@ -76,3 +76,13 @@ def test_a_bend_is_kept():
 
 def test_one_frame_has_no_speed():
     assert described_path(flown([[0, 0, 0]]), 0.1)["speed"] == [0, 0, 0]
+
+
+def test_a_bend_of_a_millimetre_is_kept():
+    bent = flown([[0, 0, 0], [0, 0, 0.1], [0.001, 0, 0.2]])
+    assert there_and_back(bent)[0] == pytest.approx(bent.camera_position, abs=1e-9)
+
+
+def test_a_turn_of_a_thousandth_is_kept():
+    turned = flown([[0, 0, 0], [0, 0, 0.1]], [np.eye(3), rotation_from_euler(0, 0.001, 0)])
+    assert there_and_back(turned)[1] == pytest.approx(turned.world_from_camera, abs=1e-9)

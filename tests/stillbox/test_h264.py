@@ -48,6 +48,17 @@ def test_the_quality_is_drawn_and_all_else_stays():
     assert one.previous.shape == one.current.shape == PICTURE.shape
 
 
+def test_both_pictures_are_frames_of_one_video_of_the_drawn_quality():
+    other = PICTURE[::-1].copy()
+    pair = Pair(PICTURE, other, np.ones((64, 64), np.float32), np.ones(3), Camera.from_fov(64, 64, 90))
+    found = filmed(np.random.default_rng(1), pair)
+    factor = np.random.default_rng(1).uniform(8, 22)
+    for seen, expected in zip(
+        (found.previous, found.current), through_h264([PICTURE, other], factor), strict=True
+    ):
+        assert np.array_equal(seen, expected)
+
+
 @pytest.fixture(scope="module")
 def textures():
     return Textures.procedural(3, 1)

@@ -1,9 +1,12 @@
 """What the noise does to a pair: angles, sizes, and that a turn is the turn of a camera."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
+from flightdepth.stillbox import motion_noise
 from flightdepth.stillbox.motion_noise import MotionNoise, rotated, tilted
 from flightdepth.stillbox.pairs import Pair
 
@@ -71,3 +74,36 @@ def test_no_noise_changes_nothing():
     after = MotionNoise(0, 0)(np.random.default_rng(0), before)
     assert np.array_equal(after.previous, before.previous)
     assert after.displacement == pytest.approx(before.displacement)
+
+
+def test_a_turn_repeats_the_border():
+    """Black corners would tell a network how far a picture was turned."""
+    plain = np.full((64, 96, 3), 90, np.uint8)
+    assert (rotated(plain, CAMERA, np.array([0.05, 0.05, 0.1])) == 90).all()
+
+
+def test_the_earlier_picture_is_the_one_that_is_turned():
+    plain = np.full((64, 96, 3), 90, np.uint8)
+    after = MotionNoise(5, 0.5)(np.random.default_rng(0), replace(pair(), previous=plain))
+    assert np.array_equal(after.previous, plain)
+
+
+def test_rotations_stay_below_the_largest_and_do_not_hang_on_the_direction_s_errors(monkeypatch):
+    """In degrees; most are small."""
+    turns, before, rng = [], pair(), np.random.default_rng(0)
+    monkeypatch.setattr(motion_noise, "rotated", lambda image, _, vector: (turns.append(vector), image)[1])
+    for _ in range(300):
+        MotionNoise(40, 0.5)(rng, before)
+    angles = np.degrees(np.linalg.norm(turns, axis=1))
+    assert 0.3 < angles.max() < 0.5
+    assert np.median(angles) == pytest.approx(0.5 / 8, rel=0.25)
+
+
+def test_the_axis_of_a_rotation_has_nothing_to_do_with_the_direction_s_error(monkeypatch):
+    turns, before, rng = [], pair(), np.random.default_rng(0)
+    monkeypatch.setattr(motion_noise, "rotated", lambda image, _, vector: (turns.append(vector), image)[1])
+    errors = [MotionNoise(5, 0.5)(rng, before).displacement - before.displacement for _ in range(300)]
+    axes, ways = (
+        each / np.linalg.norm(each, axis=1, keepdims=True) for each in (np.array(turns), np.array(errors))
+    )
+    assert abs((axes * ways).sum(axis=1).mean()) < 0.1  # of independent ones its deviation is 0.03

@@ -79,3 +79,71 @@ def test_jpeg_keeps_the_brightness_of_fine_red_stripes():
     stripes[:, ::2, 0] = 220
     luma = through_jpeg(stripes, 95) @ np.array([0.299, 0.587, 0.114])
     assert np.ptp(luma[4, 4:20]) == pytest.approx(0.299 * 160, abs=3)
+
+
+class Ends:
+    """Stands for a generator: all that is uniform is at one end of its range, of several numbers the last is."""
+
+    def __init__(self, end: int, *shares: float) -> None:
+        self._end, self._shares = end, iter(shares)
+
+    def uniform(self, low, high, size=None):
+        at = (low, high)[self._end]
+        return at if size is None else np.linspace((low + high) / 2, at, size)
+
+    def integers(self, low, high):
+        return low + 0 * np.asarray(high)
+
+    def random(self):
+        return next(self._shares)
+
+
+NEITHER = 0.34, 0.67, 0.34  # shares of blur, of noise, of JPEG
+
+
+def levels(end: int, level: int, *shares: float) -> np.ndarray:
+    grey = np.full((32, 32, 3), level, np.uint8)
+    return EFFECTS(Ends(end, *(shares or NEITHER)), pair_of(grey, grey)).current
+
+
+@pytest.mark.parametrize(
+    ("end", "exposure", "gamma", "lift"), [(0, 2**-0.78, 0.75, 0), (1, 2**0.78, 1.35, 0.12)]
+)
+def test_a_level_at_the_ends_of_what_is_drawn_by_hand(end, exposure, gamma, lift):
+    """Both exposures, that of the pair and that of the picture, are at their ends; red is in the middle."""
+    tints = np.array([1, 1.05, 1.1] if end else [1, 0.95, 0.9])
+    expected = 255 * (lift + (1 - lift) * (100 / 255 * exposure * tints) ** gamma)
+    assert levels(end, 100)[5, 5] == pytest.approx(expected, abs=0.51)
+
+
+def test_what_is_brighter_than_white_is_white_and_black_is_lifted():
+    assert (levels(1, 250) == 255).all()
+    assert (levels(1, 0) == round(0.12 * 255)).all()
+
+
+def test_a_third_of_the_pairs_is_blurred_by_up_to_a_pixel():
+    """A line of one pixel is spread as a normal distribution."""
+    image = np.zeros((33, 33, 3), np.uint8)
+    image[:, 16] = 60
+    sharp, seen = (
+        EFFECTS(Ends(1, share, 0.67, 0.34), pair_of(image, image)).current[16, :, 0] for share in (0.34, 0.33)
+    )
+    line, blurred = sharp.astype(float) - sharp[0], seen.astype(float) - seen[0]
+    assert (line > 0).sum() == 1
+    assert blurred.sum() == pytest.approx(line.sum(), rel=0.05)
+    variance = (blurred * (np.arange(33) - 16) ** 2).sum() / blurred.sum()
+    assert variance**0.5 == pytest.approx(1.1, rel=0.05)
+
+
+def test_noise_of_each_channel_is_up_to_three_per_cent():
+    seen = levels(1, 60, 0.34, 0.66, 0.34).astype(float)
+    assert seen.std(axis=(0, 1)) == pytest.approx([7.5] * 3, rel=0.1)
+
+
+def test_a_third_of_the_pairs_is_a_jpeg():
+    rng = np.random.default_rng(0)
+    image = rng.integers(60, 200, (32, 32, 3), np.uint8)
+    plain, seen = (
+        EFFECTS(Ends(0, 0.34, 0.67, share), pair_of(image, image)).current for share in (0.34, 0.33)
+    )
+    assert np.array_equal(seen, through_jpeg(plain, 35))

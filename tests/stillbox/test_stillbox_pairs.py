@@ -11,7 +11,7 @@ from flightdepth.errors import BadInput
 from flightdepth.renderers.raycast import render
 from flightdepth.scenes import StillBoxConfig, Textures, draw_scene
 from flightdepth.stillbox import Batch, PairRule
-from flightdepth.stillbox.pairs import make_pair, turned
+from flightdepth.stillbox.pairs import Pair, make_pair, turned
 
 EIGHT = list(itertools.product(range(4), (False, True)))
 CAMERA = Camera.from_fov(64, 64, 90).cropped(6, -9, 64, 64)  # the principal point is not in the middle
@@ -188,6 +188,27 @@ def test_wide_pairs_stay_within_a_short_scene(frames):
     rule, rng = PairRule(wide_share=1.0), np.random.default_rng(0)
     drawn = np.array([rule.draw_frames(rng, frames) for _ in range(50)])
     assert set(np.abs(drawn[:, 1] - drawn[:, 0])) == {frames - 1}
+
+
+def test_a_rule_without_still_pairs_draws_none():
+    """Their share is that of one frame: 1/4 of the pairs are that far apart, not 1/6."""
+    rule, rng = PairRule(still=False), np.random.default_rng(0)
+    frames = np.array([rule.draw_frames(rng, 10) for _ in range(4000)])
+    shares = np.bincount(np.abs(frames[:, 1] - frames[:, 0]), minlength=7) / 4000
+    np.testing.assert_allclose(shares, [0, 1 / 4, *[1 / 6] * 4, 1 / 12], atol=0.025)
+
+
+def test_a_rule_without_backward_pairs_draws_none():
+    rule, rng = PairRule(backward=False), np.random.default_rng(0)
+    frames = np.array([rule.draw_frames(rng, 10) for _ in range(400)])
+    assert (frames[:, 1] >= frames[:, 0]).all()
+
+
+def test_a_mirrored_camera_s_principal_point_is_as_far_from_the_other_edge():
+    blank = np.zeros((64, 64, 3), np.uint8)
+    pair = Pair(blank, blank, np.ones((64, 64), np.float32), np.ones(3), CAMERA)
+    seen = turned(pair, quarter_turns=0, mirror=True).camera
+    assert (seen.cx, seen.cy) == (63 - CAMERA.cx, CAMERA.cy)
 
 
 def test_a_batch_joins_the_two_images(flown):

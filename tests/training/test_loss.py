@@ -5,7 +5,7 @@ import pytest
 import torch
 from training_runs import small_recipe
 
-from flightdepth.training.loss import SCALE_WEIGHTS, inverse_error_m, loss_m, multi_scale_l1, pinball
+from flightdepth.training.loss import SCALE_WEIGHTS, inverse_error_m, l1_m, loss_m, multi_scale_l1, pinball
 
 WEIGHTS = (0.32, 0.08, 0.02, 0.01, 0.005)
 
@@ -135,3 +135,65 @@ def test_a_recipe_chooses_the_space_of_its_loss():
     }
     assert found["depth"] == pytest.approx(10 * sum(SCALE_WEIGHTS))
     assert found["inverse-depth"] == pytest.approx((11 - 121 / 21) * sum(SCALE_WEIGHTS), rel=1e-5)
+
+
+def flat(*depths_m):
+    """Five scales, finest first, of one depth each; the last counts for those that are left."""
+    depths_m = (*depths_m, *[depths_m[-1]] * (5 - len(depths_m)))
+    return [torch.full((1, 16 >> k, 16 >> k), depth_m) for k, depth_m in enumerate(depths_m)]
+
+
+def target(depth_m):
+    return torch.full((1, 64, 64), depth_m)
+
+
+def test_a_recipe_chooses_whether_an_end_forgives():
+    found = [loss_m(small_recipe(loss=loss), flat(130.0), target(100.0)) for loss in ("l1", "saturating-l1")]
+    assert [loss.item() for loss in found] == pytest.approx([30 * sum(WEIGHTS), 0])
+
+
+def test_a_recipe_chooses_how_much_more_near_errors_count():
+    found = loss_m(small_recipe(near_weight_m=10.0), flat(6.0), target(5.0)).item()
+    assert found == pytest.approx(3 * sum(WEIGHTS))
+
+
+def test_nearer_than_a_metre_errors_count_as_at_a_metre():
+    found = loss_m(small_recipe(near_weight_m=10.0), flat(1.25), target(0.25)).item()
+    assert found == pytest.approx(11 * sum(WEIGHTS))
+
+
+@pytest.mark.parametrize("depth_m", [8.0, 12.0])
+@pytest.mark.parametrize(("spread_m", "pinball_m"), [(1.0, 0.6827 * 1), (4.0, 0.3173 * 2)])
+def test_a_spread_is_learnt_beside_the_depth(depth_m, spread_m, pinball_m):
+    """Of an error of 2 m, too near or too far."""
+    spread = torch.full((1, 16, 16), spread_m)
+    found = loss_m(small_recipe(), (flat(depth_m), spread), target(10.0)).item()
+    assert found == pytest.approx(2 * sum(WEIGHTS) + 0.05 * pinball_m, rel=1e-5)
+
+
+def test_a_spread_is_that_of_the_clipped_depth():
+    """Which is right, at the end of the range."""
+    found = loss_m(small_recipe(), (flat(130.0), torch.full((1, 16, 16), 1.0)), target(100.0)).item()
+    assert found == pytest.approx(0.05 * 0.3173, rel=1e-5)
+
+
+def test_a_spread_does_not_pull_at_the_depth():
+    pulls = []
+    for spread in ((), (torch.full((1, 16, 16), 1.0),)):
+        depths = flat(12.0)
+        depths[0].requires_grad_()
+        loss_m(small_recipe(), (depths, *spread) if spread else depths, target(10.0)).backward()
+        pulls.append(depths[0].grad)
+    assert torch.equal(*pulls)
+
+
+@pytest.mark.parametrize("spread", [False, True])
+def test_the_error_that_is_told_is_that_of_the_finest_depth_clipped(spread):
+    output = (flat(130.0, 0.0), torch.ones((1, 16, 16))) if spread else flat(130.0, 0.0)
+    assert l1_m(small_recipe(), output, target(90.0)).item() == pytest.approx(10)
+
+
+def test_errors_of_both_signs_add_up():
+    depths = flat(10.0)
+    depths[0][:, ::2], depths[0][:, 1::2] = 6.0, 14.0
+    assert l1_m(small_recipe(), depths, target(10.0)).item() == pytest.approx(4)

@@ -161,7 +161,7 @@ def _matched_by_time(
         expected = f"times within half a step of the pictures', {span} since 1970"
         raise BadInput(f"--truth {folder}", expected=expected, got=told_span)
     spans = f"their times are {told_span}, the pictures' {span}"
-    return Matched(found, len(told) - len(found), spans, None)
+    return Matched(found, len(told) - len(set(found.values())), spans, None)
 
 
 def nearest_in_time(pictures: Sequence[Named], others: Sequence[Named]) -> dict[str, str]:

@@ -119,8 +119,8 @@ def attitude_rates(stamps_ns: Stamps, quaternions_n4: Vector, *, axes: bool = Tr
 
 
 def _smooth(values: Vector, stamps_ns: Stamps) -> Vector:
-    """Means over STEP_S of values [n, c] that come much faster."""
-    count = max(1, round(STEP_S * NS_PER_S / max(float(np.median(np.diff(stamps_ns))), 1.0)))
-    window = np.ones(min(count, len(values)))
+    """Means over STEP_S of values [n, c] that come much faster: of an odd number, or they would be half a step late."""
+    count = round(STEP_S * NS_PER_S / max(float(np.median(np.diff(stamps_ns))), 1.0)) | 1
+    window = np.ones(count if count <= len(values) else 1)
     of = np.convolve(np.ones(len(values)), window, mode="same")  # at either end fewer
     return np.stack([np.convolve(column, window, mode="same") / of for column in values.T], axis=1)

@@ -107,10 +107,13 @@ class ObstacleMap:
             self._snapshots.popleft()
 
     def _keep(self, now: Snapshot) -> None:
-        nothing = not np.isfinite(now.sectors.obstacle_m).any() and not now.sectors.clear_m.any()
-        newest = self._snapshots[-1].stamp_ns if self._snapshots else None
-        if not nothing and (newest is None or now.stamp_ns - newest >= EVERY_NS):
-            self._snapshots.append(now)
+        """The newest that knows anything, since the next may know nothing, and older ones EVERY_NS apart."""
+        kept = self._snapshots
+        if not np.isfinite(now.sectors.obstacle_m).any() and not now.sectors.clear_m.any():
+            return
+        if len(kept) > 1 and kept[-1].stamp_ns - kept[-2].stamp_ns < EVERY_NS:
+            kept.pop()
+        kept.append(now)
 
     def _forget(self) -> None:
         self._snapshots.clear()
