@@ -132,3 +132,79 @@ def test_a_turn_is_sought_round_the_sphere_only_where_one_shows(noise_px, turn_d
     before = before @ cv2.Rodrigues(np.radians([0.0, 0.0, turn_deg]))[0]
     assert degrees_between(direction_seen(now, before / before[:, 2:], FOCAL), (1, 0, 0.3)) < 5
     assert bool(starts) == sought
+
+
+def in_one_row(way, *, seed, spread_px=2.0, noise_px=0.2, focal=320.0):
+    """Rays, lens of 90 degrees, to 90 points of one row of the picture, 6 to 60 m away, that move by some pixels."""
+    rng = np.random.default_rng(seed)
+    row = rng.uniform(-140, 140)
+    pixels = np.column_stack([rng.uniform(-320, 320, 90), row + rng.uniform(-spread_px, spread_px, 90)])
+    points = np.column_stack([pixels / focal, np.ones(90)]) * np.exp(rng.uniform(1.8, 4.1, (90, 1)))
+    moved = points + 0.3 * np.array(way) / np.linalg.norm(way)
+    now, before = points / points[:, 2:], moved / moved[:, 2:]
+    before[:, :2] += rng.normal(0, noise_px / focal, (90, 2))
+    return now, before, focal
+
+
+def told_in_one_row(way, **given):
+    """Errors and deviations, degrees, of the directions that are told in 40 tries."""
+    found = [direction_of(*in_one_row(way, seed=seed, **given)) for seed in range(40)]
+    told = [each for each in found if each is not None]
+    return np.array([(degrees_between(each.unit, way), np.degrees(each.sigma_rad)) for each in told]).T
+
+
+@pytest.mark.parametrize("way", [(1, 0.1, 0), (-1, 0.05, 0.1), (1, 0, -0.2)])
+@pytest.mark.parametrize("spread_px", [2.0, 20.0])
+def test_points_of_one_row_are_not_sure_of_a_direction_along_it(way, spread_px):
+    """Flying along it, forwards looks much like sideways: some were 48 to 88 degrees off, told as sure to 1 to 3."""
+    errors, sigmas = told_in_one_row(way, spread_px=spread_px)
+    assert np.mean(errors > 15) < 0.06
+    assert np.mean(errors < 2 * sigmas) > 0.8
+
+
+@pytest.mark.parametrize("way", [(0, 1, 0.1), (0.3, 0.5, 1)])
+def test_points_of_one_row_tell_what_leads_across_it(way):
+    errors, sigmas = told_in_one_row(way)
+    assert len(errors) == 40
+    assert np.median(errors) < 0.5
+    assert 0.2 < np.median(sigmas) < 0.4
+
+
+def test_exact_points_of_one_row_tell_nothing():
+    """All of them move along the row, whichever way in its plane the camera flew."""
+    assert direction_of(*in_one_row((1, 0, 0), seed=0, spread_px=0.0, noise_px=0.0)) is None
+
+
+def test_points_of_one_place_tell_nothing():
+    now = np.tile([0.2, -0.1, 1.0], (30, 1))
+    assert direction_of(now, now + np.array([0.05, 0.02, 0.0]), FOCAL) is None
+
+
+def test_twelve_points_are_enough():
+    assert degrees_between(direction_of(*rays_of((1, 0, 0), count=12), FOCAL).unit, (1, 0, 0)) < 1e-3
+
+
+@pytest.mark.parametrize(("pixels", "told"), [(1.1, True), (0.9, False)])
+def test_points_count_as_moved_from_a_pixel_on(pixels, told):
+    now, before = rays_of((1, 0, 0))
+    before = now + (before - now) * (pixels / FOCAL / np.linalg.norm(before - now, axis=1, keepdims=True))
+    assert (direction_of(now, before, FOCAL) is not None) == told
+
+
+def test_just_a_quarter_of_the_points_moved():
+    now, before = rays_of((1, 0, 0))
+    before[30:] = now[30:]
+    assert direction_of(now, before, FOCAL) is not None
+
+
+def test_points_that_stay_do_not_speak_for_a_direction():
+    """They lie on every line: of 40 points that moved, half are denied."""
+    now, before = rays_of((1, 0, 0), noise_px=0.1, outliers=20)
+    before[40:] = now[40:]
+    assert direction_of(now, before, FOCAL) is None
+
+
+def test_points_off_their_lines_do_not_turn_a_direction_round():
+    now, before = rays_of((1, 0, 0))
+    before[:36, :2] += np.array([-80, 6]) / FOCAL
+    assert degrees_between(direction_of(now, before, FOCAL).unit, (1, 0, 0)) < 1e-3

@@ -30,6 +30,9 @@ INLIER_PX = 0.75  # between a point and its epipolar line
 TRIALS = 120
 REFINEMENTS = 3
 WORST_SIGMA_RAD = np.radians(15)
+LEAST_SPREAD = 1e-9  # of rays, squared: those of one place have none
+ELSEWHERE_RAD = np.radians([-60, -30, -15, 15, 30, 60, 90])
+CLEARLY_WORSE = 9.0  # squared deviations, beyond those of the best direction
 # Corners off their lines, on average. Without a turn they are 0.1 to 0.25 px off, with one of 0.2 degrees that is left
 # out 0.2 to 0.4: from CLEAN_PX on a turn is looked for. One that leaves more than MOST_LEFT_PX is of things that move.
 CLEAN_PX, MOST_LEFT_PX = 0.2, 0.35
@@ -144,7 +147,8 @@ def direction_of(now: Vector, before: Vector, focal_px: float) -> Direction | No
         inside = np.abs(_off_line(d, normals, now)) * focal_px < INLIER_PX
         if np.count_nonzero(inside) < FEWEST_INLIERS:
             return None
-        d, sigma_rad = _least_squares(normals[inside], now[inside], d)
+        d, values, axes = _least_squares(normals[inside], now[inside], d)
+    sigma_rad = _sigma_rad(d, values, axes, normals[inside], now[inside])
     if sigma_rad > WORST_SIGMA_RAD or np.mean(inside[moved]) < LEAST_AGREE:
         return None
     return Direction(d * _sign(d, now[inside], before[inside]), sigma_rad)
@@ -171,15 +175,41 @@ def _reach(d: Vector, now: Vector) -> Vector:
     return np.asarray(np.sqrt(x * x + y * y))  # hypot takes five times as long
 
 
-def _least_squares(normals: Vector, now: Vector, d: Vector) -> tuple[Vector, float]:
-    """The unit vector with the least sum of squared distances, and its standard deviation, radians.
+def _least_squares(normals: Vector, now: Vector, d: Vector) -> tuple[Vector, Vector, Vector]:
+    """The unit vector (3,) with the least sum of squared distances; the eigenvalues [3] and axes [3, 3] that tell it.
 
-    The spread of a smallest eigenvector is the noise over the root of the next eigenvalue.
+    What tracks err by is in the normals too, along some axes more than along others: the plain smallest eigenvector
+    leans to where it adds least, and of points in one row the next eigenvalue is such errors alone. So both are told
+    against what errors add (renormalisation; Kanatani, Statistical Optimization for Geometric Computation, 9.4): the
+    values are in squared errors, and one that is hardly more than the least holds nothing.
     """
-    rows = normals / np.maximum(_reach(d, now), 1e-3)[:, None]
-    values, vectors = np.linalg.eigh(rows.T @ rows)
-    noise = np.sqrt(max(values[0], 0.0) / max(len(rows) - 2, 1))
-    return vectors[:, 0], float(noise / np.sqrt(max(values[1], 1e-18)))
+    weights = 1 / np.maximum(_reach(d, now), 1e-3)[:, None]
+    rows, rays = normals * weights, now * weights
+    (xx, _, x), (_, yy, y), (_, _, one) = (rays.T @ rays).tolist()
+    added = np.array([[one, 0, -x], [0, one, -y], [-x, -y, xx + yy + LEAST_SPREAD * one]])
+    root = np.linalg.inv(np.linalg.cholesky(added))
+    values, vectors = np.linalg.eigh(root @ (rows.T @ rows) @ root.T)
+    axes = root.T @ vectors
+    return axes[:, 0] / np.linalg.norm(axes[:, 0]), values, axes
+
+
+def _sigma_rad(d: Vector, values: Vector, axes: Vector, normals: Vector, now: Vector) -> float:
+    """Standard deviation of d the way in which it is least sure, by its covariance and by looking far that way.
+
+    A covariance is of small errors. Where directions ELSEWHERE leave hardly more squared distances, the parabola
+    through one of them tells what d is worth.
+    """
+    freedom = max(len(now) - 2, 1)
+    squared_error = max(values[0], 1e-18) * len(now) / freedom
+    variances = squared_error * values[1:] / np.maximum(values[1:] - values[0], 1e-18) ** 2
+    across = axes[:, 1:] - np.outer(d, d @ axes[:, 1:])
+    variances, ways = np.linalg.eigh(across * variances @ across.T)
+    aside = np.sin(ELSEWHERE_RAD)
+    there = np.outer(np.cos(ELSEWHERE_RAD), d) + np.outer(aside, ways[:, -1])
+    least, left = ((_off_line(each, normals, now) ** 2).sum(axis=-1) for each in (d, there))
+    worse = (left / max(least, 1e-18) - 1) * freedom
+    sigmas = np.where(worse < CLEARLY_WORSE, np.abs(aside) / np.sqrt(np.maximum(worse, 1e-3)), 0.0)
+    return float(max(np.sqrt(variances[-1]), sigmas.max()))
 
 
 def _sign(d: Vector, now: Vector, before: Vector) -> float:
