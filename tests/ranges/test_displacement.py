@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import HOLD_S, MAX_GAP_S
 from flightdepth.motion import quaternion_from_rotation, rotation_from_euler
-from flightdepth.ranges.displacement import Trajectory, integrate
+from flightdepth.ranges.displacement import Trajectory, integrate, left_open
 from flightdepth.ranges.timeline import MOST_ROWS
 
 S = 1_000_000_000
@@ -386,3 +386,25 @@ def test_samples_beyond_what_is_kept_are_counted() -> None:
     for k in range(MOST_ROWS + 5):
         track.add_attitude(k * 1000, [1.0, 0.0, 0.0, 0.0])
     assert track.dropped == {"attitude followed by more than are kept": 5}
+
+
+def test_velocities_that_come_seldom_leave_their_change_open():
+    """By hand: from 1 to 4 m/s a tenth of 3 m/s; a sample has the larger of what lies before and behind it."""
+    stamps_ns = np.array([0, 1, 2, 3, 3.1], dtype=float) * 1e9
+    velocity = np.array([[1.0, 0, 0], [4.0, 0, 0], [4.0, 0, 1.0], [4.0, 0, 1.0], [9.0, 0, 1.0]])
+    found = left_open(stamps_ns.astype(np.int64), velocity)
+    assert found == pytest.approx([0.3, 0.3, 0.1, 0.0, 0.0])  # the last two are a tenth of a second apart
+
+
+@pytest.mark.parametrize(("rate_hz", "opens"), [(1, True), (5, False)])
+def test_a_position_is_as_sure_as_its_seldom_velocities(rate_hz, opens):
+    track = Trajectory()
+    for k in range(4 * rate_hz + 1):
+        track.add_velocity(k * 10**9 // rate_hz, (k / rate_hz, 0.0, 0.0), frame="world", sigma=None)
+    for _ in range(2):  # asking changes nothing
+        sigma_m = track.at(np.array([10**9, 3 * 10**9])).sigma_m
+        assert np.diff(sigma_m) == pytest.approx([0.2 if opens else 0.0])
+
+
+def test_one_velocity_leaves_nothing_open():
+    assert left_open(np.zeros(1, np.int64), np.ones((1, 3))).tolist() == [0.0]
