@@ -146,9 +146,9 @@ class Pair:
     """An earlier frame chosen for the current one.
 
     displacement_m (3,) and directed as in Baselines, or seen, where the pictures tell its direction to the camera;
-    length_m its length and length_sigma_m the deviation of that; depth_m the depth that asked for it;
-    current_from_previous (3, 3), turn_rad its angle; covariance (6, 6) of what its rotation and direction may still be
-    off (`Remainder.left_open`), None where the pictures were not asked.
+    length_m its length, depth_m the depth that asked for it, current_from_previous (3, 3), turn_rad
+    its angle; covariance (6, 6) of what its rotation and direction may still be off (`Remainder.left_open`), None
+    where the pictures were not asked; length_sigma_m the length's standard deviation, as the log tells it.
     """
 
     previous: AnyFrame
@@ -157,10 +157,10 @@ class Pair:
     depth_m: float
     current_from_previous: Vector
     turn_rad: float
-    length_sigma_m: float = 0.0
     directed: bool = True
     seen: bool = False
     covariance: Vector | None = None
+    length_sigma_m: float = 0.0
 
 
 def pick(lines: Baselines, wanted_m: Vector, depths_m: Vector) -> tuple[Pair, ...]:
@@ -185,8 +185,8 @@ def _pair(lines: Baselines, k: int, depth_m: float = np.nan) -> Pair:
         depth_m=depth_m,
         current_from_previous=lines.current_from_previous[k],
         turn_rad=float(lines.turn_rad[k]),
-        length_sigma_m=float(lines.length_sigma_m[k]),
         directed=bool(lines.directed[k]),
+        length_sigma_m=float(lines.length_sigma_m[k]),
     )
 
 
