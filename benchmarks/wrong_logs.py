@@ -1,14 +1,13 @@
 """What a wrong log does to depth: the sample flight with its log in other axes, late, or without the camera's attitude.
 
     python benchmarks/wrong_logs.py
-    python benchmarks/wrong_logs.py --noise
 
 Each is run with the check of the log's direction (`ranges/log_check.py`) and without it: the pixels with a depth, of
 those nearer than 200 m, their relative error, the median confidence, the share of frames whose log was denied, and of
 errors inside one sigma.
 
-With --noise each velocity is off as a satellite receiver's is, by an error that drifts away within a second, and the
-log tells by how much, or does not.
+Then each velocity is off as a satellite receiver's is, by an error that drifts away within a second, and the log tells
+by how much, or does not.
 """
 
 from __future__ import annotations
@@ -134,26 +133,22 @@ def flown(network: Network, log: Telemetry) -> Row:
 
 
 def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(
+    """Print both tables."""
+    argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--noise", action="store_true", help="velocities that are off, and told to be or not")
-    given = parser.parse_args()
+    ).parse_args()
     network, right = load_network("motion"), read_telemetry(LOG)
     print(origin_of(network))
     print(f"{'% of each':28} {'known':>6} {'error':>7} {'confidence':>10} {'denied':>7} {'inside':>7}")
-    if given.noise:
-        for sigma_m_s in NOISES_M_S:
-            for told in (False, True):
-                logs = (noisy(right, sigma_m_s, told=told, seed=seed) for seed in range(SEEDS))
-                row = reduce(Row.joined, (flown(network, log) for log in logs))
-                print(f"{sigma_m_s:.1f} m/s, {'told' if told else 'not told':18} {row}", flush=True)
-        return
     for name, change in LOGS.items():
         for kind in ("without", "with"):
             with patch.object(LogCheck, "denies", return_value=False) if kind == "without" else nullcontext():
                 print(f"{name + ', ' + kind:28} {flown(network, change(right))}", flush=True)
+    for sigma_m_s in NOISES_M_S:
+        for told in (False, True):
+            logs = (noisy(right, sigma_m_s, told=told, seed=seed) for seed in range(SEEDS))
+            row = reduce(Row.joined, (flown(network, log) for log in logs))
+            print(f"{sigma_m_s:.1f} m/s, {'told' if told else 'not told':18} {row}", flush=True)
 
 
 if __name__ == "__main__":
