@@ -69,6 +69,13 @@ def test_positions_that_come_seldom_stay_as_they_are():
     assert smoothed(times_s, ned) is ned
 
 
+def test_positions_of_damaged_times_stay_as_they_are():
+    """Of 20,000 within a fifth of a second each window held all: 38 s, and 1.4 GB."""
+    times_s = np.arange(20_000) * 1e-5
+    ned = jittered(np.zeros((20_000, 3)), 0.01)
+    assert smoothed(times_s, ned) is ned
+
+
 @pytest.mark.parametrize("count", [0, 1, 4])
 def test_few_positions_stay_as_they_are(count):
     times_s, ned = lively(30)

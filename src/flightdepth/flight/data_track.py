@@ -16,6 +16,7 @@ from flightdepth.flight.records import NS_PER_S
 
 # A trimmed video's edit list says where each track begins; FFmpeg cuts pictures there, and a track of data it moves.
 WHOLE_TRACKS = {"advanced_editlist": "0"}
+DAMAGED = "damaged telemetry payloads"
 
 
 class TrackPacket(NamedTuple):

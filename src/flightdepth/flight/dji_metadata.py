@@ -26,22 +26,23 @@ from typing import NamedTuple
 import numpy as np
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.data_track import track_packets
-from flightdepth.flight.gimbal import looking_along
+from flightdepth.flight.data_track import DAMAGED, track_packets
+from flightdepth.flight.gimbal import looking_along, turned
 from flightdepth.flight.order import rising_counted
 from flightdepth.flight.places import SEA_LEVEL
 from flightdepth.flight.positions import place_track, velocities_by_fixes
-from flightdepth.flight.protobuf_wire import Message, ProtobufError, message_of, real, signed
+from flightdepth.flight.protobuf_wire import Message, ProtobufError, Value, message_of, real, signed
 from flightdepth.flight.records import AttitudeSample, BodyAttitudeSample, Telemetry, by_time
-from flightdepth.motion import Vector, quaternion_from_euler
+from flightdepth.motion import Vector
 
 PROTOCOL = re.compile(rb"dvtm_([\w-]+)\.proto")
 HEADER_BYTES = 400  # of the first packet, in which the protocol's name stands
 PICTURE = 3
 DRONE, PLACE, ABOVE_START, GIMBAL = 3, 4, 5, 3
-DAMAGED = "damaged telemetry payloads"
+# Fields of yaw, pitch and roll in a message of angles.
+DRONE_ANGLES, GIMBAL_ANGLES = (3, 2, 1), (3, 1, 2)
 
-Angles = tuple[float, float, float]  # the first three fields of a message of angles, degrees
+Angles = tuple[float, float, float]  # yaw, pitch, roll, degrees
 
 
 class Layout(NamedTuple):
@@ -87,8 +88,8 @@ def read_dji_metadata(path: Path) -> Telemetry | None:
         got = f"{len(told)} pictures, too few with a position"
         mend = "Give --telemetry LOG or --speed M_S."
         raise BadInput(name, expected="two GPS positions or more", got=got, mend=mend)
-    cameras = [AttitudeSample(each.stamp_ns, looking(each.gimbal)) for each in told if each.gimbal]
-    bodies = [BodyAttitudeSample(each.stamp_ns, of_body(each.drone)) for each in told if each.drone]
+    cameras = [AttitudeSample(each.stamp_ns, looking_along(*each.gimbal)) for each in told if each.gimbal]
+    bodies = [BodyAttitudeSample(each.stamp_ns, turned(*each.drone)) for each in told if each.drone]
     above_sea_m = np.array([each.above_sea_m for each in told])
     return Telemetry(
         f"{name}: {len(found)} velocities from positions" + (", gimbal attitude" if cameras else ""),
@@ -98,17 +99,6 @@ def read_dji_metadata(path: Path) -> Telemetry | None:
         # Not counted: those that jump have been.
         places=place_track(stamps_ns, places_deg, above_sea_m, SEA_LEVEL, Counter()),
     )
-
-
-def looking(gimbal: Angles) -> Vector:
-    """`world_from_camera` of a gimbal's pitch, roll and yaw."""
-    pitch_deg, roll_deg, yaw_deg = gimbal
-    return looking_along(yaw_deg, pitch_deg, roll_deg)
-
-
-def of_body(drone: Angles) -> Vector:
-    """`world_from_body` of roll, pitch and yaw."""
-    return np.array(quaternion_from_euler(*(math.radians(each) for each in drone)))
 
 
 def _told(path: Path, counts: Counter[str]) -> tuple[str, list[Told]]:
@@ -139,17 +129,18 @@ def _of(picture: Message, stamp_ns: int, protocol: str) -> Told:
         _degrees(message_of(position.get(1)), protocol),
         signed(position[2]) / 1000 if 2 in position else math.nan,
         real(message_of(flight[ABOVE_START]).get(1)) / 1000 if ABOVE_START in flight else math.nan,
-        _angles(flight, DRONE),
-        _angles(camera, GIMBAL),
+        _angles(flight.get(DRONE), DRONE_ANGLES),
+        _angles(camera.get(GIMBAL), GIMBAL_ANGLES),
     )
 
 
-def _angles(message: Message, number: int) -> Angles | None:
-    """Tenths of a degree; those that are 0 are not written."""
-    if number not in message:
+def _angles(value: Value | None, numbers: tuple[int, int, int]) -> Angles | None:
+    """Those of three fields, in tenths of a degree; one that is 0 is not written."""
+    if value is None:
         return None
-    told = message_of(message[number])
-    return signed(told.get(1)) / 10, signed(told.get(2)) / 10, signed(told.get(3)) / 10
+    told = message_of(value)
+    first, second, third = (signed(told.get(number)) / 10 for number in numbers)
+    return first, second, third
 
 
 def _degrees(place: Message, protocol: str) -> tuple[float, float]:

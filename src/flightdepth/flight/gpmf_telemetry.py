@@ -11,7 +11,7 @@ import numpy as np
 
 from flightdepth.errors import BadInput
 from flightdepth.flight.autopilot import Gate, Velocity
-from flightdepth.flight.data_track import track_packets
+from flightdepth.flight.data_track import DAMAGED, track_packets
 from flightdepth.flight.gopro_gps import gps_moments, gps_places, gps_velocities
 from flightdepth.flight.gpmf import GpmfError, Stream, streams
 from flightdepth.flight.order import rising
@@ -24,7 +24,6 @@ from flightdepth.motion import Stamps
 
 TimedStream = tuple[Interval, Stream]
 GYROSCOPE, GPS = "GYRO", ("GPS9", "GPS5")
-DAMAGED = "damaged telemetry payloads"
 # A Karma's samples, the only ones with a clock, reach the camera by so much later than `on_video_clock` takes for
 # granted: by the ways between pictures of one flight, and by the drone's pitch against the camera's accelerometer.
 KARMA_LATE_NS = 280_000_000

@@ -17,6 +17,7 @@ from flightdepth.motion import Vector
 
 HALF_WINDOWS_S = (0.1, 0.2, 0.4)
 FEWEST = 5  # positions in a window, for a parabola that is more than the positions themselves
+MOST = 1000  # a thousand a second fill the widest window with 800; more come of damaged times
 ASKED = 500  # positions that choose the window
 WORTH_IT = 0.75  # of the jitter's variance: a parabola that errs by more is not taken
 # A step that stands out is a jump (a loop closure): nothing is drawn across it.
@@ -27,9 +28,9 @@ Indices = NDArray[np.intp]
 
 
 def smoothed(times_s: Vector, ned: Vector) -> Vector:
-    """Positions [n, 3], metres, at rising times [n]; themselves where they hardly jitter or come seldom."""
+    """Positions [n, 3], metres, at rising times [n]; themselves where they hardly jitter, come seldom or too often."""
     noise_m = jitter_m(times_s, ned)
-    if not noise_m:
+    if not noise_m or (times_s[MOST:] - times_s[:-MOST] < 2 * HALF_WINDOWS_S[-1]).any():
         return ned
     parts = np.split(np.arange(len(ned)), jumps(times_s, ned, noise_m) + 1)
     half_s = _best_window(times_s, ned, parts, noise_m)
