@@ -58,7 +58,7 @@ def fitting_pairs(
         rng = chance.stream(seed, number, _PAIR)
         width, height = SHAPES[rng.integers(len(SHAPES))]
         camera = Camera.from_fov(width // shrunk, height // shrunk, float(rng.uniform(*FOV_DEG)))
-        scene, textures, frames = (_room if rng.random() < ROOM_SHARE else _outdoors)(seed, number, rng)
+        scene, textures, frames = (room if rng.random() < ROOM_SHARE else outdoors)(seed, number, rng)
         if rng.random() < BACKWARD_SHARE:
             frames = frames[::-1]
         seen = render(scene, textures, camera, frames=frames)
@@ -84,13 +84,13 @@ def with_moving_things(pair: Pair, textures: Textures, rng: np.random.Generator)
     return pair
 
 
-def _room(seed: int, number: int, rng: np.random.Generator) -> Flown:
+def room(seed: int, number: int, rng: np.random.Generator) -> Flown:
     textures = _room_textures(seed + int(rng.integers(TEXTURE_SETS)))
     scene = draw_scene(StillBoxConfig(), len(textures), seed, number)
     return scene, textures, (0, int(rng.choice(ROOM_SHIFTS)))
 
 
-def _outdoors(seed: int, number: int, rng: np.random.Generator) -> Flown:
+def outdoors(seed: int, number: int, rng: np.random.Generator) -> Flown:
     textures = outdoor_textures(seed + int(rng.integers(TEXTURE_SETS)))
     scene = draw_outdoor(ANY_FLIGHT, seed, number)
     first = int(rng.integers(0, ANY_FLIGHT.frames - max(OUTDOOR_SHIFTS)))

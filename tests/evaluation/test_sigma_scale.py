@@ -7,6 +7,7 @@ import pytest
 from plane_pairs import plane_pair
 
 from flightdepth.camera import Camera
+from flightdepth.evaluation import sigma_scale
 from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set
 from flightdepth.evaluation.network import evaluate_network
 from flightdepth.evaluation.sigma_scale import (
@@ -16,11 +17,14 @@ from flightdepth.evaluation.sigma_scale import (
     outdoor_calibration_set,
 )
 from flightdepth.ranges.fusion import WORST_SIGMA, ends
+from flightdepth.runtimes.error_bar import USUAL_BETA
 from flightdepth.runtimes.network import Network
+from flightdepth.stillbox import testset
 from flightdepth.weights.store import SHIPPED, read_card
+from tests_textures import few_textures
 
 CARD = read_card(SHIPPED / "motion.onnx").model_copy(
-    update={"sigma_scale": 1.0, "sigma_growth": 0.0, "sigma_lens": 0.0}
+    update={"sigma_scale": 1.0, "sigma_growth": 0.0, "sigma_far": 0.0, "sigma_lens": 0.0}
 )
 CAMERA = Camera.from_fov(128, 128, 90)
 
@@ -48,7 +52,12 @@ def test_the_scale_makes_the_error_bar_honest(told_m: float, card_scale: float) 
     card = CARD.at_focal(CAMERA.fx).model_copy(update={"sigma_scale": card_scale})
     network = Network(card, Drawn(told_m), aligned=False)
     pairs = [plane_pair(CAMERA, (card.D0_m, 0.0, 0.0), distance_m=25.0, seed=seed) for seed in range(3)]
-    assert fitted_sigma_scale(network, pairs) == (pytest.approx(2 / told_m, rel=0.05), 0.0, 0.0)
+    assert fitted_sigma_scale(network, pairs) == (
+        pytest.approx(2 / told_m, rel=0.05),
+        0.0,
+        0.0,
+        0.0,
+    )
 
 
 def test_a_scale_that_grows_with_the_focal_length_is_found() -> None:
@@ -61,6 +70,7 @@ def test_a_scale_that_grows_with_the_focal_length_is_found() -> None:
     network = Network(CARD, Drawn(1.0, more_through=512), aligned=False)
     assert fitted_sigma_scale(network, pairs) == (
         pytest.approx(4, rel=0.05),
+        0.0,
         0.0,
         pytest.approx(0.5, abs=0.051),
     )
@@ -84,10 +94,38 @@ def test_a_scale_that_grows_with_the_sky_is_found() -> None:
     """By e^0.4 from 1/32 of it to 1/2."""
     card = CARD.at_focal(CAMERA.fx)
     pairs = [plane_pair(CAMERA, (card.D0_m, 0.0, 0.0), distance_m=25.0, seed=seed) for seed in range(8)]
-    scale, growth, power = fitted_sigma_scale(Network(card, UnderSky(1.0), aligned=False), pairs)
+    found = fitted_sigma_scale(Network(card, UnderSky(1.0), aligned=False), pairs)
+    # All that is believed is as far: what grows with the sky alone and with its distance too cannot be told apart.
+    growth = found.sigma_growth + found.sigma_far * np.log(0.25 / USUAL_BETA)
     assert growth == pytest.approx(0.4 / (1 / 2 - 1 / 32), abs=0.11)
-    assert scale * np.exp(growth / 32) == pytest.approx(2, rel=0.06)
-    assert power == 0
+    assert found.sigma_scale * np.exp(growth / 32) == pytest.approx(2, rel=0.06)
+    assert found.sigma_lens == 0
+
+
+class FarUnderSky(Drawn):
+    """Half a picture is sky, a quarter 10 m away, a quarter 20, with an error that is 2^0.75 as large a share there."""
+
+    def __call__(self, inputs):
+        found = super().__call__(inputs)
+        depth_m, off_m = found["depth_m"], (found["depth_m"] - 25) / 4
+        depth_m[:, :16], depth_m[:, 16:24], depth_m[:, 24:] = 99, 10, 20
+        depth_m[:, 16:] += off_m[:, 16:]
+        depth_m[:, 24:] += (2**1.75 - 1) * off_m[:, 24:]
+        found["sigma_m"][:, 16:24], found["sigma_m"][:, 24:] = 0.25, 0.5
+        return found
+
+
+def test_a_scale_that_grows_with_the_distance_under_a_sky_is_found() -> None:
+    card = CARD.at_focal(CAMERA.fx)
+    pair = plane_pair(CAMERA, (card.D0_m, 0.0, 0.0), distance_m=10.0)
+    truth_m = pair.depth_m.copy()
+    truth_m[96:] *= 2
+    found = fitted_sigma_scale(
+        Network(card, FarUnderSky(1.0), aligned=False), [replace(pair, depth_m=truth_m)] * 6
+    )
+    assert found.sigma_far == pytest.approx(1.5, abs=0.11)  # half of it is sky, so by the root of that
+    assert 10 / CARD.depth_max_m == USUAL_BETA
+    assert found.sigma_scale * np.exp(found.sigma_growth / 2) == pytest.approx(2, rel=0.06)
 
 
 def test_flights_believe_what_is_within_the_range_and_not_too_uncertain() -> None:
@@ -106,7 +144,7 @@ def test_outdoors_it_is_fitted_on_other_flights_than_the_error_is_measured_on() 
 def test_the_card_s_growth_is_no_part_of_what_is_fitted() -> None:
     card = CARD.at_focal(CAMERA.fx)
     pairs = [plane_pair(CAMERA, (card.D0_m, 0.0, 0.0), distance_m=25.0)]
-    with_growth = card.model_copy(update={"sigma_growth": 0.8, "sigma_lens": 0.3})
+    with_growth = card.model_copy(update={"sigma_growth": 0.8, "sigma_far": 0.5, "sigma_lens": 0.3})
     told = [
         fitted_sigma_scale(Network(each, Drawn(1.0), aligned=False), pairs) for each in (card, with_growth)
     ]
@@ -122,8 +160,11 @@ def test_the_report_tells_what_flights_believe_apart() -> None:
     assert found["inside_one"] == pytest.approx(found["believed"]["inside_one"] * (1 - 1 / 32))
 
 
-def test_it_is_fitted_on_other_scenes_than_the_error_is_measured_on() -> None:
+def test_it_is_fitted_on_other_scenes_than_the_error_is_measured_on(monkeypatch) -> None:
+    seeds = []
+    monkeypatch.setattr(sigma_scale, "test_textures", lambda seed: seeds.append(seed) or few_textures())
     fixed, ours = fixed_set(CARD, scenes=4), calibration_set(CARD, scenes=4)
     assert ours.seed != fixed.seed
     assert (ours.picture, ours.rule, len(ours)) == (fixed.picture, fixed.rule, 4)
     assert ours.config == fixed.config and ours.textures is not fixed.textures
+    assert len(seeds) == 1 and seeds[0] != testset.TEXTURE_SEED

@@ -243,14 +243,14 @@ def with_sigma_scale(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> N
         return card
     from flightdepth.evaluation.sigma_scale import fitted_sigma_scale
 
-    scale, growth, lens = fitted_sigma_scale(running(card, onnx), pairs)
-    sky, finer = scale * math.exp(growth), 2**lens - 1
+    fitted = fitted_sigma_scale(running(card, onnx), pairs)
+    scale, finer = fitted.sigma_scale, 2**fitted.sigma_lens - 1
+    sky = scale * math.exp(fitted.sigma_growth)
     say(
         f"sigma_m is {scale:.3f} times what the weights say, up to {sky:.3f} where all is sky,"
         f" and {finer:.1%} more at twice the focal length: then 68 % of the errors are inside it"
     )
-    found = {"sigma_scale": round(scale, 4), "sigma_growth": growth, "sigma_lens": lens}
-    return card.model_copy(update=found)
+    return card.model_copy(update=fitted._asdict() | {"sigma_scale": round(scale, 4)})
 
 
 def measured(card: NetworkCard, onnx: bytes, pairs: list[TestPair]) -> dict[str, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set
 from flightdepth.evaluation.pairs import Task, TruePair
 from flightdepth.evaluation.spread import growing_scale
 from flightdepth.ranges.fusion import WORST_SIGMA, ends
-from flightdepth.runtimes.error_bar import USUAL_FOCAL_PX, error_bar_scale, sky_share
+from flightdepth.runtimes.error_bar import USUAL_FOCAL_PX, error_bar_scale, log_beta, sky_share
 from flightdepth.runtimes.network import Network
 from flightdepth.stillbox.testset import OutdoorTestSet, TestSet, test_textures
 from flightdepth.weights.card import NetworkCard
@@ -42,20 +43,32 @@ def outdoor_calibration_set(card: NetworkCard, *, scenes: int, flight_size: bool
     return replace(outdoor_set(card, scenes=scenes, flight_size=flight_size), seed=SEED)
 
 
-def fitted_sigma_scale(network: Network, pairs: Iterable[TruePair]) -> tuple[float, float, float]:
-    """The card's `sigma_scale`, `sigma_growth` and `sigma_lens` with which 68 % of the errors are inside sigma.
+class SigmaScale(NamedTuple):
+    """The card's fields of these names."""
+
+    sigma_scale: float
+    sigma_growth: float
+    sigma_far: float
+    sigma_lens: float
+
+
+def fitted_sigma_scale(network: Network, pairs: Iterable[TruePair]) -> SigmaScale:
+    """The scale with which 68 % of the errors are inside sigma.
 
     That is where the motion is known; what an uncertain one adds comes on top (`ranges.motion_error`). Those pixels
     count that fusion would believe.
     """
-    error_m, sigma_m, depth_m, sky, lens = _answers(network, pairs)
-    scale, growth, power = 1.0, 0.0, 0.0
+    error_m, sigma_m, depth_m, sky, far, lens = _answers(network, pairs)
+    scale, growth, steeper, power = 1.0, 0.0, 0.0, 0.0
     for _ in range(FITS):
-        counted = believed(network.card, depth_m, scale * np.exp(growth * sky + power * lens) * sigma_m)
+        foretold = scale * np.exp(growth * sky + steeper * far + power * lens) * sigma_m
+        counted = believed(network.card, depth_m, foretold)
         error, sigma = error_m[counted], sigma_m[counted]
-        _, growth = growing_scale(error, sigma * np.exp(power * lens[counted]), sky[counted])
-        scale, power = growing_scale(error, sigma * np.exp(growth * sky[counted]), lens[counted])
-    return scale, growth, power
+        by_sky, by_far, by_lens = sky[counted], far[counted], lens[counted]
+        _, growth = growing_scale(error, sigma * np.exp(steeper * by_far + power * by_lens), by_sky)
+        _, steeper = growing_scale(error, sigma * np.exp(growth * by_sky + power * by_lens), by_far)
+        scale, power = growing_scale(error, sigma * np.exp(growth * by_sky + steeper * by_far), by_lens)
+    return SigmaScale(scale, growth, steeper, power)
 
 
 def believed(card: NetworkCard, depth_m: Values, sigma_m: Values) -> NDArray[np.bool_]:
@@ -64,10 +77,11 @@ def believed(card: NetworkCard, depth_m: Values, sigma_m: Values) -> NDArray[np.
     return (lower < depth_m) & (depth_m < upper) & (sigma_m < WORST_SIGMA * depth_m)
 
 
-def _answers(network: Network, pairs: Iterable[TruePair]) -> tuple[Values, Values, Values, Values, Values]:
-    """Error, sigma without the card's scale and depth of every pixel, metres at D0; of its picture the sky and lens.
+def _answers(network: Network, pairs: Iterable[TruePair]) -> tuple[Values, ...]:
+    """Error, sigma without the card's scale, depth, and what the scale grows by, of every pixel; metres at D0.
 
-    These are the share that is sky, and the logarithm of the focal length over `USUAL_FOCAL_PX`.
+    It grows by the share of the picture that is sky, by that times the logarithm of the output over the usual one, and
+    by the logarithm of the focal length over the usual one.
     """
     rows = []
     for pair in pairs:
@@ -80,6 +94,6 @@ def _answers(network: Network, pairs: Iterable[TruePair]) -> tuple[Values, Value
         sigma_m = found.sigma_m[0] / error_bar_scale(network.card, found.beta, found.valid, focal_px)[0]
         sky = np.full(depth_m.shape, sky_share(found.beta, found.valid)[0])
         lens = np.full(depth_m.shape, np.log(focal_px / USUAL_FOCAL_PX))
-        rows.append(np.stack([np.abs(depth_m - task.truth_m), sigma_m, depth_m, sky, lens]).reshape(5, -1))
-    error_m, sigma_m, depth_m, sky, lens = np.concatenate(rows, axis=1).astype(np.float64)
-    return error_m, sigma_m, depth_m, sky, lens
+        error_m, far = np.abs(depth_m - task.truth_m), sky * log_beta(found.beta[0])
+        rows.append(np.stack([error_m, sigma_m, depth_m, sky, far, lens]).reshape(6, -1))
+    return tuple(np.concatenate(rows, axis=1).astype(np.float64))

@@ -18,6 +18,7 @@ from flightdepth.flight.records import VelocityFrame
 from flightdepth.flight.steadiness import MAX_DEROTATED_RAD, MAX_REPORTED_RAD, MAX_TURN_RAD
 from flightdepth.levels import Image, rounded
 from flightdepth.ranges.choice import PairChoice, Seer
+from flightdepth.ranges.disagreement import FlownBars
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fusion import Fusion, within_reach
 from flightdepth.ranges.memory_limit import MemoryLimit
@@ -89,7 +90,7 @@ class MultiRangeEstimator:
         _check_settings(fusion, buffer_s, turns)
         self._network, self._fusion, self._derotate = network, fusion, derotate
         self.shown = None if mask is None else check_mask(mask, camera)  # [H, W], what is not masked
-        self._trajectory, self._repeats = Trajectory(), Repeats()
+        self._trajectory, self._repeats, self._bars = Trajectory(), Repeats(), FlownBars()
         self._ranges, self._memory = ranges, MemoryLimit(MAX_RANGES + 1)  # one for a scout
         self._buffer, self._span_ns = FrameBuffer(buffer_s), round(buffer_s * 1e9)
         self._look_through(camera)
@@ -253,6 +254,7 @@ class MultiRangeEstimator:
             return NOT_RIGID
         predict = partial(view.predict, current=current, network=seer.network)
         pairs, prediction = self._memory.predicted(pairs, seer.network, predict)
+        prediction = self._bars.widened(current.stamp_ns, prediction, seer.card)
         fused = view.fuse(pairs, prediction, seer.card, fusion=self._fusion)
         seer.planner.learn(current.stamp_ns, fused, view.grid.valid)
         if self._fusion == "saturation":

@@ -13,18 +13,29 @@ from flightdepth.weights.card import NetworkCard
 SKY_BETA = 0.9
 # Focal length of which `sigma_lens` is a power's base: a flight's through a usual lens, as `motion` sees it.
 USUAL_FOCAL_PX = 256.0
+# Output of which `sigma_far` is a power's base, and the least that counts: what is nearer may be as near as it likes.
+USUAL_BETA, LEAST_BETA = 0.1, 0.01
 
 
 def error_bar_scale(card: NetworkCard, beta: Maps, valid: Flags, focal_px: float) -> Maps:
-    """The scale of each of n pairs, float32 [n, 1, 1]: larger the more of a picture is sky, and the finer it is seen.
+    """The scale of each pixel of n pairs, float32 [n, h, w].
+
+    It is larger the finer a picture is seen and the more of it is sky, most of all for what moved little: in the open
+    that may be anywhere, in a room the walls are near.
 
     beta      [n, h, w], output as a share of the largest depth
     valid     bool [h, w], the pixels that count
     focal_px  of the pictures that the network saw
     """
-    scale = card.sigma_scale * (focal_px / USUAL_FOCAL_PX) ** card.sigma_lens
-    sky = sky_share(beta, valid)
-    return np.asarray(scale * np.exp(card.sigma_growth * sky), np.float32)[:, None, None]
+    sky = sky_share(beta, valid).astype(np.float32)[:, None, None]
+    scale = np.float32(card.sigma_scale * (focal_px / USUAL_FOCAL_PX) ** card.sigma_lens)
+    by_sky = np.float32(card.sigma_growth) + np.float32(card.sigma_far) * log_beta(beta)
+    return np.asarray(scale * np.exp(sky * by_sky), np.float32)
+
+
+def log_beta(beta: Maps) -> Maps:
+    """The logarithm of an output over USUAL_BETA, any shape."""
+    return np.asarray(np.log(np.maximum(beta, np.float32(LEAST_BETA)) / np.float32(USUAL_BETA)), np.float32)
 
 
 def sky_share(beta: Maps, valid: Flags) -> NDArray[np.float64]:

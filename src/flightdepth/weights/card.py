@@ -89,6 +89,10 @@ class NetworkCard(BaseModel):
         default=0.0,
         description="power of the focal length, over `error_bar.USUAL_FOCAL_PX`, that it is larger by",
     )
+    sigma_far: float = Field(
+        default=0.0,
+        description="power of the output, over `error_bar.USUAL_BETA`, that it is larger by where all is sky",
+    )
     int8_ranges: dict[str, tuple[float, float]] = Field(
         default_factory=dict,
         description="of what enters a convolution, by the name of its weights in the ONNX file",

@@ -1,0 +1,11 @@
+"""Few textures for the rooms of tests: the hundred of a fixed test set take eight seconds to make."""
+
+from functools import cache
+
+from flightdepth.scenes import Textures
+
+
+@cache
+def few_textures() -> Textures:
+    """Three of each kind."""
+    return Textures.procedural(12, 7)
