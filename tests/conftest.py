@@ -2,18 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
+import typer
 from hypothesis import settings
 
+from flightdepth.cli import main
+from flightdepth.commands.demo import CALIBRATION, LOG, VIDEO
 from flightdepth.weights.store import save_network
 from tests_networks import difference_card, difference_onnx
 
 # The same examples in every run: what fails here fails everywhere. No deadline: CI machines are shared.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def one_command_line() -> Iterator[None]:
+    """The commands are read once, not at each call of `main`: that takes longer than many of them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.main, "get_command", cache(typer.main.get_command))
+        yield
+
+
+@pytest.fixture(scope="session")
+def sample_flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `flightdepth run` writes of the sample flight's first one and a half seconds: to be copied, not changed."""
+    folder = tmp_path_factory.mktemp("sample") / "out"
+    log = ["--telemetry", str(LOG), "--camera", str(CALIBRATION), "--end", "1.5", "--network", "motion-tiny"]
+    assert main(["run", str(VIDEO), *log, "--out", str(folder)]) == 0
+    return folder
 
 
 @pytest.fixture
@@ -25,3 +47,23 @@ def save_difference_network(tmp_path: Path) -> Callable[..., Path]:
         return save_network(tmp_path, card, difference_onnx(card.depth_min_m, card.depth_max_m))
 
     return save
+
+
+@pytest.fixture(scope="session")
+def traced(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder for what is traced, of all of pytest's processes."""
+    own = tmp_path_factory.getbasetemp()
+    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "traced"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def quick_exports(traced: Path) -> Iterator[None]:
+    """Networks of one architecture are traced once for all tests, see `tests_exports`."""
+    from flightdepth.training import export
+    from tests_exports import traced_once
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(export, "serialised", traced_once(export.serialised, traced))
+        yield

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from flightdepth.cli import main
-from flightdepth.commands.demo import CALIBRATION, LOG, TRUTH, VIDEO
+from flightdepth.commands.demo import TRUTH
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "docs" / "truth.md").read_text(encoding="utf-8")
@@ -19,21 +19,11 @@ PRINTED = TEXT.split("```\n\n```\n")[1].split("```")[0]
 
 
 @pytest.fixture(scope="module")
-def work(tmp_path_factory):
+def work(sample_flown, tmp_path_factory):
     """The demo's folder, its truth where a clone has it, and the same as a user's own."""
     folder = tmp_path_factory.mktemp("docs")
-    options = [
-        "--telemetry",
-        str(LOG),
-        "--camera",
-        str(CALIBRATION),
-        "--end",
-        "1.5",
-        "--network",
-        "motion-tiny",
-    ]
-    assert main(["run", str(VIDEO), *options, "--out", str(folder / "out")]) == 0
-    shutil.copytree(folder / "out", folder / "flightdepth-demo")
+    for flown in ("out", "flightdepth-demo"):
+        shutil.copytree(sample_flown, folder / flown)
     for truth in (folder / TRUTH.relative_to(ROOT), folder / "depths"):
         shutil.copytree(TRUTH, truth)
     return folder

@@ -4,11 +4,12 @@ import os
 import subprocess
 import sys
 import venv
+import zipfile
 from pathlib import Path
 
 import pytest
 
-from flightdepth.commands.demo import CALIBRATION, LOG, VIDEO
+from flightdepth.commands.demo import CALIBRATION, LOG, SAMPLE, VIDEO
 from flightdepth.weights.store import shipped_networks
 
 ROOT = Path(__file__).parents[1]
@@ -49,6 +50,15 @@ def test_the_wheel_brings_no_pytorch(installed):
     assert [name for name in ("torch==", "numba==", "onnxruntime==") if name in names] == []
 
 
+def test_the_wheel_holds_the_sample_and_every_network(wheel):
+    with zipfile.ZipFile(wheel) as files:
+        held = set(files.namelist())
+    folders = (ROOT / "src" / "flightdepth" / name for name in ("sample", "weights"))
+    expected = {path for folder in folders for path in folder.rglob("*") if "__pycache__" not in path.parts}
+    assert {path.relative_to(ROOT / "src").as_posix() for path in expected if path.is_file()} <= held
+
+
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_the_demo_runs_from_the_wheel(installed, tmp_path):
     call(str(installed.with_name("flightdepth")), "demo", "--network", "motion-tiny", cwd=tmp_path)
@@ -56,9 +66,11 @@ def test_the_demo_runs_from_the_wheel(installed, tmp_path):
 
 
 def test_the_default_network_runs_from_the_wheel(installed, tmp_path):
-    """On half a second: the demo above takes a quicker one."""
-    given = ("--telemetry", str(LOG), "--camera", str(CALIBRATION), "--end", "0.5", "--out", "flight")
-    said = call(str(installed.with_name("flightdepth")), "run", str(VIDEO), *given, cwd=tmp_path)
+    """On half a second of the wheel's own sample: the demo above takes a quicker one."""
+    (sample,) = installed.parents[1].rglob(SAMPLE.name + "/" + VIDEO.name)
+    video, log, camera = (str(sample.with_name(path.name)) for path in (VIDEO, LOG, CALIBRATION))
+    given = ("--telemetry", log, "--camera", camera, "--end", "0.5", "--out", "flight")
+    said = call(str(installed.with_name("flightdepth")), "run", video, *given, cwd=tmp_path)
     assert " -> motion at " in said
     assert (tmp_path / "flight" / "preview.mp4").exists()
 

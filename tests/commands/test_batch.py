@@ -1,6 +1,7 @@
 """Several flights: what stands is skipped, what failed or was cut short is done again; on a Ray cluster too."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -169,10 +170,15 @@ def begun(work):
         return 0
 
 
-def stopped_run(work, number, *flights):
+@pytest.fixture(scope="module")
+def long_video(tmp_path_factory):
+    return make_video(tmp_path_factory.mktemp("long") / "long.mp4", frames=2000)
+
+
+def stopped_run(work, number, long_video, *flights):
     """Exit code and stderr of a run that got a signal once it had written some frames."""
     for flight in flights:
-        make_video(work / flight, frames=2000)
+        shutil.copy(long_video, work / flight)
     options = ["--hfov", "90", "--speed", "3", "--network", "difference.onnx", "--out", "out"]
     command = [sys.executable, "-m", "flightdepth", "run", *flights, *options]
     heeding: dict[str, Any] = {  # under nohup too
@@ -188,9 +194,9 @@ def stopped_run(work, number, *flights):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
-def test_a_signal_ends_a_flight_and_what_was_flown_stays(work, number):
+def test_a_signal_ends_a_flight_and_what_was_flown_stays(work, number, long_video):
     """As systemd, Slurm, `timeout` and `docker stop` send SIGTERM, and a terminal that is closed SIGHUP."""
-    code, stderr = stopped_run(work, number, "long.mp4")
+    code, stderr = stopped_run(work, number, long_video, "long.mp4")
     assert code == 130
     kept = work / "out.interrupted-1"
     assert list(work.glob("*out*")) == [kept]  # so no hidden folder either
@@ -202,9 +208,9 @@ def test_a_signal_ends_a_flight_and_what_was_flown_stays(work, number):
     assert f"what was flown stands in {kept}; --start {last_s:.2f} goes on from there" in stderr
 
 
-def test_a_signal_clears_away_what_was_begun_of_several_flights(work):
+def test_a_signal_clears_away_what_was_begun_of_several_flights(work, long_video):
     """The same command begins anew with that one."""
-    code, stderr = stopped_run(work, signal.SIGTERM, "long.mp4", "longer.mp4")
+    code, stderr = stopped_run(work, signal.SIGTERM, long_video, "long.mp4", "longer.mp4")
     assert code == 130
     assert "nothing of this flight was written" in stderr
     assert not list(work.glob("*out*/*"))

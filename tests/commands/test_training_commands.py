@@ -25,6 +25,8 @@ from flightdepth.training.export import weights_of
 from flightdepth.weights.store import read_network
 from tests_recipes import recipe_text, stage_text
 
+pytestmark = pytest.mark.usefixtures("quick_exports")
+
 TOML = recipe_text(
     stage_text("square", 8), stage_text("wide", 4, width=128, more="photometric = true"), clamped=True
 )
@@ -135,8 +137,7 @@ def minded():
 @pytest.mark.parametrize(
     "sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=["ctrl-c", "sigterm", "sighup"]
 )
-def test_a_signal_saves_and_resume_ends_as_if_nothing_had_been(sent, monkeypatch, capsys, minded):
-    assert cli.main([*TRAIN, "--runs", "whole"]) == 0
+def test_a_signal_saves_and_resume_ends_as_if_nothing_had_been(sent, exported, monkeypatch, capsys, minded):
     step, pressed = loop.Learner.step, []
 
     def step_with_signal(*arguments):
@@ -150,7 +151,7 @@ def test_a_signal_saves_and_resume_ends_as_if_nothing_had_been(sent, monkeypatch
     assert "--resume goes on" in capsys.readouterr().out
     assert read_progress("runs/small/checkpoint.safetensors").seen == 4
     assert cli.main([*TRAIN, "--resume"]) == 0
-    ends = [Path(runs, "small", "checkpoint.safetensors").read_bytes() for runs in ("whole", "runs")]
+    ends = [Path(work, "runs/small/checkpoint.safetensors").read_bytes() for work in (exported, ".")]
     assert ends[0] == ends[1]
 
 

@@ -1,5 +1,7 @@
 """Which fixed test set belongs to a network."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from flightdepth.evaluation.pairs import Task
 from flightdepth.scenes import StillBoxConfig, Textures
 from flightdepth.stillbox import Picture
 from tests_networks import difference_card
+from tests_textures import few_textures
 
 
 def test_pictures_are_as_wide_as_90_degrees_at_the_card_s_focal_length():
@@ -27,7 +30,7 @@ def test_of_wide_pictures_crops_are_measured_whatever_size_was_trained_on():
 def test_a_network_of_any_focal_length_has_a_test_set(focal_px, px):
     """Once a recipe with `horizontal_fov_deg = 110` trained to its end, and could not be exported."""
     card = difference_card(focal_px=focal_px)
-    rooms, outdoors = fixed_set(card, scenes=1), outdoor_set(card, scenes=1)
+    rooms, outdoors = fixed_set(card, scenes=1, textures=few_textures()), outdoor_set(card, scenes=1)
     assert rooms.picture.width == px
     for pair in (rooms.pair(0), outdoors.pair(0)):
         assert Task.of(pair, card).camera.fx == pytest.approx(focal_px, rel=0.01)
@@ -47,7 +50,7 @@ def test_the_rule_is_the_network_s():
 def test_pairs_are_as_far_apart_as_in_training():
     """Once a recipe with `speed_m_s = 5` was measured 0.3 m apart, five times nearer than it had learnt."""
     own = fixed_set(difference_card(D0_m=1.5), scenes=1)
-    assert np.linalg.norm(own.pair(0).displacement) == pytest.approx(1.5)
+    assert np.linalg.norm(replace(own, textures=few_textures()).pair(0).displacement) == pytest.approx(1.5)
     assert set_name(own) == "Still Box 64 px, shift 3 of 0.5 m"
     usual = fixed_set(difference_card(D0_m=3 * 0.1), scenes=1)
     assert usual.config == StillBoxConfig()
@@ -56,7 +59,8 @@ def test_pairs_are_as_far_apart_as_in_training():
 def test_pictures_as_large_as_flights_are_seen():
     """The same rooms twice as fine, half as far apart: points move by as many pixels."""
     card = any_lens()
-    usual, fine = fixed_set(card, scenes=1), fixed_set(card, scenes=1, flight_size=True)
+    few = few_textures()
+    usual, fine = (fixed_set(card, scenes=1, textures=few, flight_size=fine) for fine in (False, True))
     assert fine.picture.width == 2 * usual.picture.width
     pairs = usual.pair(0), fine.pair(0)
     assert pairs[1].focal_px == pytest.approx(card.focal_px)
@@ -105,7 +109,7 @@ def test_a_network_for_any_lens_sees_90_degrees_half_as_fine_as_on_flights(focal
 
 
 def test_another_lens_is_for_networks_that_know_any():
-    pair = fixed_set(any_lens(), scenes=1, horizontal_fov_deg=60.0).pair(0)
+    pair = fixed_set(any_lens(), scenes=1, textures=few_textures(), horizontal_fov_deg=60.0).pair(0)
     assert pair.focal_px == pytest.approx(128 / np.tan(np.radians(30)))
     with pytest.raises(BadInput, match="expected 90 degrees, its own"):
         fixed_set(difference_card(), horizontal_fov_deg=60.0)

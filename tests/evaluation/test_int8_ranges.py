@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flightdepth.evaluation import int8_ranges
+from flightdepth.evaluation import int8_ranges, sigma_scale
 from flightdepth.evaluation.fixed_set import fixed_set
 from flightdepth.evaluation.int8_ranges import SHARES, fitted_int8_ranges
 from flightdepth.evaluation.pairs import Task
@@ -12,9 +12,17 @@ from flightdepth.runtimes.int8 import RangeMeter
 from flightdepth.runtimes.network import Network
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 from flightdepth.weights.store import read_network
+from tests_textures import few_textures
 
 LIMITS = {"MOST_CHANGED", "MOST_CHANGED_BY_ALL"}
 NAMES = ("conv2.0.weight.half", "conv4.0.weight.half")
+FEW_SHARES = (SHARES[0], SHARES[2], SHARES[-1])  # each is compiled for
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch):
+    monkeypatch.setattr(int8_ranges, "SHARES", FEW_SHARES)
+    monkeypatch.setattr(sigma_scale, "test_textures", lambda seed: few_textures())
 
 
 @pytest.mark.parametrize("wider", [1, 10])
@@ -26,7 +34,7 @@ def test_a_range_that_one_value_made_too_wide_is_cut(monkeypatch, wider):
     monkeypatch.setattr(RangeMeter, "ranges", wide)
     for limit in LIMITS:
         monkeypatch.setattr(int8_ranges, limit, np.inf)
-    pairs = list(fixed_set(card, scenes=6))
+    pairs = list(fixed_set(card, scenes=4, textures=few_textures()))
 
     def depth_m(runtime):
         network = Network(card, runtime)
@@ -37,9 +45,9 @@ def test_a_range_that_one_value_made_too_wide_is_cut(monkeypatch, wider):
         return np.abs(found / exact - 1).mean()
 
     exact = depth_m(OpenVinoRuntime(stored.onnx))
-    fitted = fitted_int8_ranges(card, stored.onnx, list(calibration_set(card, scenes=6)))
+    fitted = fitted_int8_ranges(card, stored.onnx, list(calibration_set(card, scenes=4)))
     shares = [fitted[name][1] / wide[name][1] for name in NAMES]
-    assert all(min(abs(share - each) for each in SHARES) < 1e-3 for share in shares)
+    assert all(min(abs(share - each) for each in FEW_SHARES) < 1e-3 for share in shares)
     if wider == 1:
         assert min(shares) > 0.4
     else:

@@ -18,7 +18,7 @@ from flightdepth.triangulation import flow_of_depth
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 moving = importlib.import_module("moving")
 with_moving_thing = moving.with_moving_thing
-fitting_pairs = importlib.import_module("judging_pairs").fitting_pairs
+judging_pairs = importlib.import_module("judging_pairs")
 
 CAMERA = Camera.from_fov(256, 192, 80)
 BEHIND_M = 40.0
@@ -27,6 +27,15 @@ BEHIND_M = 40.0
 @pytest.fixture(scope="module")
 def textures():
     return Textures.procedural(4, 3)
+
+
+@pytest.fixture
+def fitting_pairs(monkeypatch, textures):
+    """In few textures, and of one shape: what many take is the time to make them, and to compile for the shapes."""
+    monkeypatch.setattr(judging_pairs, "TEXTURE_SETS", 1)
+    monkeypatch.setattr(judging_pairs, "SHAPES", judging_pairs.SHAPES[1:2])
+    monkeypatch.setattr(judging_pairs, "_room_textures", lambda seed: textures)
+    return judging_pairs.fitting_pairs
 
 
 def wall(displacement):
@@ -99,19 +108,21 @@ def test_a_thing_at_the_camera_is_none(textures, monkeypatch):
     assert things([0.0, 0.0, -2.0], textures) == []
 
 
-def test_things_change_nothing_else_that_is_drawn():
-    without, with_some = (list(fitting_pairs(6, 4, 5, moving_share=share)) for share in (0.0, 1.0))
+def test_things_change_nothing_else_that_is_drawn(fitting_pairs):
+    """Found in review: pictures were compared where nothing moves, and in each of them something did."""
+    without, with_some = (
+        list(fitting_pairs(6, 4, 5, moving_share=share, wrong_share=0.0)) for share in (0.0, 1.0)
+    )
     pairs = list(zip(without, with_some, strict=True))
     assert any(not np.array_equal(a.target_m, b.target_m, equal_nan=True) for a, b in pairs)
     assert all(a.camera == b.camera for a, b in pairs)
-    still = [(a, b) for a, b in pairs if np.array_equal(a.target_m, b.target_m)]
-    assert all(np.array_equal(a.current, b.current) for a, b in still)
+    assert all((a.current == b.current).all(axis=2).mean() > 0.5 for a, b in pairs)
 
 
-def test_the_error_bar_is_large_where_something_left_its_line(textures):
+def test_the_error_bar_is_large_where_something_left_its_line(fitting_pairs, textures):
     network = load_network("motion", precision="f32", threads=1)
     bars = []
-    for number, pair in enumerate(fitting_pairs(24, seed=31)):
+    for number, pair in enumerate(fitting_pairs(16, seed=5)):
         thing = with_moving_thing(pair, textures, np.random.default_rng(number))
         if thing is None or thing.off_px < 3:
             continue

@@ -16,6 +16,7 @@ def main() -> None:
 
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # else the process would be killed for it
         resource.setrlimit(resource.RLIMIT_FSIZE, (int(room), int(room)))
+        sys.dont_write_bytecode = True  # Python keeps what was cut off, and no later process can import it
     from flightdepth import cli
 
     sys.exit(cli.main(arguments))

@@ -177,7 +177,10 @@ def test_fault_2_a_bag_that_was_never_closed_is_read(tmp_path):
     assert telemetry.counts == {"recordings cut off": 1}
 
 
-def test_fault_3_trash_is_refused_or_counted(whole, tmp_path):
+@pytest.mark.parametrize(
+    "seeds", [range(100), pytest.param(range(100, 500), marks=pytest.mark.slow)], ids=["100", "400 more"]
+)
+def test_fault_3_trash_is_refused_or_counted(whole, tmp_path, seeds):
     data, damaged = whole.read_bytes(), tmp_path / "damaged.log"
     read_telemetry(whole)  # rosbags prepares its types once
     started = time.process_time()
@@ -185,7 +188,7 @@ def test_fault_3_trash_is_refused_or_counted(whole, tmp_path):
         read_telemetry(whole)
     normal_s = (time.process_time() - started) / 10
     read, spent_s = 0, 0.0
-    for seed in range(500):
+    for seed in seeds:
         damaged.write_bytes(trashed(data, seed))
         started = time.process_time()
         try:
@@ -195,8 +198,8 @@ def test_fault_3_trash_is_refused_or_counted(whole, tmp_path):
         except BadInput:
             pass
         spent_s += time.process_time() - started
-    assert read > 50
-    assert spent_s / 500 < 5 * normal_s
+    assert read > len(seeds) / 10
+    assert spent_s / len(seeds) < 5 * normal_s
 
 
 def test_fault_3_nested_brackets_and_long_numbers_are_counted(tmp_path):

@@ -14,7 +14,7 @@ import flightdepth
 from flightdepth.camera import Camera
 from flightdepth.cli import main
 from flightdepth.errors import BadInput
-from flightdepth.flight import AttitudeSample, VelocitySample, open_flight, write_csv
+from flightdepth.flight import AttitudeSample, VelocitySample, flight_log, open_flight, write_csv
 from flightdepth.flight.flight_log import clock_warnings
 from flightdepth.flight.telemetry_csv import read_csv
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
@@ -76,6 +76,25 @@ def faster_from_ns(flight):
     return next(item.stamp_ns for item in velocities if item.velocity[0] > 4.005)
 
 
+@pytest.fixture(scope="module")
+def seen():
+    return {}
+
+
+@pytest.fixture
+def seen_once(seen, monkeypatch):
+    """How the pictures of a camera move is the same whatever the log: the first flight alone follows points in them."""
+    follow = flight_log.apparent_motion
+
+    def motion(frames, camera, mask):
+        if camera not in seen:
+            seen[camera] = follow(frames, camera, mask)
+        return seen[camera]
+
+    monkeypatch.setattr(flight_log, "apparent_motion", motion)
+
+
+@pytest.mark.usefixtures("seen_once")
 @pytest.mark.parametrize("off_s", OFFSETS_S)
 def test_the_pictures_tell_the_offset(video, tmp_path, off_s):
     log = log_of(tmp_path / "log.csv", off_s=off_s)
@@ -85,6 +104,7 @@ def test_the_pictures_tell_the_offset(video, tmp_path, off_s):
         assert faster_from_ns(flight) == pytest.approx(2e9, abs=0.04e9)
 
 
+@pytest.mark.usefixtures("seen_once")
 def test_a_log_that_tells_no_turn_moves_nothing_and_warns(video, tmp_path):
     log = log_of(tmp_path / "log.csv", off_s=1.0, turning=False)
     with open_flight(video, log, CAMERA, telemetry_offset_s="auto") as flight:
@@ -93,12 +113,14 @@ def test_a_log_that_tells_no_turn_moves_nothing_and_warns(video, tmp_path):
         assert faster_from_ns(flight) == 1_000_000_000
 
 
+@pytest.mark.usefixtures("seen_once")
 def test_a_log_of_another_time_that_tells_no_turn_is_refused_with_both_reasons(video, tmp_path):
     log = log_of(tmp_path / "log.csv", off_s=240.0, turning=False)
     with pytest.raises(BadInput, match=r"auto: unknown: turn rate: .*even within.*; telemetry .*got -246"):
         open_flight(video, log, CAMERA, telemetry_offset_s="auto")
 
 
+@pytest.mark.usefixtures("seen_once")
 def test_times_of_the_file_itself_are_doubted_aloud(video, tmp_path):
     log = log_of(tmp_path / "log.csv", off_s=1.0)
     with open_flight(video, log, CAMERA, telemetry_offset_s="auto") as flight:
@@ -114,6 +136,7 @@ def test_an_offset_that_is_given_is_taken(video, tmp_path):
         assert faster_from_ns(flight) == 1_250_000_000
 
 
+@pytest.mark.usefixtures("seen_once")
 @pytest.mark.parametrize("off_s", [-2.0, 0.0, 1.37])
 @pytest.mark.parametrize("attitudes", [True, False])
 def test_the_sample_flight_tells_it_by_its_direction(tmp_path, off_s, attitudes):
@@ -168,6 +191,7 @@ def dji_log(path, recordings):
     return path
 
 
+@pytest.mark.usefixtures("seen_once")
 @pytest.mark.parametrize("late_s", [0.0, 0.6])
 def test_the_pictures_tell_how_late_an_app_heard_of_a_recording(video, tmp_path, late_s):
     log = dji_log(tmp_path / "log.csv", ((5, 10), (20 + late_s, 32 + late_s)))
@@ -176,6 +200,7 @@ def test_the_pictures_tell_how_late_an_app_heard_of_a_recording(video, tmp_path,
         assert flight.warnings == ()
 
 
+@pytest.mark.usefixtures("seen_once")
 def test_pictures_are_not_asked_about_times_far_from_the_recording(video, tmp_path):
     """A whole flight holds other turns and speeds that fit as well."""
     log = dji_log(tmp_path / "log.csv", ((30, 42),))
@@ -186,6 +211,7 @@ def test_pictures_are_not_asked_about_times_far_from_the_recording(video, tmp_pa
         assert flight.clock.offset_s == pytest.approx(5.05, abs=0.05)
 
 
+@pytest.mark.usefixtures("seen_once")
 def test_pictures_pick_one_of_several_recordings(video, tmp_path):
     log = dji_log(tmp_path / "log.csv", ((5, 17), (20, 32)))
     with open_flight(video, log, CAMERA, telemetry_offset_s="auto") as flight:

@@ -5,6 +5,7 @@ import json
 import re
 import sys
 from dataclasses import asdict, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -35,15 +36,20 @@ from turning_videos import looking, write_video
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 simulated = importlib.import_module("turned_focal")
-Case, watched = simulated.Case, simulated.watched
+Case = simulated.Case
+watched = cache(simulated.watched)  # the points of a flight stay as they are
 PINHOLE, FISHEYE = simulated.PINHOLE, simulated.FISHEYE
 LENSES = pytest.mark.parametrize("camera", [PINHOLE, FISHEYE], ids=["pinhole", "fisheye"])
 HOVERING = Case(lasts_s=24.0)
 FLYING = Case(lasts_s=30.0, speed_m_s=5.0)
 
 
+def slow(*values):
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 @LENSES
-@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("factor", [0.5, slow(1.0), 2.0])
 def test_a_turning_camera_that_hovers_tells_its_lens_whichever_is_tried_first(camera, factor):
     tried = replace(camera, fx=factor * camera.fx, fy=factor * camera.fy)
     found = watched(replace(HOVERING, camera=camera), tried=tried).focal(ideal_lenses(tried))
@@ -61,7 +67,7 @@ def test_it_says_by_how_much_the_camera_turned():
 
 
 @LENSES
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, slow(1), slow(2)])
 def test_what_flying_adds_is_within_the_error_bar(camera, seed):
     found = watched(replace(FLYING, camera=camera), seed).focal(ideal_lenses(camera))
     assert found.camera.model == camera.model
@@ -89,14 +95,14 @@ def test_it_stays_exact_with(case):
     [
         (replace(HOVERING, turn_deg=0.0), "hardly turns"),
         (replace(HOVERING, lag_s=0.3), "is the log's clock the video's"),
-        (replace(HOVERING, lag_s=10.0), "do not fit|is the log's clock"),
+        slow(replace(HOVERING, lag_s=10.0), "do not fit|is the log's clock"),
         (replace(HOVERING, attitude_hz=2.0), "0 degrees only where the log tells it often enough"),
         (replace(HOVERING, attitude_hz=0.4), "does not tell how the camera turns"),
         (replace(HOVERING, smoothed_s=0.15), "more smoothly"),
-        (replace(HOVERING, smoothed_s=0.3), "more smoothly|do not fit"),
+        slow(replace(HOVERING, smoothed_s=0.3), "more smoothly|do not fit"),
         (replace(HOVERING, smoothed_s=1.0), "do not fit|more smoothly"),
-        (replace(FLYING, smoothed_s=0.3, shake_deg=0.5), "do not fit|more smoothly"),
-        (replace(HOVERING, follows_s=0.2), "more smoothly|is the log's clock"),
+        slow(replace(FLYING, smoothed_s=0.3, shake_deg=0.5), "do not fit|more smoothly"),
+        slow(replace(HOVERING, follows_s=0.2), "more smoothly|is the log's clock"),
         (replace(HOVERING, follows_s=1.0), "do not fit|more smoothly|is the log's clock"),
         (replace(HOVERING, zoom=2.0), "a zoom"),
     ],
@@ -124,7 +130,7 @@ def test_attitudes_of_the_drone_tell_nothing():
 
 def test_trash_is_no_turn():
     rng = np.random.default_rng(4)
-    watch = watched(Case(lasts_s=2.0))
+    watch = simulated.watched(Case(lasts_s=2.0))
     for k in range(60):
         points = rng.uniform(-1e4, 1e4, (2, 30, 2))
         watch.add(*points, 10**9 + k * 10**8, 11 * 10**8 + k * 10**8)
@@ -277,6 +283,11 @@ def turning_video(request, tmp_path_factory):
     return folder / "flight.mp4", folder / "log.csv", case.camera
 
 
+ABOVE_ALL_PINHOLE = pytest.mark.parametrize(
+    "turning_video", [PINHOLE, slow(FISHEYE)], ids=["pinhole", "fisheye"], indirect=True
+)
+
+
 def test_a_flight_without_a_camera_takes_the_one_that_its_turns_tell(turning_video):
     video, told, camera = turning_video
     with open_flight(video, told) as flight:
@@ -286,12 +297,14 @@ def test_a_flight_without_a_camera_takes_the_one_that_its_turns_tell(turning_vid
         assert flight.turns is None
 
 
+@ABOVE_ALL_PINHOLE
 def test_a_part_of_a_flight_is_seen_through_the_lens_that_the_whole_tells(turning_video):
     video, told, _ = turning_video
     with open_flight(video, told) as whole, open_flight(video, told, start_s=4.0, end_s=4.3) as part:
         assert part.camera == whole.camera
 
 
+@ABOVE_ALL_PINHOLE
 def test_of_a_log_whose_time_is_sought_too_the_lens_is_told_after_it(turning_video):
     """By itself a log that is 0.6 s late tells no lens."""
     video, told, camera = turning_video
@@ -306,6 +319,7 @@ def test_of_a_log_whose_time_is_sought_too_the_lens_is_told_after_it(turning_vid
         open_flight(video, late)
 
 
+@ABOVE_ALL_PINHOLE
 @pytest.mark.parametrize("factor", [1.0, 1.4])
 def test_run_warns_of_a_camera_that_the_turns_deny(
     turning_video, tmp_path, capsys, factor, save_difference_network

@@ -38,6 +38,10 @@ UNKNOWN = TurnVerdict(TurnedFocal(None, reason="the camera hardly turns"))
 WRONG = replace(GIVEN, fx=1.3 * GIVEN.fx, fy=1.3 * GIVEN.fy)
 
 
+def slow(*values):
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 class Flight:
     """Pictures of a case, ten a second, in which points are followed, and attitudes of the drone, or of its gimbal."""
 
@@ -95,7 +99,7 @@ def focals(doubt):
 
 @pytest.mark.parametrize(
     ("case", "attitude_hz"),
-    [(HOVERING, 5.0), (FLYING, 5.0), (FLYING, 50.0), (replace(FLYING, shake_deg=0.5), 10.0)],
+    [slow(HOVERING, 5.0), (FLYING, 5.0), slow(FLYING, 50.0), (replace(FLYING, shake_deg=0.5), 10.0)],
 )
 def test_the_right_lens_agrees(monkeypatch, case, attitude_hz):
     watch, _ = flown(monkeypatch, case, attitude_hz=attitude_hz)
@@ -105,7 +109,7 @@ def test_the_right_lens_agrees(monkeypatch, case, attitude_hz):
 
 @pytest.mark.parametrize(
     ("case", "factor", "attitude_hz"),
-    [(HOVERING, 1.3, 50.0), (FLYING, 1.3, 10.0), (FLYING, 1.3, 5.0), (FLYING, 1 / 1.3, 50.0)],
+    [slow(HOVERING, 1.3, 50.0), slow(FLYING, 1.3, 10.0), (FLYING, 1.3, 5.0), (FLYING, 1 / 1.3, 50.0)],
 )
 def test_a_wrong_lens_is_denied_with_both_focal_lengths(monkeypatch, case, factor, attitude_hz):
     wrong = replace(GIVEN, fx=factor * GIVEN.fx, fy=factor * GIVEN.fy)

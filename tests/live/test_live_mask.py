@@ -29,9 +29,8 @@ def bar(camera):
 LEG = bar(CAMERA)
 
 
-def seen(*, leg, mask, folder):
+def seen(network, *, leg, mask, folder):
     """The last result of half a second of the sample flight, and its sectors."""
-    network = load_network("motion-tiny", device="cpu", threads=1)
     texture = np.random.default_rng(0).integers(0, 130, (45, 80, 3), np.uint8).repeat(8, 0).repeat(8, 1)
     given = None
     if mask:
@@ -60,7 +59,8 @@ def seen(*, leg, mask, folder):
 def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mask")
     ways = {"clean": (False, False), "bare": (True, False), "masked": (True, True)}
-    return {name: seen(leg=leg, mask=mask, folder=folder) for name, (leg, mask) in ways.items()}
+    network = load_network("motion-tiny", device="cpu", threads=1)
+    return {name: seen(network, leg=leg, mask=mask, folder=folder) for name, (leg, mask) in ways.items()}
 
 
 def test_a_leg_is_told_to_be_far_away_unless_it_is_masked(results):

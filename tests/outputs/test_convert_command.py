@@ -12,6 +12,8 @@ from rosbags.highlevel import AnyReader
 
 from flightdepth.cli import main
 
+COARSE = ["--every", "1", "--voxel", "2"]  # a map of finer cells takes seconds
+
 
 @pytest.fixture(scope="module")
 def work(tmp_path_factory):
@@ -46,7 +48,7 @@ def test_only_its_own_older_result_is_replaced(convert, work, kind):
     assert (code, target.read_bytes()) == (2, b"\x89MCAP0\r\n of somebody else")
     assert "a new file, or an older one of the same that flightdepth wrote" in stderr
     target.unlink()
-    options = [] if kind == "mcap" else ["--every", "1"]
+    options = [] if kind == "mcap" else COARSE
     assert [convert(target.name, *options)[0] for _ in range(2)] == [0, 0]
 
 
@@ -99,8 +101,8 @@ def unfilmed(work):
 
 def test_an_occupancy_map_needs_no_preview(convert, work, unfilmed):
     """Found in review: it takes no colour from the preview, and was refused without one."""
-    assert convert("unfilmed.bt", "--every", "1", folder=unfilmed)[0] == 0
-    assert convert("filmed.bt", "--every", "1")[0] == 0
+    assert convert("unfilmed.bt", *COARSE, folder=unfilmed)[0] == 0
+    assert convert("filmed.bt", *COARSE)[0] == 0
     assert (work / "unfilmed.bt").read_bytes() == (work / "filmed.bt").read_bytes()
 
 
@@ -111,7 +113,7 @@ def test_without_a_preview_it_says_what_needs_none(convert, unfilmed, kind):
 
 
 def test_a_map_of_space_that_nothing_tells_of(convert, work):
-    code, _, stderr = convert("flight-none.bt", "--every", "1", "--min-confidence", "1")
+    code, _, stderr = convert("flight-none.bt", *COARSE, "--min-confidence", "1")
     assert (code, (work / "flight-none.bt").exists()) == (2, False)
     assert "expected space that is known, got none" in " ".join(stderr.split())
 
@@ -131,7 +133,7 @@ def test_axes_that_the_log_does_not_tell(convert, work, *, kind, attitude, true_
     record = folder.folder / "flight.json"
     north = '"true_north": {}'
     record.write_text(record.read_text().replace(north.format("true"), north.format(str(true_north).lower())))
-    code, stdout, _ = convert(f"axes.{kind}", "--every", "1", folder="axes")
+    code, stdout, _ = convert(f"axes.{kind}", *COARSE, folder="axes")
     assert (code, stdout.strip().endswith(told)) == (0, True)
 
 

@@ -13,6 +13,7 @@ from flightdepth.ranges.remainder import Remainder, remainder
 from flightdepth.ranges.tracks import Tracker, in_grey, tracked_rays
 from flightdepth.stillbox import PairRule, Picture, TestSet
 from flightdepth.stillbox.motion_noise import rotated, tilted
+from tests_textures import few_textures
 
 FOCAL = 128.0
 CAMERA = Camera.from_fov(256, 256, 90)
@@ -170,7 +171,7 @@ def test_few_points_tell_nothing():
 
 @pytest.fixture(scope="module")
 def pairs():
-    return list(TestSet(Picture(256, 256, 256), PairRule(), scenes=10))
+    return list(TestSet(Picture(256, 256, 256), PairRule(), scenes=10, textures=few_textures()))
 
 
 @pytest.mark.parametrize("degrees", [0.0, 0.1, 0.5, 2.0])

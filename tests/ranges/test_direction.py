@@ -8,6 +8,7 @@ from flightdepth.camera import Camera
 from flightdepth.ranges import direction
 from flightdepth.ranges.direction import direction_of, direction_seen, estimate_direction
 from flightdepth.stillbox import PairRule, Picture, TestSet
+from tests_textures import few_textures
 
 FOCAL = 200.0
 WAYS = [(1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (0.5, 0.3, 0.8), (-0.7, 0.1, -0.4)]
@@ -116,7 +117,7 @@ def test_a_blank_picture_has_no_direction():
 
 def test_rendered_pairs():
     camera = Camera.from_fov(256, 256, 90)
-    pairs = TestSet(Picture(256, 256, 256), PairRule(), scenes=12)
+    pairs = TestSet(Picture(256, 256, 256), PairRule(), scenes=12, textures=few_textures())
     found = [(estimate_direction(p.previous, p.current, camera), p.displacement) for p in pairs]
     errors = [degrees_between(each.unit, moved) for each, moved in found if each is not None]
     assert len(errors) >= 11

@@ -148,13 +148,13 @@ def test_each_frame_of_a_flight_is_shown_once_with_all_that_is_known_of_it():
 
 def test_a_flight_bears_a_camera_that_sets_its_exposure():
     """The last picture is a stop brighter; that costs less than half of the error again."""
-    errors = {0: [], 1: []}
+    errors, network = {0: [], 1: []}, load_network("motion-tiny", threads=1)
     for number in range(3):
         scene, textures, camera, _ = rooms(3).drawn(number)
         frames = range(8)
         seen = render(scene, textures, camera, frames=frames)
         for stops, found in errors.items():
-            estimator = MultiRangeEstimator(load_network("motion-tiny", threads=1), camera, ranges=1)
+            estimator = MultiRangeEstimator(network, camera, ranges=1)
             for frame in frames:
                 stamp_ns, moved_m = frame * FRAME_NS, scene.displacement(frame, frame + 1)
                 estimator.add_velocity(stamp_ns, moved_m / (FRAME_NS * 1e-9), frame="camera")

@@ -10,6 +10,7 @@ from flightdepth.ranges.pairs import Frame, Pair
 from flightdepth.ranges.tracks import Tracker
 from flightdepth.stillbox import PairRule, Picture, TestSet
 from flightdepth.stillbox.motion_noise import rotated, tilted
+from tests_textures import few_textures
 
 CAMERA = Camera.from_fov(256, 256, 90)
 AXIS = np.array([0.3, 0.5, -0.8])
@@ -17,7 +18,7 @@ AXIS = np.array([0.3, 0.5, -0.8])
 
 @pytest.fixture(scope="module")
 def rooms():
-    return list(TestSet(Picture(256, 256, 256), PairRule(), scenes=24, seed=3))
+    return list(TestSet(Picture(256, 256, 256), PairRule(), scenes=24, seed=3, textures=few_textures()))
 
 
 def pair_of(room, way, *, turn_deg=0.0, previous=None):

@@ -14,6 +14,7 @@ from flightdepth.ranges.tracks import Tracker
 from flightdepth.runtimes.error_bar import error_bar_scale
 from flightdepth.runtimes.network import load_network
 from flightdepth.stillbox import PairRule, Picture, TestSet
+from tests_textures import few_textures
 
 SIDEWAYS = (3.0, 0.0, 0.0)
 CORNER = np.full((128, 128), 255, np.uint8)
@@ -23,7 +24,7 @@ HIDDEN = CORNER == 0
 
 @pytest.fixture(scope="module")
 def pair():
-    (pair,) = TestSet(Picture(256, 256, 256), PairRule(9), scenes=1)
+    (pair,) = TestSet(Picture(256, 256, 256), PairRule(9), scenes=1, textures=few_textures())
     return pair
 
 

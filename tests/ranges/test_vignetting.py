@@ -1,5 +1,7 @@
 """What a lens takes from the corners: a textured plane that the camera flies past, through lenses of known strength."""
 
+from functools import cache, partial
+
 import cv2
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from flightdepth.runtimes.network import load_network
 
 CAMERA = Camera.from_fov(256, 192, 90)
 PAIRS = 12
+shipped = cache(partial(load_network, threads=1))
 
 
 def fall(strength):
@@ -143,7 +146,7 @@ class Spy:
     """A network that keeps the pictures it is shown."""
 
     def __init__(self, name: str = "motion-tiny") -> None:
-        self._network, self.shown = load_network(name, threads=1), []
+        self._network, self.shown = shipped(name), []
 
     def __getattr__(self, name):
         return getattr(self._network, name)

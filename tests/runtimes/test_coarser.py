@@ -1,6 +1,7 @@
 """What moved farther than a network's sweep reaches, seen in smaller pictures."""
 
 from collections.abc import Mapping
+from functools import cache, partial
 
 import cv2
 import numpy as np
@@ -102,6 +103,9 @@ def test_pictures_of_64_px_are_the_smallest() -> None:
     assert [call[-1] for call in runtime.calls] == [128, 64]
 
 
+shipped = cache(partial(load_network, precision="f32"))
+
+
 @pytest.mark.parametrize(("name", "width"), [("motion", 256), ("motion-tiny", 128)])
 @pytest.mark.parametrize("pixels", [40, 56])
 def test_a_shipped_network_measures_what_moved_far(name: str, width: int, pixels: int) -> None:
@@ -110,7 +114,7 @@ def test_a_shipped_network_measures_what_moved_far(name: str, width: int, pixels
     noise = np.random.default_rng(4).integers(0, 256, (camera.height, camera.width + pixels), dtype=np.uint8)
     smooth = np.clip(cv2.GaussianBlur(noise, (0, 0), 3.0) * 4.0 - 384, 0, 255).astype(np.uint8)
     wall = np.repeat(smooth[..., None], 3, axis=2)
-    network = load_network(name, precision="f32").at_focal(256)
+    network = shipped(name).at_focal(256)
     now, before = wall[:, pixels:], wall[:, :-pixels]  # the camera flew right, the wall went left
     depth_m = network.depth(np.ascontiguousarray(before), np.ascontiguousarray(now), [1.0, 0.0, 0.0], camera)
     inside = depth_m[8:-8, 8 : -pixels - 8]

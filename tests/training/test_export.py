@@ -1,5 +1,6 @@
 """An exported network: the same depth in PyTorch, OpenVINO and ONNX Runtime, and weights that come back."""
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -9,12 +10,15 @@ import torch
 from torch import nn
 
 from flightdepth.architectures import DepthNet, FlowNetS, MotionNet
+from flightdepth.architectures.depthnet import activated
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.runtimes.inputs import swept_inputs
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 from flightdepth.runtimes.onnx_ort import OnnxRuntime
+from flightdepth.training import export
 from flightdepth.training.export import Deployed, DeployedMotion, in_half_precision, to_onnx, weights_of
+from tests_exports import traced_once
 
 BASE_WIDTH = 8
 RANGE_M = (10.0, 60.0)
@@ -222,3 +226,55 @@ def test_weights_of_a_motion_network_come_back(motion):
     assert found.keys() == rounded.keys() == model.network.state_dict().keys()
     assert all(torch.equal(found[key], value) for key, value in kept.items())
     assert all(torch.allclose(rounded[key], value, rtol=1e-3, atol=1e-6) for key, value in kept.items())
+
+
+class OneLayer(nn.Module):
+    """What `Deployed` asks of a network, and quickly traced."""
+
+    def __init__(self, activation="none"):
+        super().__init__()
+        self.layer = nn.Sequential(nn.Conv2d(6, 1, 3, 4, 1), nn.BatchNorm2d(1))
+        self.activation = activation
+
+    def forward(self, images):
+        return [activated(self.layer(images), self.activation)]
+
+
+def of_seed(seed, made, range_m=RANGE_M):
+    """Weights, means and variances that all differ from seed to seed."""
+    for values in made.state_dict().values():
+        if values.is_floating_point():
+            values.uniform_(0.5, 1.5, generator=torch.manual_seed(seed))
+    return (DeployedMotion if isinstance(made, MotionNet) else Deployed)(made, *range_m).eval()
+
+
+SLOWLY_TRACED = [
+    pytest.param(each, marks=pytest.mark.slow) for each in (partial(DepthNet, 4), partial(MotionNet, 4))
+]
+
+
+@pytest.mark.parametrize("network", [OneLayer, *SLOWLY_TRACED])
+def test_what_other_tests_export_without_tracing_is_what_tracing_gives(network, tmp_path, monkeypatch):
+    first, second = (of_seed(seed, network()) for seed in (1, 2))
+    traced = to_onnx(first), to_onnx(second)
+    monkeypatch.setattr(export, "serialised", traced_once(lambda *_: traced[0], tmp_path))
+    assert (to_onnx(first), to_onnx(second)) == traced
+    assert traced[0] != traced[1]
+
+
+@pytest.mark.parametrize(
+    ("other", "files"),
+    [
+        (of_seed(2, OneLayer()), 1),
+        (of_seed(1, OneLayer("elu+1")), 2),
+        (of_seed(1, OneLayer(), (5.0, 6.0)), 2),
+        (of_seed(1, DepthNet(4)), 2),
+    ],
+    ids=["weights", "activation", "range", "architecture"],
+)
+def test_what_other_tests_export_is_traced_where_the_graph_is_another(other, files, tmp_path, monkeypatch):
+    empty = onnx.helper.make_model(onnx.helper.make_graph([], "empty", [], []))
+    monkeypatch.setattr(export, "serialised", traced_once(lambda *_: empty.SerializeToString(), tmp_path))
+    for model in (of_seed(1, OneLayer()), other):
+        to_onnx(model)
+    assert len(list(tmp_path.iterdir())) == files

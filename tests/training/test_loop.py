@@ -40,6 +40,8 @@ from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.card import Stage as CardStage
 from flightdepth.weights.store import StoredNetwork, read_network
 
+pytestmark = pytest.mark.usefixtures("quick_exports")
+
 
 class PowerCutError(Exception):
     pass
@@ -67,13 +69,31 @@ def run(folder, *, recipe=None, cut_after=None, textures=None, **options):
     return losses
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """An uninterrupted run: its folder and its losses."""
+def run_once(tmp_path_factory, **options):
+    """An uninterrupted run, for several tests: its folder and its losses."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(loop, "pool_scenes", training_runs.small_pool)
         folder = tmp_path_factory.mktemp("whole") / "small"
-        return folder, run(folder)
+        return folder, run(folder, **options)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return run_once(tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def whole_by_two(tmp_path_factory):
+    """Of two workers."""
+    return run_once(tmp_path_factory, workers=2)
+
+
+MUON_LATER = small_recipe(stages=[stage("a", 2), stage("b", 2) | {"optimizer": "muon"}])
+
+
+@pytest.fixture(scope="module")
+def whole_with_muon(tmp_path_factory):
+    return run_once(tmp_path_factory, recipe=MUON_LATER)
 
 
 def checkpoint(folder):
@@ -407,14 +427,16 @@ def test_the_origin_tells_of_a_run_that_has_not_finished(whole, tmp_path):
 
 
 @pytest.mark.parametrize("steps", [1, 2, 3, 4])
-def test_a_stage_with_an_optimizer_of_its_own_is_resumed_exactly(tmp_path, steps):
-    recipe = small_recipe(stages=[stage("a", 2), stage("b", 2) | {"optimizer": "muon"}])
-    losses = run(tmp_path / "whole", recipe=recipe)
-    run(tmp_path / "cut", recipe=recipe, cut_after=steps)
-    run(tmp_path / "cut", recipe=recipe, resume=True)
-    assert checkpoint(tmp_path / "cut") == checkpoint(tmp_path / "whole")
+def test_a_stage_with_an_optimizer_of_its_own_is_resumed_exactly(whole_with_muon, tmp_path, steps):
+    run(tmp_path, recipe=MUON_LATER, cut_after=steps)
+    run(tmp_path, recipe=MUON_LATER, resume=True)
+    assert checkpoint(tmp_path) == checkpoint(whole_with_muon[0])
+
+
+def test_a_stage_with_an_optimizer_of_its_own_learns_by_it(whole_with_muon, tmp_path):
+    losses = whole_with_muon[1]
     by_adamw = small_recipe(stages=[stage("a", 2), stage("b", 2)])
-    others = run(tmp_path / "adamw", recipe=by_adamw)
+    others = run(tmp_path, recipe=by_adamw)
     # The first step of a stage sees what the one before learnt; the second what it learnt itself.
     assert others[:3] == losses[:3]
     assert others[3] != losses[3]
@@ -654,11 +676,10 @@ def test_one_worker_makes_the_pairs_that_would_have_been_made_here(whole, tmp_pa
 
 
 @pytest.mark.parametrize("steps", [2, 3])  # so that either worker's turn comes first
-def test_a_run_of_several_workers_goes_on_exactly(tmp_path, steps):
-    at_once = run(tmp_path / "whole", workers=2)
-    begun = run(tmp_path / "cut", workers=2, cut_after=steps)
-    assert begun[: steps - 1] + run(tmp_path / "cut", workers=2, resume=True) == at_once
-    assert checkpoint(tmp_path / "cut") == checkpoint(tmp_path / "whole")
+def test_a_run_of_several_workers_goes_on_exactly(whole_by_two, tmp_path, steps):
+    begun = run(tmp_path, workers=2, cut_after=steps)
+    assert begun[: steps - 1] + run(tmp_path, workers=2, resume=True) == whole_by_two[1]
+    assert checkpoint(tmp_path) == checkpoint(whole_by_two[0])
 
 
 def test_workers_are_as_many_as_they_were(tmp_path):
@@ -669,13 +690,12 @@ def test_workers_are_as_many_as_they_were(tmp_path):
 
 
 @pytest.mark.parametrize("steps", [1, 5])
-def test_a_run_killed_early_in_a_stage_goes_on_with_as_many_workers(tmp_path, steps):
+def test_a_run_killed_early_in_a_stage_goes_on_with_as_many_workers(whole_by_two, tmp_path, steps):
     """Killed before a stage's first checkpoint it went on with as many as a fresh run has: other steps."""
-    at_once = run(tmp_path / "whole", workers=2)
-    run(tmp_path / "cut", workers=2, cut_after=steps, checkpoint_every_s=1e9)
-    assert read_progress(tmp_path / "cut" / CHECKPOINT).sample == 0
-    assert run(tmp_path / "cut", resume=True) == at_once[steps - 1 :]
-    assert checkpoint(tmp_path / "cut") == checkpoint(tmp_path / "whole")
+    run(tmp_path, workers=2, cut_after=steps, checkpoint_every_s=1e9)
+    assert read_progress(tmp_path / CHECKPOINT).sample == 0
+    assert run(tmp_path, resume=True) == whole_by_two[1][steps - 1 :]
+    assert checkpoint(tmp_path) == checkpoint(whole_by_two[0])
 
 
 def test_a_stage_that_has_not_begun_may_have_other_workers(tmp_path):

@@ -191,8 +191,19 @@ RECIPES = {
 }
 
 
-# What DepthNet learns in two processes is looked at above.
-SLOW = {"DepthNet": pytest.mark.slow}
+# What DepthNet learns in two processes is looked at above, and what warned of MotionNet's parameters.
+SLOW = dict.fromkeys(("DepthNet", "MotionNet"), pytest.mark.slow)
+
+
+IN_SMALL_POOLS = """
+import sys
+
+from flightdepth import cli
+from flightdepth.training import loop
+
+loop.pool_scenes = lambda _: 8
+sys.exit(cli.main())
+"""
 
 
 @pytest.mark.parametrize(
@@ -206,7 +217,8 @@ def test_torchrun_trains_in_two_processes(tmp_path, recipe):
     lines += ["[[stages]]", *(f"{key} = {json.dumps(value)}" for key, value in first.items())]
     (tmp_path / "small.toml").write_text("\n".join(lines))
     launch = ["-m", "torch.distributed.run", "--nproc_per_node", "2", "--master_port", str(free_port())]
-    command = [sys.executable, *launch, "-m", "flightdepth", "train", "small.toml", "--procedural", "2"]
+    (tmp_path / "in_small_pools.py").write_text(IN_SMALL_POOLS)
+    command = [sys.executable, *launch, "in_small_pools.py", "train", "small.toml", "--procedural", "2"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stderr
     assert "find_unused_parameters" not in done.stderr

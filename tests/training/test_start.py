@@ -70,7 +70,7 @@ def test_training_says_nothing_of_the_kind_where_all_is_taken_over(tmp_path, cap
 
 
 @pytest.fixture
-def network_file(tmp_path):
+def network_file(quick_exports, tmp_path):
     """A network of the small recipe's size, as `flightdepth export` leaves it, that has seen 8 pairs in stage a."""
     recipe = small_recipe(stages=[stage("a", 1)])
     torch.manual_seed(3)

@@ -77,9 +77,10 @@ class ToldTurns:
         known = self._angles.known(spans_s)
         turns = [turn[known[turn]] for turn in self._turns]
         turns = [turn for turn in turns if len(turn) >= FEWEST_PAIRS]
+        evens = [self._even(turn) for turn in turns]
         before, told, after = (self._angles.rates(spans_s + step_s) for step_s in (-BEND_S, 0.0, BEND_S))
         seen, uneven, bent = (
-            self._uneven(values, turns) for values in (seen, told, before - 2 * told + after)
+            _uneven(values, turns, evens) for values in (seen, told, before - 2 * told + after)
         )
         used = np.concatenate([np.empty(0, np.int64), *turns])
         speeds = np.linalg.norm(told[used], axis=1)
@@ -89,14 +90,10 @@ class ToldTurns:
         matched = _Matched(seen, uneven, bent, at, self._parts(turns), lag_s, turned_rad)
         return matched if self._axes else matched.in_axes_of_the_camera()
 
-    def _uneven(self, rates: Vector, turns: list[NDArray[np.int64]]) -> Vector:
-        """Rates [m, 3] of the pairs of all turns, without what changes evenly in each."""
-        left = [np.empty((0, 3))]
-        for turn in turns:
-            at_s = self._spans_s[turn].mean(axis=1)
-            even, _ = np.linalg.qr(np.stack([np.ones_like(at_s), at_s - at_s.mean()], axis=1))
-            left.append(rates[turn] - even @ (even.T @ rates[turn]))
-        return np.concatenate(left)
+    def _even(self, turn: NDArray[np.int64]) -> Vector:
+        """What changes evenly in the k pairs of a turn: two orthonormal columns [k, 2]."""
+        at_s = self._spans_s[turn].mean(axis=1)
+        return np.asarray(np.linalg.qr(np.stack([np.ones_like(at_s), at_s - at_s.mean()], axis=1))[0])
 
     def _parts(self, turns: list[NDArray[np.int64]]) -> NDArray[np.int64]:
         """Number of the part of a turn that each of their pairs belongs to."""
@@ -156,6 +153,12 @@ class _Matched:
             self.lag_s,
             turned_deg,
         )
+
+
+def _uneven(rates: Vector, turns: list[NDArray[np.int64]], evens: list[Vector]) -> Vector:
+    """Rates [m, 3] of the pairs of all turns, without what changes evenly in each."""
+    left = (rates[turn] - even @ (even.T @ rates[turn]) for turn, even in zip(turns, evens, strict=True))
+    return np.concatenate([np.empty((0, 3)), *left])
 
 
 def _fit(seen: Vector, *terms: Vector) -> Vector:
