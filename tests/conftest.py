@@ -49,6 +49,19 @@ def save_difference_network(tmp_path: Path) -> Callable[..., Path]:
     return save
 
 
+@pytest.fixture(scope="module")
+def few_fixed_textures() -> Iterator[None]:
+    """Fixed test sets of a dozen textures: their own hundred take eight seconds to make."""
+    from flightdepth.evaluation import sigma_scale
+    from flightdepth.stillbox import testset
+    from tests_textures import few_textures
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (testset, sigma_scale):
+            patch.setattr(module, "test_textures", lambda seed=testset.TEXTURE_SEED: few_textures(seed))
+        yield
+
+
 @pytest.fixture(scope="session")
 def traced(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder for what is traced, of all of pytest's processes."""

@@ -19,7 +19,7 @@ from flightdepth.training.start import start_of
 from flightdepth.weights.store import find_network, read_card
 from tests_recipes import recipe_text, stage_text
 
-pytestmark = pytest.mark.usefixtures("quick_exports")
+pytestmark = pytest.mark.usefixtures("quick_exports", "few_fixed_textures")
 
 TEXT = (Path(__file__).parents[1] / "docs" / "training.md").read_text(encoding="utf-8")
 COMMANDS = [

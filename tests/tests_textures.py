@@ -6,6 +6,6 @@ from flightdepth.scenes import Textures
 
 
 @cache
-def few_textures() -> Textures:
+def few_textures(seed: int = 7) -> Textures:
     """Three of each kind."""
-    return Textures.procedural(12, 7)
+    return Textures.procedural(12, seed)

@@ -25,7 +25,7 @@ from flightdepth.training.export import weights_of
 from flightdepth.weights.store import read_network
 from tests_recipes import recipe_text, stage_text
 
-pytestmark = pytest.mark.usefixtures("quick_exports")
+pytestmark = pytest.mark.usefixtures("quick_exports", "few_fixed_textures")
 
 TOML = recipe_text(
     stage_text("square", 8), stage_text("wide", 4, width=128, more="photometric = true"), clamped=True

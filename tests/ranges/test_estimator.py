@@ -364,7 +364,7 @@ def test_what_a_turn_brought_into_view_is_unknown() -> None:
 
 def test_memory_is_bounded() -> None:
     estimator = MultiRangeEstimator(Oracle(wall(40), straight(SIDEWAYS)), CAMERA, ranges=1)
-    for i in range(1200):
+    for i in range(1201):  # the last one is a frame
         stamp = i * 4_000_000  # 250 velocities/s, 83 frames/s
         estimator.add_velocity(stamp, SIDEWAYS)
         if i % 3 == 0:

@@ -17,7 +17,16 @@ from flightdepth.runtimes.inputs import swept_inputs
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 from flightdepth.runtimes.onnx_ort import OnnxRuntime
 from flightdepth.training import export
-from flightdepth.training.export import Deployed, DeployedMotion, in_half_precision, to_onnx, weights_of
+from flightdepth.training.export import (
+    Deployed,
+    DeployedMotion,
+    deployed,
+    in_half_precision,
+    to_onnx,
+    weights_of,
+)
+from flightdepth.training.recipe_files import load_recipe
+from flightdepth.weights.store import find_network, read_network
 from tests_exports import traced_once
 
 BASE_WIDTH = 8
@@ -181,14 +190,35 @@ def test_flownets_goes_the_same_way(flownets, storage):
     assert np.abs(depth_m - expected).max() < 2e-3 * expected.max()
 
 
-# Of `motion`, of `motion-tiny`, and of neither; tracing one takes up to a minute.
-SHAPES = [
-    (2, True, True),
-    *(pytest.param(shape, marks=pytest.mark.slow) for shape in [(1, True, False), (2, False, False)]),
-]
+def agree_on_sweeps(file, model, runtime, shape):
+    n, height, width = shape
+    camera = Camera.from_fov(width, height, 80)
+    pictures = pairs(n, height, width)
+    moves = np.random.default_rng(0).normal(size=(n, 3))
+    inputs = swept_inputs([pair[..., :3] for pair in pictures], pictures[0, ..., 3:], moves, camera)
+    with torch.no_grad():
+        depth, sigma = (each.numpy() for each in model(*(torch.from_numpy(a) for a in inputs.values())))
+    found = runtime(file)(inputs)
+    assert found["depth_m"].shape == (n, height // 4, width // 4)
+    assert np.abs(found["depth_m"] - depth).max() < 1e-3 * depth.max()
+    assert np.abs(found["sigma_m"] - sigma).max() < 1e-3 * sigma.max()
 
 
-@pytest.fixture(scope="module", params=SHAPES, ids=str)
+@pytest.fixture(scope="module", params=["motion", "motion-tiny"])
+def shipped(request):
+    """The file, and the network of its recipe with the weights that it holds."""
+    onnx = read_network(find_network(request.param)).onnx
+    return onnx, deployed(load_recipe(request.param), weights_of(onnx))
+
+
+@pytest.mark.parametrize("runtime", [OpenVinoRuntime, OnnxRuntime])
+@pytest.mark.parametrize("shape", [(1, 64, 64), (2, 128, 192)])
+def test_a_runtime_agrees_with_pytorch_on_what_ships(shipped, runtime, shape):
+    agree_on_sweeps(*shipped, runtime, shape)
+
+
+# Of `motion`, of `motion-tiny`, and of neither. Slow: tracing one takes up to a minute.
+@pytest.fixture(scope="module", params=[(2, True, True), (1, True, False), (2, False, False)], ids=str)
 def motion(request):
     torch.manual_seed(6)
     looks, thorough, residual = request.param
@@ -202,23 +232,15 @@ def motion(request):
     return model, exact, in_half_precision(exact)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("runtime", [OpenVinoRuntime, OnnxRuntime])
 @pytest.mark.parametrize("shape", [(1, 64, 64), (2, 192, 320), (3, 128, 256)])
 def test_a_runtime_agrees_with_pytorch_on_sweeps(motion, runtime, shape):
     model, exact, _ = motion
-    n, height, width = shape
-    camera = Camera.from_fov(width, height, 80)
-    pictures = pairs(n, height, width)
-    moves = np.random.default_rng(0).normal(size=(n, 3))
-    inputs = swept_inputs([pair[..., :3] for pair in pictures], pictures[0, ..., 3:], moves, camera)
-    with torch.no_grad():
-        depth, sigma = (each.numpy() for each in model(*(torch.from_numpy(a) for a in inputs.values())))
-    found = runtime(exact)(inputs)
-    assert found["depth_m"].shape == (n, height // 4, width // 4)
-    assert np.abs(found["depth_m"] - depth).max() < 1e-3 * depth.max()
-    assert np.abs(found["sigma_m"] - sigma).max() < 1e-3 * sigma.max()
+    agree_on_sweeps(exact, model, runtime, shape)
 
 
+@pytest.mark.slow
 def test_weights_of_a_motion_network_come_back(motion):
     model, exact, half = motion
     kept = {key: value for key, value in model.network.state_dict().items() if value.is_floating_point()}
