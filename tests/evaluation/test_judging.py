@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 import threading
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,13 @@ from onnx import numpy_helper
 
 from flightdepth.runtimes.judge import JUDGE, Judge, judge
 from flightdepth.runtimes.network import load_network
+from tests_textures import few_textures
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 judging = importlib.import_module("judging")
 Told, bar_loss = judging.Told, judging.bar_loss
 fitted_judge, told_of = judging.fitted_judge, judging.told_of
-fitting_pairs = importlib.import_module("judging_pairs").fitting_pairs
+judging_pairs = importlib.import_module("judging_pairs")
 
 CLUES = 7
 
@@ -90,16 +92,23 @@ def told(seed, agrees):
     return Told(clues, depth, depth * np.exp(-clues[0] * clues[-1] * agrees).astype(np.float32))
 
 
-@pytest.fixture
-def small_batches(monkeypatch):
+@pytest.fixture(scope="module")
+def small_batches():
     """48 maps a step, as good for the 24 here as 192, and four times as fast."""
-    monkeypatch.setattr(judging, "BLOCKS", 48 * 16 * 16)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(judging, "BLOCKS", 48 * 16 * 16)
+        yield
+
+
+@cache
+def fitted(agrees):
+    return fitted_judge([told(seed, agrees) for seed in range(24)], steps=150)
 
 
 @pytest.mark.usefixtures("small_batches")
 @pytest.mark.parametrize("agrees", [0.0, 1.0])
 def test_it_learns_whom_to_trust_and_how_far(agrees):
-    found = Judge(fitted_judge([told(seed, agrees) for seed in range(24)], steps=150))
+    found = Judge(fitted(agrees))
     clues = drawn(99, 16, 16)
     change, error_bar = found(clues)
     off = np.abs(change + agrees * clues[0])[clues[-1] > 0]
@@ -124,7 +133,7 @@ def test_the_bar_with_the_least_loss_holds_two_errors_in_three_small_or_large():
 def test_one_that_goes_on_learns_its_error_bar_alone():
     pairs = [told(seed, 1.0) for seed in range(24)]
     wrong = [Told(each.clues, each.depth, 3 * each.truth) for each in pairs]
-    start = fitted_judge(pairs, steps=150)
+    start = fitted(1.0)
     clues = drawn(99, 16, 16)
     (change, error_bar), (change_after, error_bar_after) = (
         Judge(onnx_file)(clues)
@@ -149,9 +158,10 @@ def test_unknown_truth_teaches_nothing():
     assert all(np.isfinite(each).all() for each in answers)
 
 
-def test_what_is_told_of_drawn_pairs():
+def test_what_is_told_of_drawn_pairs(monkeypatch):
+    monkeypatch.setattr(judging_pairs, "_room_textures", few_textures)
     shipped = load_network("motion-tiny", "openvino", precision="f32", aligned=False)
-    first, again = (list(fitting_pairs(2, shrunk=2, seed=5)) for _ in range(2))
+    first, again = (list(judging_pairs.fitting_pairs(2, shrunk=2, seed=5)) for _ in range(2))
     for pair, same in zip(first, again, strict=True):
         np.testing.assert_array_equal(pair.current, same.current)
         found = told_of(shipped, pair)

@@ -29,9 +29,7 @@ class FlownBars:
     """The error bars of one flight, as wide as its ranges have shown that they must be."""
 
     def __init__(self) -> None:
-        self._log_ratio: float | None = (
-            None  # of `disagreement` over the usual one, averaged over the last second
-        )
+        self._log_ratio: float | None = None  # of what ranges disagree by, over the usual, in the last second
         self._last_ns = 0
 
     @property
@@ -70,10 +68,10 @@ def disagreement(prediction: Prediction, card: NetworkCard) -> float | None:
         share = np.maximum(sigma_m / depth_m, np.float32(LEAST_SIGMA))
         measured = prediction.valid & (lower < beta) & (beta < upper) & (share < WORST_SIGMA)
         log_m = np.log(depth_m)
-    found = []
+    found = [np.empty(0, np.float32)]
     for one, other in combinations(range(len(beta)), 2):
         both = measured[one] & measured[other]
         apart = log_m[one][both] - log_m[other][both]
         found.append(np.abs(apart) / np.hypot(share[one][both], share[other][both]))
-    every = np.concatenate(found) if found else np.zeros(0)
+    every = np.concatenate(found)
     return float(np.median(every)) if len(every) >= FEWEST else None
