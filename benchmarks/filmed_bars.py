@@ -41,19 +41,25 @@ TIMES = (2, 3)  # as fine
 ROOM_SHARE = 0.4
 LOOKED_AT = (30, 75)  # quantiles of the depth, %
 LEAST_RATIO = 1.4  # of both pairs' lengths
-DRAWN, EFFECTS, OWN_SIZE = "as drawn", "camera effects", ", own size"
-WAYS = (DRAWN, "H.264, 18", "H.264, 23", "H.264, 28", "H.264, 22" + OWN_SIZE, EFFECTS)
+DRAWN, EFFECTS = "as drawn", "camera effects"
+FINE = {
+    "H.264, 18": 18.0,
+    "H.264, 23": 23.0,
+    "H.264, 28": 28.0,
+}  # rate factors of pictures before they are scaled down
+SMALL = {"H.264, 22, own size": 22.0}  # and after
+WAYS = (DRAWN, *FINE, *SMALL, EFFECTS)
 LEAST_PIXELS = 200
 FARTHEST_M = 300.0  # what is farther is sky
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """Pictures uint8 RGB [H, W, 3], the present one last, what lies between the others and it, (2, 3) m; true depth."""
+    """Pictures uint8 RGB [H, W, 3] in the order of their times, what lies from the first two to the last, (2, 3) m."""
 
     pictures: list[Image]
     moved_m: np.ndarray
-    depth_m: np.ndarray
+    depth_m: np.ndarray  # of the last one, the present
     camera: Camera  # as the network sees them
     is_room: bool
 
@@ -71,7 +77,7 @@ def drawn(network: Network, number: int) -> Drawn:
     depth_m = render(scene, textures, camera.resized(64, 48), frames=(here,)).depth_m
     near_m, far_m = np.percentile(depth_m[depth_m < FARTHEST_M], LOOKED_AT)
     per_depth = 1 / (network.card.at_focal(focal_px).alpha * best_beta(network.card))
-    lengths_m = per_depth * np.array([near_m, max(far_m, LEAST_RATIO * near_m)])
+    lengths_m = per_depth * np.array([max(far_m, LEAST_RATIO * near_m), near_m])
     step = scene.camera_position[there] - scene.camera_position[here]
     path = scene.camera_position[here] + step / np.linalg.norm(step) * np.r_[lengths_m, 0.0][:, None]
     turns = np.repeat(scene.world_from_camera[here : here + 1], 3, axis=0)
@@ -88,20 +94,22 @@ def filmed(frame: Drawn, way: str, seed: int) -> list[Image]:
     def shrunk(pictures: list[Image]) -> list[Image]:
         return [cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in pictures]  # type: ignore[misc]
 
+    if way in FINE:
+        return shrunk(through_h264(frame.pictures, FINE[way]))
+    pictures = shrunk(frame.pictures)
+    if way in SMALL:
+        return through_h264(pictures, SMALL[way])
     if way == EFFECTS:
-        first, second, present = shrunk(frame.pictures)
-        effects, depth_m = Photometric(), frame.depth_m
+        *earlier, present = pictures
         pairs = [
-            effects(np.random.default_rng(seed), Pair(each, present, depth_m, frame.moved_m[0], frame.camera))
-            for each in (first, second)
+            Photometric()(
+                np.random.default_rng(seed),
+                Pair(each, present, frame.depth_m, frame.moved_m[0], frame.camera),
+            )
+            for each in earlier
         ]
-        return [pairs[0].previous, pairs[1].previous, pairs[0].current]
-    pictures = frame.pictures if way.startswith("H.264") and OWN_SIZE not in way else shrunk(frame.pictures)
-    if way == DRAWN:
-        return pictures
-    factor = float(way.removesuffix(OWN_SIZE).removeprefix("H.264, "))
-    film = through_h264([pictures[1], pictures[0], pictures[2]], factor)  # the farther one is the earlier one
-    return shrunk([film[1], film[0], film[2]])
+        return [*(pair.previous for pair in pairs), pairs[0].current]
+    return pictures
 
 
 def inside(
@@ -115,9 +123,8 @@ def inside(
     if known.sum() < LEAST_PIXELS or fused.sigma_m is None:
         return None
     error_m = np.abs(fused.depth_m - truth_m)[known]
-    return float((error_m < fused.sigma_m[known]).mean()), float(
-        (error_m / truth_m[known]).clip(max=2).mean()
-    )
+    held, relative = error_m < fused.sigma_m[known], error_m / truth_m[known]
+    return float(held.mean()), float(relative.clip(max=2).mean())
 
 
 def rows(network: Network, count: int) -> Iterator[tuple[str, bool, list[float]]]:
@@ -126,8 +133,8 @@ def rows(network: Network, count: int) -> Iterator[tuple[str, bool, list[float]]
         size = frame.camera.width // 4, frame.camera.height // 4
         truth_m = cv2.resize(frame.depth_m.clip(0, 1e5), size, interpolation=cv2.INTER_AREA)
         for way in WAYS:
-            first, second, present = filmed(frame, way, number)
-            found = network.predict([first, second], present, frame.moved_m, frame.camera)
+            *earlier, present = filmed(frame, way, number)
+            found = network.predict(earlier, present, frame.moved_m, frame.camera)
             apart = disagreement(found, network.card)
             wider = FlownBars().widened(0, found, network.card)
             told = [inside(network, each, frame, truth_m) for each in (found, wider)]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flightdepth.evaluation import int8_ranges, sigma_scale
+from flightdepth.evaluation import int8_ranges
 from flightdepth.evaluation.fixed_set import fixed_set
 from flightdepth.evaluation.int8_ranges import SHARES, fitted_int8_ranges
 from flightdepth.evaluation.pairs import Task
@@ -12,7 +12,6 @@ from flightdepth.runtimes.int8 import RangeMeter
 from flightdepth.runtimes.network import Network
 from flightdepth.runtimes.onnx_openvino import OpenVinoRuntime
 from flightdepth.weights.store import read_network
-from tests_textures import few_textures
 
 LIMITS = {"MOST_CHANGED", "MOST_CHANGED_BY_ALL"}
 NAMES = ("conv2.0.weight.half", "conv4.0.weight.half")
@@ -20,9 +19,8 @@ FEW_SHARES = (SHARES[0], SHARES[2], SHARES[-1])  # each is compiled for
 
 
 @pytest.fixture(autouse=True)
-def few(monkeypatch):
+def few(few_fixed_textures, monkeypatch):
     monkeypatch.setattr(int8_ranges, "SHARES", FEW_SHARES)
-    monkeypatch.setattr(sigma_scale, "test_textures", lambda seed: few_textures())
 
 
 @pytest.mark.parametrize("wider", [1, 10])
@@ -34,7 +32,7 @@ def test_a_range_that_one_value_made_too_wide_is_cut(monkeypatch, wider):
     monkeypatch.setattr(RangeMeter, "ranges", wide)
     for limit in LIMITS:
         monkeypatch.setattr(int8_ranges, limit, np.inf)
-    pairs = list(fixed_set(card, scenes=4, textures=few_textures()))
+    pairs = list(fixed_set(card, scenes=4))
 
     def depth_m(runtime):
         network = Network(card, runtime)

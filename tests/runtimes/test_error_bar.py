@@ -40,9 +40,8 @@ def test_under_a_sky_it_grows_with_the_output_by_a_power_and_in_a_room_it_does_n
     steep = CARD.model_copy(update={"sigma_far": 0.6})
     room, sky = error_bar_scale(steep, pictures(0, 2, rest=USUAL_BETA * np.e), VALID, USUAL_FOCAL_PX)
     assert room == pytest.approx(np.full((1, 5), 0.8), rel=1e-6)
-    assert sky[0, 2:4] == pytest.approx(
-        0.8 * np.exp(0.25 + 0.3), rel=1e-6
-    )  # half of it is sky, and e times as far
+    # Half of it is sky, the rest e times as far as usual.
+    assert sky[0, 2:4] == pytest.approx(0.8 * np.exp(0.25 + 0.3), rel=1e-6)
     nearer = error_bar_scale(steep, pictures(2, rest=USUAL_BETA / np.e), VALID, USUAL_FOCAL_PX)
     assert nearer[0, 0, 2:4] == pytest.approx(0.8 * np.exp(0.25 - 0.3), rel=1e-6)
 

@@ -44,7 +44,7 @@ def outdoor_calibration_set(card: NetworkCard, *, scenes: int, flight_size: bool
 
 
 class SigmaScale(NamedTuple):
-    """The card's fields of these names."""
+    """The card's fields of these names, in the order in which they are fitted."""
 
     sigma_scale: float
     sigma_growth: float
@@ -58,17 +58,16 @@ def fitted_sigma_scale(network: Network, pairs: Iterable[TruePair]) -> SigmaScal
     That is where the motion is known; what an uncertain one adds comes on top (`ranges.motion_error`). Those pixels
     count that fusion would believe.
     """
-    error_m, sigma_m, depth_m, sky, far, lens = _answers(network, pairs)
-    scale, growth, steeper, power = 1.0, 0.0, 0.0, 0.0
+    error_m, sigma_m, depth_m, *grown_by = _answers(network, pairs)
+    by = np.stack(grown_by)  # sky, far and lens, [3, N]
+    scale, growths = 1.0, np.zeros(len(by))
     for _ in range(FITS):
-        foretold = scale * np.exp(growth * sky + steeper * far + power * lens) * sigma_m
-        counted = believed(network.card, depth_m, foretold)
-        error, sigma = error_m[counted], sigma_m[counted]
-        by_sky, by_far, by_lens = sky[counted], far[counted], lens[counted]
-        _, growth = growing_scale(error, sigma * np.exp(steeper * by_far + power * by_lens), by_sky)
-        _, steeper = growing_scale(error, sigma * np.exp(growth * by_sky + power * by_lens), by_far)
-        scale, power = growing_scale(error, sigma * np.exp(growth * by_sky + steeper * by_far), by_lens)
-    return SigmaScale(scale, growth, steeper, power)
+        counted = believed(network.card, depth_m, scale * np.exp(growths @ by) * sigma_m)
+        error, sigma, by_counted = error_m[counted], sigma_m[counted], by[:, counted]
+        for k in range(len(by)):
+            growths[k] = 0.0
+            scale, growths[k] = growing_scale(error, sigma * np.exp(growths @ by_counted), by_counted[k])
+    return SigmaScale(scale, *growths.tolist())
 
 
 def believed(card: NetworkCard, depth_m: Values, sigma_m: Values) -> NDArray[np.bool_]:
