@@ -7,7 +7,8 @@ from flightdepth.camera import Camera
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fusion import Fused
-from flightdepth.ranges.temporal import AGREE_WITHIN, GAIN, Step, TemporalAverage, step_between
+from flightdepth.ranges.reprojection import Reprojection, Step, step_between
+from flightdepth.ranges.temporal import AGREE_WITHIN, GAIN, TemporalAverage
 
 CAMERA = Camera.from_fov(128, 128, 90)
 SHAPE = (32, 32)
@@ -27,14 +28,14 @@ def step(displacement_m=STILL, turn=None) -> Step:
 
 
 def averaged(*maps, by=STILL) -> Fused:
-    average = TemporalAverage(CAMERA, SHAPE)
+    average = TemporalAverage(Reprojection(CAMERA, SHAPE))
     for each in maps[:-1]:
         average.add(each, step(by))
     return average.add(maps[-1], step(by))
 
 
 def test_the_first_frame_and_one_without_known_motion_stay_as_they_are():
-    average = TemporalAverage(CAMERA, SHAPE)
+    average = TemporalAverage(Reprojection(CAMERA, SHAPE))
     for depth_m in (10.0, 11.0):
         np.testing.assert_array_equal(average.add(fused(depth_m), None).depth_m, np.float32(depth_m))
 
@@ -94,7 +95,7 @@ def test_a_turn_is_followed():
     angle = np.arctan(2 / CAMERA.resized(*SHAPE[::-1]).fx)
     turn = rotation_from_euler(0, -angle, 0)  # what was ahead is to the left now
     assert (turn @ [0, 0, 1.0])[0] < 0
-    average = TemporalAverage(CAMERA, SHAPE)
+    average = TemporalAverage(Reprojection(CAMERA, SHAPE))
     average.add(fused(np.where(np.arange(SHAPE[1]) < 16, 9.0, 11.0)), None)
     row = average.add(fused(10.0), step(turn=turn)).depth_m[16]
     assert (row[12:14] < 10).all()
@@ -154,7 +155,7 @@ def test_points_are_found_again_by_a_camera_that_moved_and_turned():
     rays = CAMERA.resized(*SHAPE[::-1]).rays()
     # X_previous = R^T (X_current + displacement) lies on the wall.
     depth_m = (20 - (turn.T @ moved_m)[2]) / (rays @ turn)[..., 2]
-    average = TemporalAverage(CAMERA, SHAPE)
+    average = TemporalAverage(Reprojection(CAMERA, SHAPE))
     average.add(fused(20.0), None)
     found = average.add(fused(1.05 * depth_m), step(moved_m, turn)).depth_m
     middle = np.s_[8:24, 8:24]

@@ -26,11 +26,13 @@ from flightdepth.ranges.network import DepthNetwork, Map
 from flightdepth.ranges.pairs import Frame, FrameBuffer, Pair, baselines
 from flightdepth.ranges.plan import Planner
 from flightdepth.ranges.repeats import Repeats
+from flightdepth.ranges.reprojection import Reprojection
 from flightdepth.ranges.result import RangedDepth
 from flightdepth.ranges.seen import Seen
 from flightdepth.ranges.temporal import HeldStill, TemporalAverage
 from flightdepth.ranges.timeline import checked_stamp
 from flightdepth.ranges.view import View
+from flightdepth.ranges.wavering import Wavering
 from flightdepth.runtimes.arrays import Flags
 from flightdepth.runtimes.grid import check_image, check_mask
 
@@ -91,6 +93,7 @@ class MultiRangeEstimator:
         self._network, self._fusion, self._derotate = network, fusion, derotate
         self.shown = None if mask is None else check_mask(mask, camera)  # [H, W], what is not masked
         self._trajectory, self._repeats, self._bars = Trajectory(), Repeats(), FlownBars()
+        self._wavering = Wavering(self._trajectory)
         self._ranges, self._memory = ranges, MemoryLimit(MAX_RANGES + 1)  # one for a scout
         self._buffer, self._span_ns = FrameBuffer(buffer_s), round(buffer_s * 1e9)
         self._look_through(camera)
@@ -176,12 +179,14 @@ class MultiRangeEstimator:
     def _look_through(self, camera: Camera) -> None:
         self._view = self.VIEW(self._network, camera, self.shown)
         grid = self._view.grid
-        self._held_still = HeldStill(TemporalAverage(grid.camera, grid.valid.shape), self._trajectory)
+        self._reprojection = Reprojection(grid.camera, grid.valid.shape)
+        self._held_still = HeldStill(TemporalAverage(self._reprojection), self._trajectory)
 
     def forget_frames(self) -> None:
         """Pair what comes with none of the frames so far: some of them may be damaged, or of another flight."""
         self._buffer.clear()
         self._held_still.forget()
+        self._wavering.forget()
         self._newest = None
 
     def add_frame(self, stamp_ns: int, image: Image, *, unusable: str | None = None) -> RangedDepth:
@@ -252,6 +257,7 @@ class MultiRangeEstimator:
             pairs = view.derotation.of(pairs, current)
         if not pairs:
             return NOT_RIGID
+        pairs = self._wavering.widened(current.stamp_ns, pairs)
         predict = partial(view.predict, current=current, network=seer.network)
         pairs, prediction = self._memory.predicted(pairs, seer.network, predict)
         prediction = self._bars.widened(current.stamp_ns, prediction, seer.card)
@@ -259,6 +265,7 @@ class MultiRangeEstimator:
         seer.planner.learn(current.stamp_ns, fused, view.grid.valid)
         if self._fusion == "saturation":
             if not seer.is_fallback:  # depths of two networks are not averaged
+                self._wavering.learn(current.stamp_ns, fused, pairs[0], self._reprojection)
                 directs = seer.card.knows_direction
                 fused = self._held_still.add(current.stamp_ns, fused, pairs[0], sees_direction=directs)
             fused = within_reach(fused)

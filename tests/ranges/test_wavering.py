@@ -1,0 +1,264 @@
+"""A log's speed that wavers, as depth shows it: numbers by hand, drawn errors, and a flight."""
+
+import cv2
+import numpy as np
+import pytest
+
+from flightdepth.camera import Camera
+from flightdepth.ranges import MultiRangeEstimator
+from flightdepth.ranges.displacement import Trajectory
+from flightdepth.ranges.fusion import WORST_SIGMA, Fused
+from flightdepth.ranges.pairs import Frame, Pair
+from flightdepth.ranges.reprojection import Reprojection
+from flightdepth.ranges.wavering import (
+    FEWEST,
+    LONGEST_S,
+    LOOK_BACK_S,
+    MEMORY_S,
+    MOST,
+    USUAL,
+    Wavering,
+    changed,
+)
+from flightdepth.runtimes.network import Network
+from tests_networks import BestHypothesis, swept_card
+
+CAMERA = Camera.from_fov(128, 128, 90)
+SHAPE = (32, 32)
+REPROJECTION = Reprojection(CAMERA, SHAPE)
+SPEED_M_S = 2.0
+STEP_S = 0.1
+PICTURE = np.zeros((1, 1, 3), np.uint8)
+
+
+def ns(seconds):
+    return round(seconds * 1e9)
+
+
+def flying(speed_m_s=SPEED_M_S, *, attitude=True):
+    """A log of ten seconds ahead, as its first sample says."""
+    trajectory = Trajectory()
+    for second in np.arange(0, 10.1, 0.5):
+        trajectory.add_velocity(ns(second), [0, 0, speed_m_s], frame="world", sigma=None)
+        if attitude:
+            trajectory.add_attitude(ns(second), [1.0, 0, 0, 0])
+    return trajectory
+
+
+def fused(depth_m, share=0.05):
+    depth_m = np.broadcast_to(np.asarray(depth_m, np.float32), SHAPE).copy()
+    nothing = np.full(SHAPE, np.nan, np.float32)
+    sigma_m = None if share is None else np.broadcast_to(np.float32(share), SHAPE) * depth_m
+    return Fused(depth_m, np.ones(SHAPE, np.float32), nothing, nothing, sigma_m)
+
+
+def pair(at_s, *, speed_m_s=SPEED_M_S, back_s=0.2, directed=True, told_m=0.0):
+    length_m = speed_m_s * back_s
+    return Pair(
+        previous=Frame(0, ns(at_s - back_s), PICTURE),
+        displacement_m=np.array([0, 0, length_m]),
+        length_m=length_m,
+        depth_m=20.0,
+        current_from_previous=np.eye(3),
+        turn_rad=0.0,
+        directed=directed,
+        length_sigma_m=told_m,
+    )
+
+
+def seen(errors, *, trajectory=None, share=0.05, every_s=STEP_S, **how):
+    """What is learnt of a wall, 60 m ahead at first, whose depth is off by `errors`, a factor for each frame."""
+    wavering = Wavering(trajectory or flying())
+    for number, error in enumerate(errors):
+        at_s = number * every_s
+        wall = fused((60 - SPEED_M_S * at_s) * error, share)
+        wavering.learn(ns(at_s), wall, pair(at_s, **how), REPROJECTION)
+    return wavering
+
+
+def alternating(error, frames=50, half=5):
+    """Too far and too near by a factor, half a second each."""
+    return [error if number // half % 2 else 1 / error for number in range(frames)]
+
+
+def test_depth_that_follows_the_flight_is_no_reason():
+    assert seen(np.ones(50)).sigma_m_s == 0
+
+
+def test_a_speed_that_is_always_wrong_shows_in_nothing_but_what_was_flown():
+    """Depth and displacement are both a tenth too long, so the wall comes as much nearer as the log says."""
+    wavering = Wavering(flying(1.1 * SPEED_M_S))
+    for number in range(50):
+        at_s = number * STEP_S
+        wavering.learn(ns(at_s), fused(1.1 * (60 - SPEED_M_S * at_s)), pair(at_s), REPROJECTION)
+    assert wavering.sigma_m_s == 0
+
+
+def test_what_depth_wavers_by_in_half_a_second_is_the_speed_s_deviation():
+    """Each frame is compared with one of the other sign; what was flown does not waver."""
+    found = seen(alternating(1.02)).sigma_m_s
+    log_ratio = 2 * np.log(1.02)
+    assert found == pytest.approx(SPEED_M_S * np.sqrt(log_ratio**2 - USUAL**2), rel=0.04)
+
+
+def test_what_networks_err_by_anyway_does_not_count():
+    assert seen(alternating(np.exp(0.45 * USUAL))).sigma_m_s == 0
+    assert seen(alternating(np.exp(0.75 * USUAL))).sigma_m_s > 0
+
+
+def test_an_error_that_drifts_is_told_to_a_quarter():
+    """By e in a second, as a receiver's does: twelve flights of ten seconds."""
+    rng = np.random.default_rng(5)
+    kept, sigma, told = np.exp(-STEP_S), 0.06, []
+    for _ in range(12):
+        errors = [sigma * rng.normal()]
+        for _ in range(99):
+            errors.append(kept * errors[-1] + sigma * np.sqrt(1 - kept**2) * rng.normal())
+        told.append(seen(np.exp(errors)).sigma_m_s / SPEED_M_S)
+    assert np.sqrt(np.mean(np.square(told))) == pytest.approx(sigma, rel=0.25)
+
+
+@pytest.mark.parametrize("missing", ["attitude", "direction", "error bar"])
+def test_without_an_attitude_a_direction_or_an_error_bar_nothing_is_learnt(missing):
+    trajectory = flying(attitude=missing != "attitude")
+    share = None if missing == "error bar" else 0.05
+    directed = missing != "direction"
+    found = seen(alternating(1.1), trajectory=trajectory, share=share, directed=directed)
+    assert found.sigma_m_s == 0
+
+
+@pytest.mark.parametrize(
+    ("every_s", "compared"),
+    [(0.9 * LOOK_BACK_S, True), (LOOK_BACK_S, True), (LONGEST_S, True), (1.01 * LONGEST_S, False)],
+)
+def test_frames_are_compared_that_are_half_a_second_to_a_second_apart(every_s, compared):
+    half = 2 if every_s < LOOK_BACK_S else 1  # then with the one before the last
+    found = seen(alternating(1.1, frames=9, half=half), every_s=every_s)
+    assert (found.sigma_m_s > 0) == compared
+
+
+def test_of_many_frames_a_second_ten_are_kept():
+    """However many there are, so memory is bounded, and the same is learnt."""
+    fast = seen(alternating(1.05, frames=500, half=50), every_s=0.01)
+    assert fast.sigma_m_s == pytest.approx(seen(alternating(1.05)).sigma_m_s, rel=0.02)
+    assert len(fast._kept) <= LONGEST_S / STEP_S + 1
+
+
+def test_a_slow_moment_says_no_more_of_the_speed_than_it_can():
+    """The same metres a second are a larger share of it."""
+    wavering = seen(alternating(1.1), speed_m_s=0.5)
+    assert wavering.sigma_m_s == pytest.approx(0.25 * seen(alternating(1.1)).sigma_m_s, rel=1e-6)
+
+
+def test_what_was_learnt_fades_and_what_comes_counts():
+    wavering = seen(
+        [*alternating(1.1, frames=30), *np.ones(round(6 * MEMORY_S / STEP_S))], trajectory=long_log()
+    )
+    assert wavering.sigma_m_s < 0.1 * seen(alternating(1.1, frames=30)).sigma_m_s
+
+
+def long_log():
+    trajectory = flying()
+    for second in np.arange(10.5, 30, 0.5):
+        trajectory.add_velocity(ns(second), [0, 0, SPEED_M_S], frame="world", sigma=None)
+        trajectory.add_attitude(ns(second), [1.0, 0, 0, 0])
+    return trajectory
+
+
+def test_across_a_cut_nothing_is_compared_and_what_was_learnt_stays():
+    wavering = seen(alternating(1.05))
+    before = wavering.sigma_m_s
+    wavering.forget()
+    wavering.learn(ns(5.0), fused(10.0), pair(5.0), REPROJECTION)
+    assert wavering.sigma_m_s == before > 0
+
+
+def test_pairs_are_as_unsure_as_the_speed_was_for_so_long():
+    wavering = seen(alternating(1.02))
+    short, long = wavering.widened(ns(5.0), [pair(5.0, back_s=0.1), pair(5.0, back_s=0.5)])
+    assert short.length_sigma_m == pytest.approx(0.1 * wavering.sigma_m_s)
+    assert long.length_sigma_m == pytest.approx(0.5 * wavering.sigma_m_s)
+    assert long.length_m == 0.5 * SPEED_M_S and short.previous is not long.previous
+
+
+def test_what_the_log_says_is_not_lessened_and_more_than_a_third_is_not_told():
+    wavering = seen(alternating(1.02))
+    (sure,) = wavering.widened(ns(5.0), [pair(5.0, told_m=1.0)])
+    assert sure.length_sigma_m == 1.0
+    (slow,) = wavering.widened(ns(5.0), [pair(5.0, speed_m_s=0.05)])
+    assert slow.length_sigma_m == pytest.approx(MOST * slow.length_m)
+
+
+def test_a_flight_that_was_not_seen_to_waver_keeps_its_pairs():
+    (kept,) = Wavering(flying()).widened(ns(5.0), [pair(5.0)])
+    assert kept.length_sigma_m == 0
+
+
+def maps(now_m, before_m, now_share=0.05, before_share=0.05):
+    return [
+        np.broadcast_to(np.asarray(each, np.float32), SHAPE).copy()
+        for each in (now_m, now_share, before_m, before_share)
+    ]
+
+
+def test_a_change_is_the_logarithm_of_before_over_now():
+    assert changed(*maps(10.0, 12.0)) == pytest.approx(np.log(1.2), rel=1e-5)
+
+
+def test_the_surer_half_tells():
+    """Left half with small bars, right half with large ones."""
+    left = np.arange(SHAPE[1]) < 16
+    found = changed(*maps(10.0, np.where(left, 11.0, 30.0), before_share=np.where(left, 0.02, 0.2)))
+    assert found == pytest.approx(np.log(1.1), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    "cause", ["now unsure", "before unsure", "now unknown", "before unknown", "at the lens"]
+)
+def test_what_is_not_known_twice_does_not_count(cause):
+    """Three quarters of the picture would say that it tripled."""
+    aside = np.arange(SHAPE[1]) >= 8
+    now_m, now_share, before_m, before_share = maps(10.0, np.where(aside, 30.0, 10.0))
+    assert changed(now_m, now_share, before_m, before_share) == pytest.approx(np.log(3), rel=1e-5)
+    if cause == "now unsure":
+        now_share[:, aside] = WORST_SIGMA
+    elif cause == "before unsure":
+        before_share[:, aside] = WORST_SIGMA
+    elif cause == "now unknown":
+        now_m[:, aside] = np.nan
+    elif cause == "before unknown":
+        before_m[:, aside] = np.nan
+    else:
+        now_m[:, aside] = 0
+    assert changed(now_m, now_share, before_m, before_share) == 0
+
+
+def test_few_points_tell_nothing():
+    now_m, now_share, before_m, before_share = maps(10.0, 12.0)
+    now_m.flat[FEWEST:] = np.nan
+    assert changed(now_m, now_share, before_m, before_share) is not None
+    now_m.flat[0] = np.nan
+    assert changed(now_m, now_share, before_m, before_share) is None
+
+
+def test_in_flight_a_speed_that_wavers_widens_bars(monkeypatch):
+    """Past a wall at an even speed, which the log calls a quarter too high and too low in turn."""
+    camera = Camera.from_fov(256, 192, 80)
+    rng = np.random.default_rng(4)
+    wall = cv2.GaussianBlur(rng.integers(0, 256, (192, 400, 3), dtype=np.uint8), (0, 0), 2.0)
+    results = []
+    for wider in (True, False):
+        if not wider:
+            monkeypatch.setattr(Wavering, "widened", lambda wavering, stamp_ns, pairs: tuple(pairs))
+        estimator = MultiRangeEstimator(Network(swept_card(), BestHypothesis()), camera, derotate=False)
+        for number in range(26):
+            told = 1.25 if number // 5 % 2 else 0.8
+            estimator.add_attitude(ns(number / 10), [1.0, 0, 0, 0])
+            estimator.add_velocity(ns(number / 10), [told, 0.0, 0.0], frame="world")
+            result = estimator.add_frame(ns(number / 10), wall[:, 5 * number : 5 * number + 256])
+        results.append(result)
+    wide, told = results
+    known = np.isfinite(wide.depth_m) & np.isfinite(told.depth_m)
+    assert known.mean() > 0.3
+    np.testing.assert_allclose(wide.depth_m[known], told.depth_m[known], rtol=0.05)
+    assert np.median((wide.sigma_m / told.sigma_m)[known]) > 1.3
