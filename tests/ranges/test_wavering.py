@@ -7,6 +7,7 @@ import pytest
 from flightdepth.camera import Camera
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.ranges.displacement import Trajectory
+from flightdepth.ranges.estimator import SPEED_UNSURE
 from flightdepth.ranges.fusion import WORST_SIGMA, Fused
 from flightdepth.ranges.pairs import Frame, Pair
 from flightdepth.ranges.reprojection import Reprojection
@@ -258,6 +259,8 @@ def test_in_flight_a_speed_that_wavers_widens_bars(monkeypatch):
             result = estimator.add_frame(ns(number / 10), wall[:, 5 * number : 5 * number + 256])
         results.append(result)
     wide, told = results
+    assert SPEED_UNSURE in wide.notes
+    assert SPEED_UNSURE not in told.notes
     known = np.isfinite(wide.depth_m) & np.isfinite(told.depth_m)
     assert known.mean() > 0.3
     np.testing.assert_allclose(wide.depth_m[known], told.depth_m[known], rtol=0.05)

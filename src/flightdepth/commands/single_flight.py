@@ -193,7 +193,7 @@ def conclude(summary: Summary, elapsed_s: float, target: Path) -> None:
         if math.isfinite(summary.sigma_share_median):
             say(
                 f"error bar: {summary.sigma_share_median:.1%} of the depth in the median, meant to hold two errors"
-                " in three; a wrong lens is not in it, nor a speed further off than its log says"
+                " in three; a wrong lens is not in it, nor a speed that is wrong throughout"
             )
     else:
         warn("no frame has depth: the reasons stand above")

@@ -44,6 +44,11 @@ NOT_RIGID = (
 )
 FALLEN_BACK = "frames without a direction of motion: depth by {}, rough, its confidence is no chance"
 VIGNETTING = "pictures are darker towards their corners; depth is of pictures that are evened out"
+UNSURE = 0.1
+SPEED_UNSURE = (
+    "frames whose speed is unsure by more than a tenth of it, as the log or depth that wavers says;"
+    " their error bars hold it"
+)
 NON_ROTATING = "camera-frame velocity without attitude: the camera is taken not to turn"
 
 
@@ -203,7 +208,7 @@ class MultiRangeEstimator:
         if isinstance(seen, str):
             result = RangedDepth.unknown(image.shape[0], image.shape[1], seen, 0.0)
         else:
-            result = seen.result(self._frames_given, self._notes(seen.seer))
+            result = seen.result(self._frames_given, self._notes(seen))
         return replace(result, latency_ms=(time.perf_counter() - started) * 1e3)
 
     def _shown_by(self, stamp_ns: int, image: Image, unusable: str | None) -> Seen | str:
@@ -279,11 +284,12 @@ class MultiRangeEstimator:
         lines = self._view.exposed(lines, current)
         return self._choice.of(lines, current, ranges=self.ranges, most=self._memory.most_pairs)
 
-    def _notes(self, seer: Seer) -> tuple[str, ...]:
+    def _notes(self, seen: Seen) -> tuple[str, ...]:
         non_rotating = (NON_ROTATING,) if self._trajectory.non_rotating else ()
-        told = (FALLEN_BACK.format(seer.card.name),) if seer.is_fallback else ()
+        told = (FALLEN_BACK.format(seen.seer.card.name),) if seen.seer.is_fallback else ()
+        unsure = any(pair.length_sigma_m > UNSURE * pair.length_m for pair in seen.pairs)
         darker = (VIGNETTING,) if self._view.vignetting.strength else ()
-        return non_rotating + self._memory.notes + told + darker
+        return non_rotating + self._memory.notes + told + darker + ((SPEED_UNSURE,) if unsure else ())
 
 
 def check_ranges(ranges: int) -> None:
