@@ -148,7 +148,8 @@ class Pair:
     displacement_m (3,) and directed as in Baselines, or seen, where the pictures tell its direction to the camera;
     length_m its length, depth_m the depth that asked for it, current_from_previous (3, 3), turn_rad
     its angle; covariance (6, 6) of what its rotation and direction may still be off (`Remainder.left_open`), None
-    where the pictures were not asked; length_sigma_m the length's standard deviation, as the log or depth that wavers tells it.
+    where the pictures were not asked; length_sigma_m the length's standard deviation, as the log tells it, or depth
+    that wavers (`Wavering`).
     """
 
     previous: AnyFrame
