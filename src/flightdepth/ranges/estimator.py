@@ -270,9 +270,9 @@ class MultiRangeEstimator:
         seer.planner.learn(current.stamp_ns, fused, view.grid.valid)
         if self._fusion == "saturation":
             if not seer.is_fallback:  # depths of two networks are not averaged
-                self._wavering.learn(current.stamp_ns, fused, pairs[0], self._reprojection)
                 directs = seer.card.knows_direction
                 fused = self._held_still.add(current.stamp_ns, fused, pairs[0], sees_direction=directs)
+                self._wavering.learn(current.stamp_ns, fused, pairs[0], self._reprojection)
             fused = within_reach(fused)
         return Seen(view, current, pairs, prediction, fused, seer, self._choice.doubt)
 

@@ -66,7 +66,7 @@ class Wavering:
         return max(pair.length_sigma_m, min(drift_m, MOST * pair.length_m))
 
     def learn(self, stamp_ns: int, fused: Fused, pair: Pair, reprojection: Reprojection) -> None:
-        """What a frame's depth, not averaged with earlier ones, says beside that of half a second ago.
+        """What a frame's depth, as it is told, says beside that of half a second ago.
 
         `pair` is one of the frame's. Without error bars, or where the log tells no attitude, nothing is learnt.
         """
