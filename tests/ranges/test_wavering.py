@@ -36,11 +36,11 @@ def ns(seconds):
     return round(seconds * 1e9)
 
 
-def flying(speed_m_s=SPEED_M_S, *, attitude=True):
+def flying(speed_m_s=SPEED_M_S, *, attitude=True, frame="world"):
     """A log of ten seconds ahead, as its first sample says."""
     trajectory = Trajectory()
     for second in np.arange(0, 10.1, 0.5):
-        trajectory.add_velocity(ns(second), [0, 0, speed_m_s], frame="world", sigma=None)
+        trajectory.add_velocity(ns(second), [0, 0, speed_m_s], frame=frame, sigma=None)
         if attitude:
             trajectory.add_attitude(ns(second), [1.0, 0, 0, 0])
     return trajectory
@@ -119,9 +119,10 @@ def test_an_error_that_drifts_is_told_to_a_quarter():
     assert np.sqrt(np.mean(np.square(told))) == pytest.approx(sigma, rel=0.25)
 
 
-@pytest.mark.parametrize("missing", ["attitude", "direction", "error bar"])
+@pytest.mark.parametrize("missing", ["attitude", "attitude, camera's axes", "direction", "error bar"])
 def test_without_an_attitude_a_direction_or_an_error_bar_nothing_is_learnt(missing):
-    trajectory = flying(attitude=missing != "attitude")
+    frame = "camera" if missing.endswith("axes") else "world"
+    trajectory = flying(attitude=not missing.startswith("attitude"), frame=frame)
     share = None if missing == "error bar" else 0.05
     directed = missing != "direction"
     found = seen(alternating(1.1), trajectory=trajectory, share=share, directed=directed)
@@ -149,6 +150,36 @@ def test_a_slow_moment_says_no_more_of_the_speed_than_it_can():
     """The same metres a second are a larger share of it."""
     wavering = seen(alternating(1.1), speed_m_s=0.5)
     assert wavering.sigma_m_s == pytest.approx(0.25 * seen(alternating(1.1)).sigma_m_s, rel=1e-6)
+
+
+@pytest.mark.parametrize("slow", [0, 1])
+def test_of_two_moments_the_slower_counts(slow):
+    """An error is the larger share of its speed: half a metre a second in one half second, two in the next."""
+    wavering = Wavering(flying())
+    for number, error in enumerate(alternating(1.1)):
+        at_s, speed_m_s = number * STEP_S, 0.5 if number // 5 % 2 == slow else SPEED_M_S
+        wall = fused((60 - SPEED_M_S * at_s) * error)
+        wavering.learn(ns(at_s), wall, pair(at_s, speed_m_s=speed_m_s), REPROJECTION)
+    assert wavering.sigma_m_s == pytest.approx(seen(alternating(1.1), speed_m_s=0.5).sigma_m_s, rel=1e-6)
+
+
+def test_the_speed_is_that_of_the_pair():
+    """However long it takes."""
+    long = seen(alternating(1.1), back_s=0.4).sigma_m_s
+    assert long == pytest.approx(seen(alternating(1.1), back_s=0.1).sigma_m_s, rel=1e-6)
+
+
+def test_no_bar_is_less_than_the_least():
+    """Fourteen columns of 32 say that they are surer than anybody is; the others say something else."""
+    column = np.arange(SHAPE[1])
+    share, before = (
+        np.select([column < 14, column < 18], [0.001, 0.003], 0.005),
+        np.where(column < 14, 1.3, 1.1),
+    )
+    wavering = Wavering(flying(0.0))
+    for at_s, ratio in ((0.0, before), (LOOK_BACK_S, 1.0)):
+        wavering.learn(ns(at_s), fused(20.0 * ratio, share), pair(at_s), REPROJECTION)
+    assert wavering.sigma_m_s == pytest.approx(SPEED_M_S * np.sqrt(np.log(1.1) ** 2 - USUAL**2), rel=1e-3)
 
 
 def test_what_was_learnt_fades_and_what_comes_counts():
