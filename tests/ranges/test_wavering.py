@@ -1,5 +1,7 @@
 """A log's speed that wavers, as depth shows it: numbers by hand, drawn errors, and a flight."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -296,3 +298,20 @@ def test_in_flight_a_speed_that_wavers_widens_bars(monkeypatch):
     assert known.mean() > 0.3
     np.testing.assert_allclose(wide.depth_m[known], told.depth_m[known], rtol=0.05)
     assert np.median((wide.sigma_m / told.sigma_m)[known]) > 1.3
+
+
+@pytest.mark.parametrize("sigma", [0.08, 0.12])
+@pytest.mark.parametrize("bars", [True, False])
+def test_a_note_says_when_a_speed_is_unsure_by_more_than_a_tenth(sigma, bars):
+    """And error bars with it, so not of a network that has none."""
+    camera, card = Camera.from_fov(256, 192, 80), swept_card()
+    wall = cv2.GaussianBlur(np.random.default_rng(4).integers(0, 256, (192, 300, 3), np.uint8), (0, 0), 2.0)
+    network = Network(card, BestHypothesis())
+    if not bars:
+        predict = network.predict
+        network.predict = lambda *given: replace(predict(*given), sigma_m=None)
+    estimator = MultiRangeEstimator(network, camera, derotate=False)
+    for number in range(4):
+        estimator.add_velocity(ns(number / 10), [1.0, 0.0, 0.0], frame="camera", sigma=sigma)
+        result = estimator.add_frame(ns(number / 10), wall[:, 5 * number : 5 * number + 256])
+    assert (SPEED_UNSURE in result.notes) == (sigma > 0.1 and bars)

@@ -44,7 +44,7 @@ NOT_RIGID = (
 )
 FALLEN_BACK = "frames without a direction of motion: depth by {}, rough, its confidence is no chance"
 VIGNETTING = "pictures are darker towards their corners; depth is of pictures that are evened out"
-UNSURE = 0.1
+UNSURE = 0.1  # of the speed, worth a note
 SPEED_UNSURE = (
     "frames whose speed is unsure by more than a tenth of it, as the log or depth that wavers says;"
     " their error bars hold it"
@@ -287,9 +287,10 @@ class MultiRangeEstimator:
     def _notes(self, seen: Seen) -> tuple[str, ...]:
         non_rotating = (NON_ROTATING,) if self._trajectory.non_rotating else ()
         told = (FALLEN_BACK.format(seen.seer.card.name),) if seen.seer.is_fallback else ()
-        unsure = any(pair.length_sigma_m > UNSURE * pair.length_m for pair in seen.pairs)
         darker = (VIGNETTING,) if self._view.vignetting.strength else ()
-        return non_rotating + self._memory.notes + told + darker + ((SPEED_UNSURE,) if unsure else ())
+        unsure = any(pair.length_sigma_m > UNSURE * pair.length_m for pair in seen.pairs)
+        doubted = (SPEED_UNSURE,) if unsure and seen.fused.sigma_m is not None else ()
+        return non_rotating + self._memory.notes + told + darker + doubted
 
 
 def check_ranges(ranges: int) -> None:

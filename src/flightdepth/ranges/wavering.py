@@ -43,9 +43,7 @@ class Wavering:
     def __init__(self, trajectory: Trajectory) -> None:
         self._trajectory = trajectory
         self._kept: deque[_Kept] = deque()
-        self._variance = self._weight = (
-            0.0  # (m/s)^2, a sum over the last seconds, and what it is to be divided by
-        )
+        self._variance = self._weight = 0.0  # the last seconds' sum, (m/s)^2, and what it is to be divided by
         self._learnt_ns = 0
 
     @property
