@@ -38,10 +38,10 @@ def ns(seconds):
     return round(seconds * 1e9)
 
 
-def flying(speed_m_s=SPEED_M_S, *, attitude=True, frame="world"):
-    """A log of ten seconds ahead, as its first sample says."""
+def flying(speed_m_s=SPEED_M_S, *, attitude=True, frame="world", seconds=10.0):
+    """A log of an even flight ahead."""
     trajectory = Trajectory()
-    for second in np.arange(0, 10.1, 0.5):
+    for second in np.arange(0, seconds + 0.1, 0.5):
         trajectory.add_velocity(ns(second), [0, 0, speed_m_s], frame=frame, sigma=None)
         if attitude:
             trajectory.add_attitude(ns(second), [1.0, 0, 0, 0])
@@ -186,17 +186,10 @@ def test_no_bar_is_less_than_the_least():
 
 def test_what_was_learnt_fades_and_what_comes_counts():
     wavering = seen(
-        [*alternating(1.1, frames=30), *np.ones(round(6 * MEMORY_S / STEP_S))], trajectory=long_log()
+        [*alternating(1.1, frames=30), *np.ones(round(6 * MEMORY_S / STEP_S))],
+        trajectory=flying(seconds=30.0),
     )
     assert wavering.sigma_m_s < 0.1 * seen(alternating(1.1, frames=30)).sigma_m_s
-
-
-def long_log():
-    trajectory = flying()
-    for second in np.arange(10.5, 30, 0.5):
-        trajectory.add_velocity(ns(second), [0, 0, SPEED_M_S], frame="world", sigma=None)
-        trajectory.add_attitude(ns(second), [1.0, 0, 0, 0])
-    return trajectory
 
 
 def test_across_a_cut_nothing_is_compared_and_what_was_learnt_stays():

@@ -60,7 +60,7 @@ class Wavering:
         return tuple(replace(pair, length_sigma_m=self._seen_m(stamp_ns, pair)) for pair in pairs)
 
     def _seen_m(self, stamp_ns: int, pair: Pair) -> float:
-        drift_m = self.sigma_m_s * (stamp_ns - pair.previous.stamp_ns) * 1e-9
+        drift_m = self.sigma_m_s * _seconds(pair, stamp_ns)
         return max(pair.length_sigma_m, min(drift_m, MOST * pair.length_m))
 
     def learn(self, stamp_ns: int, fused: Fused, pair: Pair, reprojection: Reprojection) -> None:
@@ -74,8 +74,7 @@ class Wavering:
             return
         with np.errstate(invalid="ignore"):
             share = np.maximum(fused.sigma_m / fused.depth_m, np.float32(LEAST_SIGMA))
-        speed_m_s = pair.length_m / ((stamp_ns - pair.previous.stamp_ns) * 1e-9)
-        new = _Kept(stamp_ns, fused.depth_m, share, speed_m_s)
+        new = _Kept(stamp_ns, fused.depth_m, share, pair.length_m / _seconds(pair, stamp_ns))
         while self._kept and stamp_ns - self._kept[0].stamp_ns > LONGEST_S * 1e9:
             self._kept.popleft()
         old_enough = (old for old in reversed(self._kept) if stamp_ns - old.stamp_ns >= LOOK_BACK_S * 1e9)
@@ -98,6 +97,10 @@ class Wavering:
         self._variance = kept * self._variance + wavered
         self._weight = kept * self._weight + 1
         self._learnt_ns = new.stamp_ns
+
+
+def _seconds(pair: Pair, stamp_ns: int) -> float:
+    return (stamp_ns - pair.previous.stamp_ns) * 1e-9
 
 
 def changed(now_m: Map, now_share: Map, before_m: Map, before_share: Map) -> float | None:
