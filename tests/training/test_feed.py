@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gc
+import os
 import sys
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -61,6 +64,34 @@ def test_a_batch_is_the_next_of_the_worker_whose_turn_it_is(first: int) -> None:
     """Number b of worker b % 2, of which it is number b // 2: wherever a run went on."""
     expected = [[100 * (b % 2) + SIZE * (b // 2) + i for i in range(SIZE)] for b in range(first, first + 5)]
     assert told(several(2), first, 5) == expected
+
+
+class Engine:
+    """Something whose end takes threads of the process that began it: elsewhere it is a crash."""
+
+    def __init__(self) -> None:
+        self.owner, self.itself = os.getpid(), self
+
+    def __del__(self) -> None:
+        if os.getpid() != self.owner:
+            os.abort()
+
+
+class Collecting(Numbered):
+    def batch(self, start: int, size: int) -> Batch:
+        gc.collect()
+        return super().batch(start, size)
+
+
+def test_workers_leave_the_garbage_of_their_parent_to_it() -> None:
+    feed = replace(several(2), stream=Collecting)
+    gc.disable()
+    try:
+        Engine()
+        assert len(told(feed, 0, 4)) == 4
+        assert gc.get_freeze_count() == 0
+    finally:
+        gc.enable()
 
 
 def test_a_worker_s_error_is_told_as_it_is() -> None:

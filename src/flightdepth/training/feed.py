@@ -7,6 +7,7 @@ follows from the seed and the number of workers, not from which of them is faste
 
 from __future__ import annotations
 
+import gc
 import signal
 import warnings
 from collections.abc import Callable, Generator, Iterator
@@ -73,7 +74,8 @@ class Feed:
                 worker_init_fn=_quiet_worker,
                 multiprocessing_context=START,
             )
-            batches = iter(loader)
+            with _left_alone_by_workers():
+                batches = iter(loader)
         try:
             for made in batches:
                 if isinstance(made, FlightDepthError):
@@ -105,6 +107,17 @@ class _WorkersBatches(IterableDataset[TensorBatch | FlightDepthError]):
                     yield self.feed.made(stream, number)
         except FlightDepthError as error:  # as it is: torch would make it a page of another
             yield error
+
+
+@contextmanager
+def _left_alone_by_workers() -> Generator[None]:
+    """Garbage that this process has not collected yet is no worker's to collect: the threads that a decoder or a
+    network's engine ends with are not there, and the worker would wait for them or crash."""
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def _quiet_worker(_: int) -> None:
