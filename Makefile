@@ -3,13 +3,13 @@
 # make test   linters, types, layers and tests, with every extra that the tests need
 #
 # PYTHON=python3.12         another interpreter, 3.11 or newer
-# JOBS=4                    processes that run the tests, of one thread each for PyTorch; 2 unless told; `pytest` by
-#                           itself takes one
+# JOBS=4                    processes that run the tests, of one thread each for PyTorch; 3 unless told, for two cores:
+#                           some tests wait for a stream; `pytest` by itself takes one
 # TORCH_INDEX=URL           where `make test` also looks for PyTorch: the CPU index that its install page names
 #                           spares the CUDA packages
 
 PYTHON ?= python3
-JOBS ?= 2
+JOBS ?= 3
 TORCH_INDEX ?=
 EXTRAS := test,train,exr,ort,cluster,px4,ardupilot,ros,report,view,clouds,browser,live
 
@@ -25,8 +25,9 @@ BLENDER_PYTHON ?= python3.11
 demo: .venv-demo/installed
 	$(DEMO_BIN)/flightdepth demo
 
+# What the commands that tests start import is compiled once, whatever the environment says.
 test: lint
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile --max-worker-restart 0
+	OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile --max-worker-restart 0
 
 test-slow: lint
 	$(BIN)/python -m pytest -m slow --timeout 3600
@@ -49,8 +50,9 @@ blender-env: .venv-blender/installed
 .venv/installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c '$(NEW_ENOUGH)'
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python $(PIP_INSTALL) $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) torch
-	$(BIN)/python $(PIP_INSTALL) --editable '.[$(EXTRAS)]'
+	$(BIN)/python $(PIP_INSTALL) --no-compile $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) torch
+	$(BIN)/python $(PIP_INSTALL) --no-compile --editable '.[$(EXTRAS)]'
+	@$(BIN)/python -m compileall -q -j 0 .venv/lib >/dev/null || true  # on all cores, where pip takes one
 	@touch $@
 
 .venv-demo/installed: pyproject.toml constraints.txt

@@ -16,12 +16,12 @@ from flightdepth.files import write_atomic
 def traced_once(serialised: Callable[..., bytes], folder: Path) -> Callable[..., bytes]:
     """`training.export.serialised`, but a module like one in `folder` has that one's graph, with its own weights."""
 
-    def quick(model: nn.Module, examples: Sequence[Tensor], *names_and_sizes: Any) -> bytes:
+    def quick(model: nn.Module, examples: Sequence[Tensor], *names_and_sizes: Any, **options: Any) -> bytes:
         parts = [(name, type(part), facts_of(part)) for name, part in model.named_modules()]
         shapes = [(each.shape, each.dtype) for each in (*examples, *model.state_dict().values())]
-        key = hashlib.sha256(repr((parts, shapes, names_and_sizes)).encode()).hexdigest()
+        key = hashlib.sha256(repr((parts, shapes, names_and_sizes, options)).encode()).hexdigest()
         if not (folder / key).exists():
-            write_atomic(folder / key, serialised(model, examples, *names_and_sizes))
+            write_atomic(folder / key, serialised(model, examples, *names_and_sizes, **options))
         return with_weights((folder / key).read_bytes(), model)
 
     return quick

@@ -25,6 +25,8 @@ Told, bar_loss = judging.Told, judging.bar_loss
 fitted_judge, told_of = judging.fitted_judge, judging.told_of
 judging_pairs = importlib.import_module("judging_pairs")
 
+pytestmark = pytest.mark.usefixtures("quick_exports")
+
 CLUES = 7
 
 

@@ -38,7 +38,7 @@ class Deployed(nn.Module):
     def __init__(self, network: DepthNet | FlowNetS, depth_min_m: float, depth_max_m: float) -> None:
         super().__init__()
         self.network = network
-        self.range_m = (depth_min_m, depth_max_m)
+        self.range_m = (float(depth_min_m), float(depth_max_m))
 
     def forward(self, pairs: Tensor) -> Tensor:
         """Normalise, predict, keep the finest scale, clip."""
@@ -52,7 +52,7 @@ class DeployedMotion(nn.Module):
     def __init__(self, network: MotionNet, depth_min_m: float, depth_max_m: float) -> None:
         super().__init__()
         self.network = network
-        self.range_m = (depth_min_m, depth_max_m)
+        self.range_m = (float(depth_min_m), float(depth_max_m))
 
     def forward(
         self, current: Tensor, sweep_1: Tensor, sweep_2: Tensor, sweep_4: Tensor, field: Tensor
