@@ -71,6 +71,7 @@ def test_pairs_are_drawn_for_a_loop_of_ones_own():
     assert all(pair.camera.fx == pytest.approx(16) for pair in batch.each)
 
 
+@pytest.mark.usefixtures("few_fixed_textures")
 def test_a_network_of_ones_own_is_measured_as_ours_are():
     network, camera = fd.load_network("depthnet-256"), fd.Camera(64, 64, 128, 128, 31.5, 31.5)
     picture, rule = Picture(width=64, height=64, full_width=256), PairRule(nominal_shift=3)

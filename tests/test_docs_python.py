@@ -35,7 +35,7 @@ def test_the_snippets_give_the_depth_of_the_sample(flight, tmp_path, monkeypatch
     for name, number in (("1.png", 3), ("2.png", 6)):
         cv2.imwrite(name, cv2.cvtColor(flight[number][1], cv2.COLOR_RGB2BGR))
     names = {"flight": flight}
-    exec(TWO_PICTURES, names)
+    exec(TWO_PICTURES.replace('"motion"', '"motion-tiny"'), names)
     turn = flight[6][2][:3, :3]
     flown = turn.T @ (flight[6][2][:3, 3] - flight[3][2][:3, 3])
     np.testing.assert_allclose(names["flown"], flown, atol=0.03)

@@ -13,7 +13,7 @@ import torch
 from flightdepth import cli
 from flightdepth.architectures import DepthNet
 from flightdepth.evaluation import int8_ranges
-from flightdepth.training import loop, recipe_files
+from flightdepth.training import held_out, loop, recipe_files
 from flightdepth.training.run_folder import stages_behind
 from flightdepth.training.start import start_of
 from flightdepth.weights.store import find_network, read_card
@@ -40,7 +40,8 @@ def test_every_command_runs(monkeypatch, tmp_path, capsys):
         lambda name: text.encode() if name == "tiny-clamped-256" else known(name),
     )
     monkeypatch.setattr(loop, "pool_scenes", lambda _: 8)
-    monkeypatch.setattr(int8_ranges, "SHARES", (1.0,))
+    monkeypatch.setattr(held_out, "PAIRS", held_out.AT_ONCE)
+    monkeypatch.setattr(int8_ranges, "fitted_int8_ranges", lambda *_: {})  # has tests of its own
     monkeypatch.chdir(tmp_path)
     (tmp_path / "photos").mkdir()
     cv2.imwrite(str(tmp_path / "photos" / "a.jpg"), np.full((60, 80, 3), 90, np.uint8))

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 SIZE = 128
-FRAMES = 20
+FRAMES = 14
 
 
 def make_video(path: Path, frames: int = FRAMES) -> Path:

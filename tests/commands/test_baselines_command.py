@@ -42,7 +42,7 @@ def test_figures_go_neither_into_a_folder_nor_over_a_log(make, tmp_path, capsys)
 
 def test_figures_and_picture_of_the_sample(tmp_path, capsys):
     files = ["--json", str(tmp_path / "figures.json"), "--picture", str(tmp_path / "sheet.png")]
-    options = ["--network", "tiny-clamped-512", "--end", "1.2", "--every", "6", "--baselines", "2,1"]
+    options = ["--network", "tiny-clamped-256", "--end", "1.2", "--every", "6", "--baselines", "2,1"]
     assert cli.main(["evaluate", "baselines", *SAMPLE, *options, *files]) == 0
     said = capsys.readouterr().out
     assert "36 frames" in said

@@ -99,6 +99,7 @@ def test_what_bf16_cost_the_weights_before_is_carried_over(tmp_path, metrics, ca
     assert carried_over(Trained(tmp_path / "d", tiny, done, None)) == {}
 
 
+@pytest.mark.usefixtures("few_fixed_textures")
 def test_half_of_the_pixels_that_the_error_bar_is_fitted_on_are_of_pictures_as_large_as_flights():
     """Fitted on the test set's size alone, `motion` held 63 % of the errors inside one sigma in flights' size."""
     card = difference_card(architecture="MotionNet", any_lens=True, focal_px=64.0)
@@ -106,6 +107,7 @@ def test_half_of_the_pixels_that_the_error_bar_is_fitted_on_are_of_pictures_as_l
     assert widths == [64] * 8 + [128] * 2
 
 
+@pytest.mark.usefixtures("few_fixed_textures")
 def test_the_error_bar_is_fitted_on_rooms_through_several_lenses():
     """Fitted through 90 degrees alone, `motion` held 61 % of the errors inside one sigma through 60."""
     card = difference_card(architecture="MotionNet", any_lens=True, focal_px=64.0)

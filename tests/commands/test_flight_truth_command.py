@@ -286,9 +286,9 @@ def test_a_value_that_cannot_be_is_refused(evaluate, tmp_path, option, value) ->
 
 @pytest.fixture(scope="module")
 def demonstrated(tmp_path_factory):
-    """The demo on its first one and a half seconds: its folder, and the moments that it saw."""
+    """The demo on its first three quarters of a second: its folder, and the moments that it saw."""
     target = tmp_path_factory.mktemp("demo") / "out"
-    settings = RunSettings(telemetry=LOG, camera=CALIBRATION, network="motion-tiny", end=1.5)
+    settings = RunSettings(telemetry=LOG, camera=CALIBRATION, network="motion-tiny", end=0.75)
     witness = Witness()
     with open_flight(VIDEO, settings.telemetry, settings.camera, end_s=settings.end) as flight:
         network = load_network("motion-tiny")

@@ -153,10 +153,10 @@ def test_a_fallback_takes_the_frames_without_a_direction(run, work, monkeypatch,
     """A velocity in the world's axes, no attitude, and no direction in the pictures."""
     monkeypatch.setattr(SeenDirections, "_seen", lambda self, through, world_m, current: None)
     given = {"network": None, "video": "flight.mp4"}
-    assert run("--network", "motion", **given)[0] == 3  # no frame has depth
+    assert run("--network", "motion-tiny", **given)[0] == 3  # no frame has depth
     assert FlightFolder(work / "made/out").record.counts.frames_with_depth == 0
     save_difference_network(name="spare")
-    code, stdout, _ = run("--network", "motion", "--fallback", work / "spare.onnx", **given)
+    code, stdout, _ = run("--network", "motion-tiny", "--fallback", work / "spare.onnx", **given)
     assert code == 0
     folder = FlightFolder(work / "made/out")
     assert {row.network for row in folder.rows if not row.reason} == {"spare"}
@@ -224,12 +224,12 @@ def test_options_that_would_do_nothing_with_this_network_are_refused(run, work, 
 
 def test_detail_is_for_networks_for_any_lens(run, work):
     refused(run("--detail", "2"), work, "one focal length")
-    code, stdout, _ = run("--network", "motion", "--detail", "0.5", network=None)
+    code, stdout, _ = run("--network", "motion-tiny", "--detail", "0.5", network=None)
     assert code == 0
     shares = [row.sigma_share for row in FlightFolder(work / "made/out").rows if not row.reason]
     told = f"error bar: {np.median(shares):.1%} of the depth in the median, meant to hold two errors in three"
     assert told in " ".join(stdout.split())
-    assert FlightFolder(work / "made/out").record.source.network.focal_px == 128
+    assert FlightFolder(work / "made/out").record.source.network.focal_px == 64
 
 
 def test_bytes_need_a_card_that_knows_their_ranges(run, work):

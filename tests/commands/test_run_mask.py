@@ -90,7 +90,8 @@ def test_the_record_tells_one_mask_from_another(run, work):
 
 
 def test_flights_that_stand_are_run_again_through_another_mask_of_the_same_name(run, work):
-    make_video(work / "two.mp4", frames=8)
+    for name in ("one.mp4", "two.mp4"):
+        make_video(work / name, frames=8)
     both = {"flights": ("one.mp4", "two.mp4")}
     assert "2 flights: 2 done" in run("--mask", "mask.png", **both)[1]
     assert "2 flights: 2 finished before" in run("--mask", "mask.png", **both)[1]

@@ -9,7 +9,7 @@ from flightdepth.cli import main
 from flightdepth.commands.demo import CALIBRATION, LOG, VIDEO
 from flightdepth.outputs import FlightFolder
 
-SECONDS = "1.5"
+SECONDS = "0.9"
 
 
 def east_north_up(row):

@@ -10,7 +10,7 @@ from flightdepth.commands.demo import CALIBRATION, LOG, VIDEO
 
 def test_the_slopes_of_a_flight_straight_ahead_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--telemetry", str(LOG), "--camera", str(CALIBRATION), "--network", "motion-tiny"]
-    options += ["--end", "2.5"]
+    options += ["--ranges", "1", "--end", "1.5", "--least-span", "2"]
     assert cli.main(["evaluate", "tracks", str(VIDEO), *options]) == 0
     said = capsys.readouterr().out
     found = re.search(r"began\s+all:\s+(-?[\d.]+)\s+\[(-?[\d.]+), (-?[\d.]+)\]\s+(\d+) points", said)

@@ -36,6 +36,7 @@ def stillbox(tmp_path_factory):
 def small_world(stillbox, monkeypatch, tmp_path):
     """A recipe and a set in a folder to work in; eight scenes in the pool, one thread."""
     monkeypatch.setattr(loop, "StoredPairs", partial(StoredPairs, pool_scenes=8))
+    monkeypatch.setattr(held_out, "PAIRS", held_out.AT_ONCE)
     monkeypatch.chdir(tmp_path)
     Path("small.toml").write_text(RECIPE)
     shutil.copytree(stillbox, "stillbox")

@@ -38,6 +38,7 @@ def small_world(monkeypatch, tmp_path):
     """Eight scenes in the pool, one thread, and a folder of its own to work in."""
     monkeypatch.setattr(loop, "pool_scenes", lambda _: 8)
     monkeypatch.setattr(held_out, "SCENES", 8)
+    monkeypatch.setattr(held_out, "PAIRS", held_out.AT_ONCE)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.toml").write_text(TOML)
     before = torch.get_num_threads()
@@ -52,6 +53,7 @@ def exported(tmp_path_factory):
     folder = tmp_path_factory.mktemp("exported")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(loop, "pool_scenes", lambda _: 8)
+        patch.setattr(held_out, "PAIRS", held_out.AT_ONCE)
         patch.setattr(int8_ranges, "SHARES", (1.0,))
         patch.chdir(folder)
         (folder / "small.toml").write_text(TOML)
@@ -259,7 +261,7 @@ def halfway(exported):
     """The network of a stage's end, and its mean with that of the run's end."""
     end = "runs/small/square.safetensors"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(int8_ranges, "SHARES", (1.0,))
+        patch.setattr(int8_ranges, "fitted_int8_ranges", lambda *_: {})
         patch.chdir(exported)
         command = ["export", end, "--name", "halfway", "--mean-with", "small.onnx", "--scenes", "1"]
         assert cli.main(command) == 0

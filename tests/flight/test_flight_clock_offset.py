@@ -73,7 +73,7 @@ def yawing(turn):
 
 
 @pytest.mark.parametrize("offset_s", [-3.0, -1.234, 0.0, 0.51, 3.0])
-@pytest.mark.parametrize("noise", [0.0, 0.03])
+@pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.slow), 0.03])
 def test_turn_rates_of_a_gyroscope_with_its_own_axes(offset_s, noise):
     at_s, turn = wandering(1)
     turn = 0.1 * turn
@@ -127,7 +127,7 @@ def test_two_witnesses_that_contradict_each_other_tell_nothing():
 YEARS_S = 50 * 365.25 * 86400
 
 
-@pytest.mark.parametrize("jump_s", [25.0, 100.0, YEARS_S])
+@pytest.mark.parametrize("jump_s", [25.0, pytest.param(100.0, marks=pytest.mark.slow), YEARS_S])
 @pytest.mark.parametrize("after", [False, True])
 def test_a_log_whose_clock_jumps_costs_what_it_tells(jump_s, after):
     """Found in review: a clock set by years inside a log ended in an _ArrayMemoryError; by days, in minutes of CPU."""

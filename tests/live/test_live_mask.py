@@ -30,7 +30,7 @@ LEG = bar(CAMERA)
 
 
 def seen(network, *, leg, mask, folder):
-    """The last result of half a second of the sample flight, and its sectors."""
+    """The last result of four tenths of a second of the sample flight, and its sectors."""
     texture = np.random.default_rng(0).integers(0, 130, (45, 80, 3), np.uint8).repeat(8, 0).repeat(8, 1)
     given = None
     if mask:
@@ -38,7 +38,7 @@ def seen(network, *, leg, mask, folder):
         given = PictureMask.read(folder / "mask.png")
     store = MotionStore(None)
     stage = DepthStage(network, Lens(CAMERA), store, ranges=2, fixed=False, mask=given)
-    with open_flight(VIDEO, LOG, CALIBRATION, start_s=5.0, end_s=5.5) as flight:
+    with open_flight(VIDEO, LOG, CALIBRATION, start_s=5.0, end_s=5.4) as flight:
         for event in flight:
             match event:
                 case Frame():

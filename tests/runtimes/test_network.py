@@ -62,7 +62,7 @@ def test_numpy_and_the_file_agree(save_difference_network: Callable[..., Path], 
 
 
 @given(scale=st.floats(1e-3, 1e3))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_depth_scales_with_the_displacement(scale: float) -> None:
     network = Network(difference_card(), Difference())
     once = network.depth(grey(WIDE, 9), grey(WIDE, 70), 0.3, WIDE)

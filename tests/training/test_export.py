@@ -29,7 +29,7 @@ from flightdepth.training.recipe_files import load_recipe
 from flightdepth.weights.store import find_network, read_network
 from tests_exports import traced_once
 
-BASE_WIDTH = 8
+BASE_WIDTH = 4
 RANGE_M = (10.0, 60.0)
 BATCH_NORMS = 10 + 4  # convolutions and transposed convolutions of the paper's figure
 
@@ -41,7 +41,7 @@ class Exported(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def exported():
+def exported(quick_exports):
     """A random network whose batch norms do something and whose depths fill its range and leave it a little."""
     generator = torch.manual_seed(4)
     network = DepthNet(BASE_WIDTH, "none")

@@ -6,7 +6,6 @@ import multiprocessing
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -16,6 +15,7 @@ from pathlib import Path
 import pytest
 import torch
 import training_runs
+from onnx import helper, numpy_helper
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from training_runs import BATCH, STEPS, small_recipe, small_stream, small_textures, stage
 
@@ -27,7 +27,7 @@ from flightdepth.stillbox.stored import StoredSet
 from flightdepth.training import held_out as held_out_pairs
 from flightdepth.training import learner, loop, precision
 from flightdepth.training.checkpoint import read_progress, read_weights
-from flightdepth.training.export import deployed, to_onnx, weights_of
+from flightdepth.training.export import deployed, weights_of
 from flightdepth.training.held_out import HeldOut
 from flightdepth.training.inputs import TensorBatch, normalised
 from flightdepth.training.learner import Learner, mixed_precision
@@ -40,8 +40,6 @@ from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.card import Stage as CardStage
 from flightdepth.weights.store import StoredNetwork, read_network
 
-pytestmark = pytest.mark.usefixtures("quick_exports")
-
 
 class PowerCutError(Exception):
     pass
@@ -53,7 +51,10 @@ def small_pool(monkeypatch):
 
 
 def run(folder, *, recipe=None, cut_after=None, textures=None, **options):
-    """Losses reported, until the end or until `cut_after` steps, when the loop is torn out of its work."""
+    """Losses reported, until the end or until `cut_after` steps, when the loop is torn out of its work.
+
+    One that is to be cut keeps each step.
+    """
     losses = []
 
     def report(step):
@@ -61,7 +62,7 @@ def run(folder, *, recipe=None, cut_after=None, textures=None, **options):
         if len(losses) == cut_after:
             raise PowerCutError
 
-    options = {"resume": False, "checkpoint_every_s": 0.0} | options
+    options = {"resume": False, "checkpoint_every_s": 0.0 if cut_after else 1e9} | options
     try:
         train(recipe or small_recipe(), textures or small_textures(), folder, report=report, **options)
     except PowerCutError:
@@ -122,11 +123,9 @@ def test_resume_is_exact_with_a_checkpoint_long_ago(whole, tmp_path):
 
 
 def test_resume_is_exact_after_a_kill(whole, tmp_path):
-    script = Path(training_runs.__file__)
-    done = subprocess.run(
-        [sys.executable, str(script), str(tmp_path), "4", mixed_precision()], check=False, timeout=240
-    )
-    assert done.returncode == -signal.SIGKILL
+    run_to_be_killed = training_runs.beside(training_runs.killed_after, 4, tmp_path, mixed_precision())
+    run_to_be_killed.join(timeout=240)
+    assert run_to_be_killed.exitcode == -signal.SIGKILL
     run(tmp_path, resume=True)
     assert checkpoint(tmp_path) == checkpoint(whole[0])
 
@@ -426,7 +425,9 @@ def test_the_origin_tells_of_a_run_that_has_not_finished(whole, tmp_path):
         assert start_of(child, runs).origin.split(": ")[1] == told
 
 
-@pytest.mark.parametrize("steps", [1, 2, 3, 4])
+@pytest.mark.parametrize(
+    "steps", [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow), 4]
+)
 def test_a_stage_with_an_optimizer_of_its_own_is_resumed_exactly(whole_with_muon, tmp_path, steps):
     run(tmp_path, recipe=MUON_LATER, cut_after=steps)
     run(tmp_path, recipe=MUON_LATER, resume=True)
@@ -491,11 +492,14 @@ def test_a_recipe_of_another_size_does_not_start_from_a_run(whole, tmp_path):
 @cache
 def exported(folder):
     trained = read_trained(folder)
-    return trained, to_onnx(deployed(trained.recipe, read_weights(trained.checkpoint, "averaged")))
+    weights = read_weights(trained.checkpoint, "averaged")
+    named = [numpy_helper.from_array(value.numpy(), name) for name, value in weights.items()]
+    model = helper.make_model(helper.make_graph([], "weights alone", [], [], named))
+    return trained, bytes(model.SerializeToString())
 
 
 def shipped_after(folder, stages):
-    """What an export of the whole run is, with the card's stages given by hand."""
+    """The weights that an export of the whole run holds, with the card's stages given by hand."""
     trained, onnx = exported(folder)
     facts = {"width": 64, "height": 64, "focal_px": 32.0, "batch": BATCH, "learning_rate": 1e-3}
     card = NetworkCard(
@@ -565,7 +569,7 @@ def test_a_run_that_diverges_stops(tmp_path, monkeypatch):
 def test_weights_that_are_no_numbers_leave_the_checkpoint_before(tmp_path):
     wild = small_recipe(warmup_samples=0, stages=[stage("a", 2) | {"learning_rate": 1e39}])
     with pytest.raises(FlightDepthError, match="diverged: weights that are no numbers after 4 pairs"):
-        run(tmp_path, recipe=wild)
+        run(tmp_path, recipe=wild, checkpoint_every_s=0.0)
     assert read_progress(tmp_path / CHECKPOINT).seen == 0
     assert all(
         weights.isfinite().all() for weights in read_weights(tmp_path / CHECKPOINT, "network").values()

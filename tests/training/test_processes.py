@@ -2,49 +2,29 @@
 
 import json
 import os
-import socket
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
 import torch
 import training_runs
 from torch import nn
-from training_runs import BATCH, small_pool, small_recipe, small_textures, stage
+from training_runs import BATCH, free_port, small_pool, small_recipe, small_textures, stage
 
+from flightdepth import cli
 from flightdepth.errors import BadInput
-from flightdepth.training import learner, loop
+from flightdepth.training import learner, loop, precision
 from flightdepth.training.checkpoint import read_progress, read_weights
 from flightdepth.training.loop import train
 from flightdepth.training.processes import Share, weigh_part
 
 
-def environment_of(process, processes, port):
-    """What torchrun tells each process of one machine."""
-    given = {"RANK": process, "LOCAL_RANK": process, "WORLD_SIZE": processes, "LOCAL_WORLD_SIZE": processes}
-    given |= {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
-    return os.environ | {key: str(value) for key, value in given.items()}
-
-
-def started(folder, process, processes, port):
-    environment = environment_of(process, processes, port)
-    script = Path(training_runs.__file__)
-    return subprocess.Popen([sys.executable, str(script), str(folder)], env=environment)
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
 @pytest.fixture(scope="module")
 def two_processes(tmp_path_factory):
     folder = tmp_path_factory.mktemp("two") / "small"
-    port = free_port()
-    running = [started(folder, process, 2, port) for process in range(2)]
-    assert [process.wait(timeout=900) for process in running] == [0, 0]
+    training_runs.each_of_two(training_runs.learnt_by_several, folder)
     return folder
 
 
@@ -80,29 +60,17 @@ def test_two_processes_end_in_the_weights_of_two_accumulation_steps(
             assert torch.allclose(found[key], value, rtol=1e-3, atol=1e-4), key
 
 
-SAYS_ITS_PRECISION = """
-import os
-from flightdepth.training import precision
-
-precision.cpu_runs_bf16 = lambda: True
-precision.cpu_gains_by_bf16 = lambda: os.environ["RANK"] == "1"
-print(precision.mixed_precision())
-"""
+def says_its_precision(folder):
+    rank = os.environ["RANK"]
+    precision.cpu_runs_bf16 = lambda: True
+    precision.cpu_gains_by_bf16 = lambda: rank == "1"
+    (folder / rank).write_text(precision.mixed_precision())
 
 
-def test_processes_agree_on_their_precision():
+def test_processes_agree_on_their_precision(tmp_path):
     """One that timed beside other work computed in float32, and the other waited for it: a third slower."""
-    port = free_port()
-    running = [
-        subprocess.Popen(
-            [sys.executable, "-c", SAYS_ITS_PRECISION],
-            env=environment_of(process, 2, port),
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for process in range(2)
-    ]
-    assert [process.communicate(timeout=120)[0].split()[-1] for process in running] == ["bf16", "bf16"]
+    training_runs.each_of_two(says_its_precision, tmp_path)
+    assert [(tmp_path / rank).read_text() for rank in "01"] == ["bf16", "bf16"]
 
 
 def test_parts_see_other_pairs_than_the_whole(two_accumulation_steps, tmp_path, monkeypatch):
@@ -191,10 +159,6 @@ RECIPES = {
 }
 
 
-# What DepthNet learns in two processes is looked at above, and what warned of MotionNet's parameters.
-SLOW = dict.fromkeys(("DepthNet", "MotionNet"), pytest.mark.slow)
-
-
 IN_SMALL_POOLS = """
 import sys
 
@@ -204,28 +168,56 @@ from flightdepth.training import loop
 loop.pool_scenes = lambda _: 8
 sys.exit(cli.main())
 """
+TRAIN = ("train", "small.toml", "--procedural", "2")
+
+
+def write_recipe(recipe, path):
+    facts = recipe.model_dump(mode="json", exclude_defaults=True)
+    (first,) = facts.pop("stages")
+    lines = [f"{key} = {json.dumps(value)}" for key, value in facts.items() if key != "scenes"]
+    lines += ["[[stages]]", *(f"{key} = {json.dumps(value)}" for key, value in first.items())]
+    path.write_text("\n".join(lines))
+
+
+def check(folder, told):
+    """Without a warning of PyTorch's: MotionNet's runs had one of parameters that were sought and not found."""
+    assert "find_unused_parameters" not in told
+    assert told.count("2 processes, which share each batch") == 1
+    assert told.count("next: flightdepth export") == 1
+    progress = read_progress(folder / "runs" / "small" / "a.safetensors")
+    assert (progress.seen, progress.parts) == (2 * BATCH, 2)
+
+
+def trains_by_command(folder):
+    os.chdir(folder)
+    with Path(f"told-{os.environ['RANK']}").open("w") as told, redirect_stdout(told), redirect_stderr(told):
+        os.dup2(told.fileno(), 2)  # PyTorch warns there
+        assert cli.main(list(TRAIN)) == 0
+
+
+# What DepthNet learns in two processes is looked at above, and what warned of MotionNet's parameters.
+SLOW = dict.fromkeys(("DepthNet", "MotionNet"), pytest.mark.slow)
 
 
 @pytest.mark.parametrize(
     "recipe", [pytest.param(each, id=name, marks=SLOW.get(name, ())) for name, each in RECIPES.items()]
 )
+def test_the_command_trains_in_two_processes(tmp_path, recipe):
+    write_recipe(recipe, tmp_path / "small.toml")
+    training_runs.each_of_two(trains_by_command, tmp_path)
+    check(tmp_path, "".join((tmp_path / f"told-{rank}").read_text() for rank in range(2)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("recipe", [pytest.param(each, id=name) for name, each in RECIPES.items()])
 def test_torchrun_trains_in_two_processes(tmp_path, recipe):
-    """Without a warning of PyTorch's: MotionNet's runs had one of parameters that were sought and not found."""
-    facts = recipe.model_dump(mode="json", exclude_defaults=True)
-    (first,) = facts.pop("stages")
-    lines = [f"{key} = {json.dumps(value)}" for key, value in facts.items() if key != "scenes"]
-    lines += ["[[stages]]", *(f"{key} = {json.dumps(value)}" for key, value in first.items())]
-    (tmp_path / "small.toml").write_text("\n".join(lines))
+    write_recipe(recipe, tmp_path / "small.toml")
     launch = ["-m", "torch.distributed.run", "--nproc_per_node", "2", "--master_port", str(free_port())]
     (tmp_path / "in_small_pools.py").write_text(IN_SMALL_POOLS)
-    command = [sys.executable, *launch, "in_small_pools.py", "train", "small.toml", "--procedural", "2"]
+    command = [sys.executable, *launch, "in_small_pools.py", *TRAIN]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stderr
-    assert "find_unused_parameters" not in done.stderr
-    assert done.stdout.count("2 processes, which share each batch") == 1
-    assert done.stdout.count("next: flightdepth export") == 1
-    progress = read_progress(tmp_path / "runs" / "small" / "a.safetensors")
-    assert (progress.seen, progress.parts) == (2 * BATCH, 2)
+    check(tmp_path, done.stdout + done.stderr)
 
 
 def test_a_stage_s_finer_pictures_have_to_fit_too():

@@ -1,22 +1,27 @@
-"""Runs of a few steps. As a script, a run that kills itself: python training_runs.py FOLDER STEPS PRECISION; or, of
-several processes, one that writes down its losses: python training_runs.py FOLDER.
-"""
+"""Runs of a few steps, in this process and in others."""
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
-import sys
+import socket
+from collections.abc import Callable
 from functools import partial
+from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+import cv2
 import torch
+from accelerate.state import AcceleratorState
 
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import PairStream
 from flightdepth.training import Recipe, learner, loop
+from flightdepth.training.precision import Arithmetic
 
 BATCH, STEPS = 4, 6  # two stages, four steps and two
 
@@ -59,19 +64,30 @@ def small_pool(_: int) -> int:
     return SMALL_POOL
 
 
-def main() -> None:
-    folder, *rest = sys.argv[1:]
+def beside(work: Callable[..., None], *arguments: Any) -> BaseProcess:
+    """Begin it in a process of its own: a copy of this one, which has imported all that it needs; but a fresh one where
+    there is a GPU, which no copy may use. What this one has thrown away is not the copy's to collect, as in `feed`.
+    """
+    fresh = torch.accelerator.is_available()
+    process = get_context("spawn" if fresh else "fork").Process(target=alone, args=(work, *arguments))
+    gc.freeze()
+    try:
+        process.start()
+    finally:
+        gc.unfreeze()
+    return process
+
+
+def alone(work: Callable[..., None], *arguments: Any) -> None:
     torch.set_num_threads(1)  # as in the other runs: the number of threads decides how sums are rounded
+    cv2.setNumThreads(0)  # as in `feed`: a copy has none of the threads that this process had begun
     loop.pool_scenes = small_pool
-    if rest:
-        steps, computed_in = rest  # two processes that time the processor may decide differently
-        learner.mixed_precision = lambda _=None: computed_in  # type: ignore[assignment, return-value]
-        killed_after(int(steps), Path(folder))
-    else:
-        one_of_several(Path(folder))
+    work(*arguments)
 
 
-def killed_after(steps: int, folder: Path) -> None:
+def killed_after(steps: int, folder: Path, computed_in: Arithmetic) -> None:
+    """A run that kills itself. Two processes that time the processor may decide differently, so it is told."""
+    learner.mixed_precision = lambda _=None: computed_in
     done = 0
 
     def kill_at_last(_: object) -> None:
@@ -85,8 +101,32 @@ def killed_after(steps: int, folder: Path) -> None:
     )
 
 
-def one_of_several(folder: Path) -> None:
-    learner.mixed_precision = lambda _: (
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def each_of_two(work: Callable[..., None], *arguments: Any) -> None:
+    """It by two processes, which are told of each other as torchrun does on one machine."""
+    port = free_port()
+    running = [beside(as_one_of_two, rank, port, work, *arguments) for rank in range(2)]
+    for process in running:
+        process.join(timeout=900)
+    assert [process.exitcode for process in running] == [0, 0]
+
+
+def as_one_of_two(rank: int, port: int, work: Callable[..., None], *arguments: Any) -> None:
+    given = {"RANK": rank, "LOCAL_RANK": rank, "WORLD_SIZE": 2, "LOCAL_WORLD_SIZE": 2}
+    given |= {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
+    os.environ |= {key: str(value) for key, value in given.items()}
+    AcceleratorState._reset_state(reset_partial_state=True)  # of the process that this is a copy of
+    work(*arguments)
+
+
+def learnt_by_several(folder: Path) -> None:
+    """A run that writes down its losses."""
+    learner.mixed_precision = lambda _=None: (
         "no"
     )  # which is faster is timed, and a busy machine may change its mind
     losses: list[float] = []
@@ -94,7 +134,3 @@ def one_of_several(folder: Path) -> None:
         small_recipe(), small_textures(), folder, resume=True, report=lambda step: losses.append(step.loss_m)
     )
     (folder / f"losses-{os.environ['RANK']}.json").write_text(json.dumps(losses))
-
-
-if __name__ == "__main__":
-    main()

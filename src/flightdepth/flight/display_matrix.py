@@ -47,6 +47,7 @@ def upright(picture: Any) -> NDArray[np.uint8]:
 
 def turned_upright(picture: Any, turn: Turn) -> NDArray[np.uint8]:
     """RGB [H, W, 3] of a decoded picture, mirrored and turned."""
-    image: NDArray[np.uint8] = picture.to_ndarray(format="rgb24")
+    # PyAV sets up a converter for each picture, whose threads wait for cores that a network keeps busy.
+    image: NDArray[np.uint8] = picture.reformat(format="rgb24", threads=1).to_ndarray()
     shown = np.rot90(image[:, ::-1] if turn.mirrored else image, turn.quarter_turns)
     return np.ascontiguousarray(shown)

@@ -156,7 +156,8 @@ class VideoStream:
 
     def _owned(self, decoded: Any) -> Any:
         """A picture that outlives the stream: raw ones lie in the camera driver's memory, which goes with it."""
-        return decoded.reformat(format="rgb24") if self._stream.codec_context.name == "rawvideo" else decoded
+        raw = self._stream.codec_context.name == "rawvideo"
+        return decoded.reformat(format="rgb24", threads=1) if raw else decoded
 
     def _tell(self, clock: PictureClock, packet: Any) -> bool:
         """Let the clock hear of a packet; whether it lay in a queue, and is to be thrown away."""

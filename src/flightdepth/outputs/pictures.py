@@ -37,7 +37,7 @@ def panels(folder: FlightFolder, every: int, count: int) -> Iterator[tuple[int, 
                 return
             raise _not_ours(folder, f"{len(folder.rows)} frames, as frames.csv tells", "another number")
         if number % every == 0:
-            image = np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
+            image = np.asarray(frame.reformat(format="rgb24", threads=1).to_ndarray(), np.uint8)
             yield row.index, [_cut(image, layout, i, folder.record.source.camera) for i in range(count)]
 
 

@@ -33,4 +33,5 @@ def through_h264(pictures: Sequence[Image], rate_factor: float) -> list[Image]:
         video.mux(stream.encode(None))
     file.seek(0)
     with av.open(file, "r", format="h264") as video:
-        return [np.asarray(frame.to_ndarray(format="rgb24"), np.uint8) for frame in video.decode(video=0)]
+        decoded = (frame.reformat(format="rgb24", threads=1) for frame in video.decode(video=0))
+        return [np.asarray(frame.to_ndarray(), np.uint8) for frame in decoded]
