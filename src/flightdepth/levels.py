@@ -32,6 +32,15 @@ def picture_in(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] | No
         return None
 
 
+def rgb(decoded: Any) -> Image:
+    """RGB [H, W, 3] of a video's decoded picture, on one thread.
+
+    PyAV sets up a converter for each picture, and the threads that it takes by default wait for cores that a network
+    keeps busy.
+    """
+    return np.asarray(decoded.reformat(format="rgb24", threads=1).to_ndarray(), np.uint8)
+
+
 def picture_file(kind: str, image: AnyImage, settings: Sequence[int]) -> bytes:
     """A picture as `cv2.imencode` writes it (BGR or one channel); `kind` is the ending of such files."""
     done, data = cv2.imencode(kind, image, settings)

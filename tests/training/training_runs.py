@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import os
 import signal
@@ -21,6 +20,7 @@ from accelerate.state import AcceleratorState
 from flightdepth.scenes import Textures
 from flightdepth.stillbox import PairStream
 from flightdepth.training import Recipe, learner, loop
+from flightdepth.training.feed import garbage_left_alone
 from flightdepth.training.precision import Arithmetic
 
 BATCH, STEPS = 4, 6  # two stages, four steps and two
@@ -66,15 +66,12 @@ def small_pool(_: int) -> int:
 
 def beside(work: Callable[..., None], *arguments: Any) -> BaseProcess:
     """Begin it in a process of its own: a copy of this one, which has imported all that it needs; but a fresh one where
-    there is a GPU, which no copy may use. What this one has thrown away is not the copy's to collect, as in `feed`.
+    there is a GPU, which no copy may use.
     """
     fresh = torch.accelerator.is_available()
     process = get_context("spawn" if fresh else "fork").Process(target=alone, args=(work, *arguments))
-    gc.freeze()
-    try:
+    with garbage_left_alone():
         process.start()
-    finally:
-        gc.unfreeze()
     return process
 
 

@@ -9,6 +9,8 @@ import numpy as np
 from av.sidedata.sidedata import Type
 from numpy.typing import NDArray
 
+from flightdepth.levels import rgb
+
 
 class Turn(NamedTuple):
     """What makes a picture stand upright: swapping left and right, where `mirrored`, then turns by 90 degrees.
@@ -47,7 +49,6 @@ def upright(picture: Any) -> NDArray[np.uint8]:
 
 def turned_upright(picture: Any, turn: Turn) -> NDArray[np.uint8]:
     """RGB [H, W, 3] of a decoded picture, mirrored and turned."""
-    # PyAV sets up a converter for each picture, whose threads wait for cores that a network keeps busy.
-    image: NDArray[np.uint8] = picture.reformat(format="rgb24", threads=1).to_ndarray()
+    image = rgb(picture)
     shown = np.rot90(image[:, ::-1] if turn.mirrored else image, turn.quarter_turns)
     return np.ascontiguousarray(shown)

@@ -12,6 +12,7 @@ from av.error import FFmpegError
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.levels import rgb
 from flightdepth.outputs.palette import Picture
 from flightdepth.outputs.preview import Layout
 from flightdepth.outputs.read import FlightFolder
@@ -37,7 +38,7 @@ def panels(folder: FlightFolder, every: int, count: int) -> Iterator[tuple[int, 
                 return
             raise _not_ours(folder, f"{len(folder.rows)} frames, as frames.csv tells", "another number")
         if number % every == 0:
-            image = np.asarray(frame.reformat(format="rgb24", threads=1).to_ndarray(), np.uint8)
+            image = rgb(frame)
             yield row.index, [_cut(image, layout, i, folder.record.source.camera) for i in range(count)]
 
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import av
 import numpy as np
 
+from flightdepth.levels import rgb
 from flightdepth.stillbox.pairs import Image, Pair
 
 LEAST_FACTOR, LARGEST_FACTOR = 8.0, 22.0
@@ -33,5 +34,4 @@ def through_h264(pictures: Sequence[Image], rate_factor: float) -> list[Image]:
         video.mux(stream.encode(None))
     file.seek(0)
     with av.open(file, "r", format="h264") as video:
-        decoded = (frame.reformat(format="rgb24", threads=1) for frame in video.decode(video=0))
-        return [np.asarray(frame.to_ndarray(), np.uint8) for frame in decoded]
+        return [rgb(frame) for frame in video.decode(video=0)]

@@ -74,7 +74,7 @@ class Feed:
                 worker_init_fn=_quiet_worker,
                 multiprocessing_context=START,
             )
-            with _left_alone_by_workers():
+            with garbage_left_alone():
                 batches = iter(loader)
         try:
             for made in batches:
@@ -110,9 +110,9 @@ class _WorkersBatches(IterableDataset[TensorBatch | FlightDepthError]):
 
 
 @contextmanager
-def _left_alone_by_workers() -> Generator[None]:
-    """Garbage that this process has not collected yet is no worker's to collect: the threads that a decoder or a
-    network's engine ends with are not there, and the worker would wait for them or crash."""
+def garbage_left_alone() -> Generator[None]:
+    """What this process has not collected yet, processes that are forked here never do: the threads that a decoder or a
+    network's engine ends with are not there, and they would wait for them or crash."""
     gc.freeze()
     try:
         yield
