@@ -28,7 +28,7 @@ from flightdepth.outputs import FlightFolder, read_depth
 from flightdepth.outputs.cloud import CloudSettings, looked_up, views
 from flightdepth.outputs.occupancy import occupancy_of
 
-EVERY = 10  # frames have a truth
+TRUTH_EVERY = 10  # frames
 STATES = {"unknown": -1, "free": 0, "occupied": 1}
 GREYS = {-1: 160, 0: 255, 1: 0}
 PIXELS = 6  # a cell's edge in the picture
@@ -54,7 +54,7 @@ def truth_of(folder: FlightFolder, middles: NDArray[np.float64], settings: Cloud
     """The truth about cells whose middles [N, 3] are east-north-up."""
     past, surface = np.zeros(len(middles), bool), np.zeros(len(middles), bool)
     off, at = np.full(len(middles), np.inf), np.full(len(middles), np.inf)
-    for view in views(folder, EVERY, 1):
+    for view in views(folder, TRUTH_EVERY, 1, coloured=False):
         path = TRUTH / f"{view.pose.index:06d}.png"
         if not path.exists():
             continue
@@ -101,10 +101,13 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="of flightdepth demo")
     parser.add_argument("--voxel", type=float, default=OF_A_MAP["voxel_m"])
     parser.add_argument("--max-range", type=float, default=OF_A_MAP["max_range_m"])
-    parser.add_argument("--every", type=int, default=EVERY)
+    parser.add_argument("--every", type=int, default=CloudSettings().every)
+    parser.add_argument("--max-sigma", type=float, default=CloudSettings().max_sigma)
     parser.add_argument("--picture", type=Path)
     given = parser.parse_args()
-    settings = CloudSettings(voxel_m=given.voxel, max_range_m=given.max_range, every=given.every)
+    settings = CloudSettings(
+        max_sigma=given.max_sigma, max_range_m=given.max_range, voxel_m=given.voxel, every=given.every
+    )
     folder, began = FlightFolder(given.folder), time.perf_counter()
     tree = occupancy_of(folder, settings)
     took_s = time.perf_counter() - began

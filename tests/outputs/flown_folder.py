@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,11 +43,12 @@ def write_flown(
     cameras: dict[int, Camera] | None = None,
     camera: Camera = SOURCE.camera,
     ranges: int = 0,
+    share: np.ndarray | float | None = None,
     **options: object,
 ) -> FlightFolder:
     """The wall, right in each frame; the first frame has no depth. `poses` in place of those of one segment.
 
-    The preview shows so many `ranges`.
+    The preview shows so many `ranges`. `share` of the depth, [H, W] or one for all, is its error bar.
     """
     settings = SOURCE.settings | {"ranges": ranges, "preview_ranges": ranges > 0}
     source = SOURCE.model_copy(update={"camera": camera, "settings": settings})
@@ -57,5 +59,7 @@ def write_flown(
     with FlightWriter(target, source, preview, **options) as writer:
         for i in range(frames):
             result = known(WALL_M - STEP_M * i) if i else unknown("first frame")
+            if i and share is not None:
+                result = replace(result, sigma_m=(share * result.depth_m).astype(np.float32))
             writer.add(picture(i, (cameras or {}).get(i)), result, poses[i] if posed else None)
     return FlightFolder(target)

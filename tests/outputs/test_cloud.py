@@ -14,6 +14,7 @@ from flightdepth.outputs.cloud import (
     cloud_of,
     looked_up,
     off_edges,
+    own_share,
     seen_points,
     views,
 )
@@ -29,10 +30,11 @@ def folder(tmp_path_factory):
     return write_flown(tmp_path_factory.mktemp("flown") / "out")
 
 
-def view(depth_m, at=None, confidence=0.8, camera=CAMERA, step=1):
+def view(depth_m, at=None, *, confidence=0.8, camera=CAMERA, step=1, share=None):
     depth_m = known(depth_m).depth_m
     image = np.full((HEIGHT, WIDTH, 3), RED, np.uint8)[::step, ::step]
-    return View(image, depth_m, np.full(image.shape[:2], confidence, np.float32), at or pose(0, 0.0), camera)
+    confidence = np.full(image.shape[:2], confidence, np.float32)
+    return View(image, depth_m, confidence, at or pose(0, 0.0), camera, share)
 
 
 def test_every_point_lies_on_the_wall(folder):
@@ -102,6 +104,39 @@ def test_what_is_unsure_or_far_is_left_out(settings, share):
     assert len(points) == share * WIDTH * HEIGHT
 
 
+@pytest.mark.parametrize(("max_sigma", "share"), [(0.05, 0), (0.12, 0.5), (0.3, 1)])
+def test_what_has_a_wide_error_bar_is_left_out(max_sigma, share):
+    """Half of the picture errs by a tenth, half by a fifth."""
+    wide = np.where(np.arange(WIDTH) < WIDTH // 2, np.float32(0.1), np.float32(0.2)) * np.ones(
+        (HEIGHT, 1), np.float32
+    )
+    points, _, columns = seen_points(view(10, share=wide), 1, CloudSettings(max_sigma=max_sigma))
+    assert len(points) == share * WIDTH * HEIGHT
+    assert (columns < WIDTH // 2).all() or share == 1
+
+
+def test_an_unsure_speed_says_nothing_against_a_shape():
+    """It is in the error bars of all pixels alike: in squares, as shares of the depth."""
+    depth_m = np.linspace(5, 50, 200, dtype=np.float32).reshape(10, 20)
+    own = np.linspace(0, 0.2, 200, dtype=np.float32).reshape(10, 20)
+    with_speed = own_share(np.hypot(own, np.float32(0.15)) * depth_m, depth_m)
+    assert with_speed == pytest.approx(own_share(own * depth_m, depth_m), abs=1e-4)
+    assert with_speed[own > 0.05] == pytest.approx(
+        own[own > 0.05], abs=1.1e-3
+    )  # but for the best pixels' own
+    assert np.isnan(own_share(own, np.full_like(own, np.nan))).all()
+
+
+def test_of_a_flight_what_is_unsure_beyond_what_all_of_it_is_gives_no_point(folder, tmp_path):
+    """All is unsure by a sixth, as of a bad speed; the right half by a tenth of its own beside."""
+    shares = np.full((HEIGHT, WIDTH), 0.15, np.float32)
+    assert len(cloud_of(write_flown(tmp_path / "all", share=shares), EVERY)) == len(cloud_of(folder, EVERY))
+    shares[:, WIDTH // 2 :] = np.hypot(0.15, 0.1)
+    left = cloud_of(write_flown(tmp_path / "half", share=shares), EVERY).points_m
+    assert left[:, 0].max() < 0
+    assert left[:, 0].min() == pytest.approx(cloud_of(folder, EVERY).points_m[:, 0].min(), abs=0.1)
+
+
 def test_unknown_and_sky_give_no_point():
     assert len(seen_points(view(np.nan), 1, EVERY)[0]) == 0
 
@@ -168,7 +203,15 @@ def test_a_flight_without_poses_says_so(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"voxel_m": 0}, {"min_confidence": 2}, {"max_range_m": float("nan")}, {"every": 0}]
+    "wrong",
+    [
+        {"voxel_m": 0},
+        {"min_confidence": 2},
+        {"max_range_m": float("nan")},
+        {"every": 0},
+        {"max_sigma": 0},
+        {"max_sigma": float("nan")},
+    ],
 )
 def test_settings_that_cannot_be(wrong):
     with pytest.raises(BadInput, match="--"):
@@ -177,7 +220,14 @@ def test_settings_that_cannot_be(wrong):
 
 @pytest.mark.parametrize(
     "extreme",
-    [{"voxel_m": 0.01}, {"min_confidence": 0}, {"min_confidence": 1}, {"max_range_m": 1e-3}, {"every": 1}],
+    [
+        {"voxel_m": 0.01},
+        {"min_confidence": 0},
+        {"min_confidence": 1},
+        {"max_range_m": 1e-3},
+        {"every": 1},
+        {"max_sigma": 1e-3},
+    ],
 )
 def test_settings_that_just_can_be(extreme):
     assert CloudSettings(**extreme)

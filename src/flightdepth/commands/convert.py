@@ -28,7 +28,7 @@ STRAYS = (
     "the log's positions go another way than its velocities: is one of another flight, are latitude and longitude "
     "swapped, or is its north off?"
 )
-WIDER = "Try a lower --min-confidence, a larger --max-range or a smaller --every."
+WIDER = "Try a lower --min-confidence, a larger --max-sigma or --max-range, or a smaller --every."
 UNFILMED = "the preview of the interrupted flight ends before them"
 NO_PLACE = "attitude unknown, or not of the longest segment (poses.csv)"
 
@@ -43,6 +43,13 @@ def convert(
         float | None,
         typer.Option(metavar="0..1", help="Clouds and maps: leave out what is less sure. Default: 0.6."),
     ] = None,
+    max_sigma: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SHARE",
+            help="Clouds and maps: leave out what has a wider error bar, as a share of its depth. Default: 0.08.",
+        ),
+    ] = None,
     max_range: Annotated[
         float | None,
         typer.Option(metavar="M", help="Leave out what is farther, in metres. Default: 60, of maps 30."),
@@ -55,7 +62,7 @@ def convert(
         ),
     ] = None,
     every: Annotated[
-        int | None, typer.Option(metavar="N", help="Clouds and maps: use every N-th frame. Default: 10.")
+        int | None, typer.Option(metavar="N", help="Clouds and maps: use every N-th frame. Default: 5.")
     ] = None,
     utc: Annotated[
         bool,
@@ -90,7 +97,13 @@ def convert(
     """
     from flightdepth.outputs.cloud import CloudSettings, frames_left_out
 
-    options = {"min_confidence": min_confidence, "max_range_m": max_range, "voxel_m": voxel, "every": every}
+    options = {
+        "min_confidence": min_confidence,
+        "max_sigma": max_sigma,
+        "max_range_m": max_range,
+        "voxel_m": voxel,
+        "every": every,
+    }
     given = {name: value for name, value in options.items() if value is not None}
     kind = checked_kind(file)
     settings = CloudSettings(**((OF_A_MAP if kind == OCCUPANCY else {}) | given))  # type: ignore[arg-type]

@@ -1,7 +1,8 @@
 """The point cloud of a flight: depth maps and poses, joined in one local frame.
 
 A depth map holds points that are wrong: sky that was given a depth, mixtures across an edge, plain errors. A point
-counts where it is confident and near enough, where no edge runs, and where the frames before and after it agree.
+counts where its error bar is narrow and it is near enough, where no edge runs, and where the frames before and after it
+agree.
 Then each voxel keeps one point, the mean of what fell into it.
 """
 
@@ -32,23 +33,36 @@ NEIGHBOURS = 8  # frames on either side whose depth must agree
 AGREE_WITHIN = 0.1  # of the depth
 LEAST_AGREEING = 3
 EDGE_PX, EDGE_RATIO = 5, 1.2  # farthest over nearest within so many pixels: beyond, depth mixes two things
-COLUMNS = 320  # pixels used across a picture; a network's own map has about 80 to 160
+COLUMNS = 160  # pixels used across a picture; a network's own map has about 80 to 160
+COMMON = (
+    0.05  # of a frame's pixels: those of the narrowest error bars, whose share of the depth is all pixels'
+)
 WIDEST = np.tan(np.radians(60))
 FARTHEST_M = (FARTHEST - 1) * UNIT_M  # what is stored as FARTHEST lies anywhere beyond
 
 
 @dataclass(frozen=True)
 class CloudSettings:
-    """Which points count: `every` n-th frame, `min_confidence` 0..1, `max_range_m` along the axis, `voxel_m`."""
+    """Which points count.
+
+    min_confidence  0..1
+    max_sigma       their own part of the error bar (`own_share`), as a share of the depth
+    max_range_m     along the camera's axis
+    voxel_m         edge of a cube that has one point
+    every           n-th frame is used
+    """
 
     min_confidence: float = 0.6
+    max_sigma: float = 0.08
     max_range_m: float = 60.0
     voxel_m: float = 0.25
-    every: int = 10
+    every: int = 5
 
     def __post_init__(self) -> None:
         if not 0 <= self.min_confidence <= 1:
             raise BadInput("--min-confidence", expected="0 to 1", got=str(self.min_confidence))
+        if not self.max_sigma > 0:
+            raise BadInput("--max-sigma", expected="more than 0", got=str(self.max_sigma))
         if not (np.isfinite(self.max_range_m) and self.max_range_m > 0):
             raise BadInput("--max-range", expected="more than 0 m", got=str(self.max_range_m))
         if not (np.isfinite(self.voxel_m) and self.voxel_m >= 0.01):
@@ -63,6 +77,7 @@ class View:
 
     image, confidence  [h, w, 3], [h, w], of every `step`-th pixel of every `step`-th row: views wait for those after
                        them, and of a large video whole ones would take gigabytes. No image where nobody asks for colour
+    share              of those too: `own_share`; None of a network that tells no error bar
     """
 
     image: Picture | None
@@ -70,6 +85,7 @@ class View:
     confidence: Map
     pose: FramePose
     camera: Camera
+    share: Map | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +135,21 @@ def views(folder: FlightFolder, every: int, step: int, *, coloured: bool = True)
         if index in poses and index in depths:
             thin = None if image is None else image[::step, ::step].copy()
             confidence = folder.confidence(index)[::step, ::step].copy()
-            yield View(thin, folder.depth_m(index), confidence, poses[index], folder.camera(index))
+            depth_m, sigma_m = folder.depth_m(index), folder.sigma_m(index)
+            share = None if sigma_m is None else own_share(sigma_m[::step, ::step], depth_m[::step, ::step])
+            yield View(thin, depth_m, confidence, poses[index], folder.camera(index), share)
+
+
+def own_share(sigma_m: Map, depth_m: Map) -> Map:
+    """What of its error bar is each pixel's own, as a share of its depth, [h, w]; NaN where depth is.
+
+    A speed that nobody is sure of is in all of a frame's error bars alike: it moves the points together, and so says
+    nothing against their shape.
+    """
+    share = sigma_m / depth_m
+    known = share[np.isfinite(share)]
+    common = np.quantile(known, COMMON) if len(known) else 0.0
+    return np.asarray(np.sqrt(np.maximum(share**2 - np.float32(common) ** 2, 0)))
 
 
 def placed(folder: FlightFolder) -> dict[int, FramePose]:
@@ -161,6 +191,8 @@ def seen_points(
     """Points (NED) [N, 3] of the pixels that count, every `step`-th, and their rows and columns in `view.image` [N]."""
     depth_m, clear = view.depth_m[::step, ::step], off_edges(view.depth_m)[::step, ::step]
     usable = view.confidence >= max(settings.min_confidence, 1 / 512)
+    if view.share is not None:
+        usable &= view.share <= settings.max_sigma
     rows, columns = np.nonzero(usable & (depth_m <= min(settings.max_range_m, FARTHEST_M)) & clear)
     rays = pixel_rays(view.camera, step)[rows, columns]
     points = rays * depth_m[rows, columns].astype(np.float64)[:, None]

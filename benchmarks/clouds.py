@@ -1,0 +1,95 @@
+"""Whether a point cloud tells the truth, on the sample flight: `flightdepth demo`, then this.
+
+    pip install scipy
+    python benchmarks/clouds.py flightdepth-demo --max-sigma 0.04 0.08 1
+
+The truth is the renderer's, as far as --max-range, one point a cube of --voxel. Per distance from the nearest camera:
+of the cloud's points, how many lie within half a metre and a metre of a true surface, and within what 95 % do; of the
+true surfaces, how many have a point within a metre.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+from scipy.spatial import KDTree
+
+from flightdepth.commands.demo import AT_TRUTH, TRUTH
+from flightdepth.motion import ENU_FROM_NED
+from flightdepth.outputs import FlightFolder, read_depth
+from flightdepth.outputs.cloud import CloudSettings, cloud_of, views
+from flightdepth.outputs.voxels import VoxelGrid
+from flightdepth.runtimes.lens import pixel_rays
+
+TRUTH_EVERY = 10  # frames
+RANGES_M = (0.0, 15.0, 30.0, 60.0)
+
+Points = NDArray[np.float64]
+
+
+def true_points(folder: FlightFolder, settings: CloudSettings) -> tuple[Points, Points]:
+    """What the cameras truly saw, and where they were, [N, 3] and [K, 3], east-north-up."""
+    grid, cameras = VoxelGrid(settings.voxel_m), []
+    for view in views(folder, TRUTH_EVERY, 1, coloured=False):
+        path = TRUTH / f"{view.pose.index:06d}.png"
+        if not path.exists():
+            continue
+        depth_m, rays = read_depth(path), pixel_rays(view.camera, 1)[AT_TRUTH]
+        near = depth_m <= settings.max_range_m
+        seen = rays[near] * depth_m[near, None].astype(float)
+        points = (seen @ view.pose.ned_from_camera.T + view.pose.position_ned) @ ENU_FROM_NED.T
+        grid.add(points, np.zeros(points.shape, np.uint8), np.ones(len(points), np.float32))
+        cameras.append(view.pose.position_ned @ ENU_FROM_NED.T)
+    return grid.cloud().points_m, np.stack(cameras)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("folder", type=Path, help="of flightdepth demo")
+    usual = CloudSettings()
+    parser.add_argument("--max-sigma", type=float, nargs="+", default=[usual.max_sigma])
+    parser.add_argument("--every", type=int, default=usual.every)
+    parser.add_argument("--min-confidence", type=float, default=usual.min_confidence)
+    parser.add_argument("--max-range", type=float, default=usual.max_range_m)
+    parser.add_argument("--voxel", type=float, default=usual.voxel_m)
+    given = parser.parse_args()
+    settings = CloudSettings(given.min_confidence, usual.max_sigma, given.max_range, given.voxel, given.every)
+    folder = FlightFolder(given.folder)
+    truth, cameras = true_points(folder, settings)
+    truth_from = KDTree(cameras).query(truth)[0]
+    heads = (
+        "max-sigma",
+        "from a camera",
+        "points",
+        "within .5 m",
+        "1 m",
+        "95 % within",
+        "surfaces with a point",
+    )
+    table = Table(*heads, title=str(given.folder))
+    for max_sigma in given.max_sigma:
+        began = time.perf_counter()
+        cloud = cloud_of(folder, replace(settings, max_sigma=max_sigma)).points_m
+        took_s = time.perf_counter() - began
+        cloud_from, off = KDTree(cameras).query(cloud)[0], KDTree(truth).query(cloud)[0]
+        missed = KDTree(cloud).query(truth)[0]
+        for low, high in pairwise(RANGES_M):
+            here, there = (low <= cloud_from) & (cloud_from < high), (low <= truth_from) & (truth_from < high)
+            cells = [f"{np.mean(off[here] < limit):.0%}" for limit in (0.5, 1.0)]
+            cells += [f"{np.percentile(off[here], 95):.1f} m", f"{np.mean(missed[there] < 1.0):.0%}"]
+            table.add_row(f"{max_sigma:g}", f"{low:g} to {high:g} m", f"{here.sum():,}", *cells)
+        table.add_section()
+        Console(stderr=True).print(f"max-sigma {max_sigma:g}: {took_s:.1f} s")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
