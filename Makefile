@@ -20,13 +20,13 @@ NEW_ENOUGH := import sys; sys.version_info >= (3, 11) or sys.exit("flightdepth n
 
 BLENDER_PYTHON ?= python3.11
 
-.PHONY: demo test test-slow lint blender-env
+.PHONY: demo test test-slow lint compiled blender-env
 
 demo: .venv-demo/installed
 	$(DEMO_BIN)/flightdepth demo
 
-# What the commands that tests start import is compiled once, whatever the environment says.
-test: lint
+test: .venv/installed
+	@$(MAKE) --no-print-directory --jobs=2 lint compiled
 	OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile --max-worker-restart 0
 
 test-slow: lint
@@ -37,6 +37,11 @@ lint: .venv/installed
 	$(BIN)/ruff format --check src tests benchmarks ros2
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# What tests import, and what they render with, is compiled once beside `lint`: else each of their processes does it, for
+# a minute and a half. Errors show when tests run.
+compiled: .venv/installed
+	@PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --collect-only -q >/dev/null 2>&1 || true
 
 blender-env: .venv-blender/installed
 
@@ -52,7 +57,6 @@ blender-env: .venv-blender/installed
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python $(PIP_INSTALL) --no-compile $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) torch
 	$(BIN)/python $(PIP_INSTALL) --no-compile --editable '.[$(EXTRAS)]'
-	@$(BIN)/python -m compileall -q -j 0 .venv/lib >/dev/null || true  # on all cores, where pip takes one
 	@touch $@
 
 .venv-demo/installed: pyproject.toml constraints.txt
