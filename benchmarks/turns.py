@@ -1,4 +1,4 @@
-"""How fast the camera may turn: `python benchmarks/turns.py [--scenes N] [--readout MS] [--as-run]`.
+"""How fast the camera may turn: `python benchmarks/turns.py [--rates R ...] [--late MS] [--readout MS] [--as-run]`.
 
 Rendered flights outdoors, 30 pictures a second at 5 m/s, 640x360 and 80 degrees wide, whose camera turns about the
 vertical at an even rate. Each picture is filmed by a rolling shutter, blurred by its exposure, and compressed (H.264,
@@ -56,7 +56,7 @@ class Turning:
     samples: list[Sample]
 
     @classmethod
-    def filmed(cls, number: int, rate_deg_s: float, readout_s: float) -> Turning:
+    def filmed(cls, number: int, rate_deg_s: float, readout_s: float, late_s: float) -> Turning:
         flight, scene = outdoor_flight(CONFIG, SEED, number), draw_outdoor(CONFIG, SEED, number)
 
         def world_from_camera(time_s: float) -> Vector:
@@ -77,7 +77,7 @@ class Turning:
         for time_s in np.arange(round(CONFIG.duration_s * LOG_HZ) + 1) / LOG_HZ:
             stamp_ns = round(time_s * NS_PER_S)
             ned = NED_FROM_CAMERA @ flight.velocity(np.array([time_s]))[0]
-            noisy = world_from_camera(time_s) @ cv2.Rodrigues(rng.normal(0, ATTITUDE_NOISE_RAD, 3))[0]
+            noisy = world_from_camera(time_s - late_s) @ cv2.Rodrigues(rng.normal(0, ATTITUDE_NOISE_RAD, 3))[0]
             velocity = ned + SPEED_NOISE_M_S * rng.standard_normal(3)
             samples.append(VelocitySample(stamp_ns, velocity, "world", SPEED_NOISE_M_S))
             samples.append(AttitudeSample(stamp_ns, quaternion_from_rotation(NED_FROM_CAMERA @ noisy)))
@@ -138,15 +138,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=int, default=6)
     parser.add_argument("--network", default="motion")
+    parser.add_argument("--rates", type=float, nargs="+", default=RATES_DEG_S, help="degrees a second")
+    parser.add_argument("--late", type=float, default=0.0, help="ms by which the attitudes' times are late")
     parser.add_argument("--readout", type=float, default=20.0, help="ms from the first row to the last")
     parser.add_argument("--as-run", action="store_true", help="refuse pictures that turn too fast")
     options = parser.parse_args()
     network = load_network(options.network)
     table = Table("degrees/s", "attitude", "no depth", "known", "error", "inside sigma")
-    for rate_deg_s in RATES_DEG_S:
+    for rate_deg_s in options.rates:
         rows = {told: Row(np.zeros(7)) for told in (True, False)}
         for number in counted(range(options.scenes), f"{rate_deg_s:g} degrees/s", "flights"):
-            flight = Turning.filmed(number, rate_deg_s, options.readout / 1000)
+            flight = Turning.filmed(number, rate_deg_s, options.readout / 1000, options.late / 1000)
             for told, row in rows.items():
                 fly(network, flight, row, told=told, as_run=options.as_run)
         for told, row in rows.items():

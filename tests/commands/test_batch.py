@@ -16,7 +16,7 @@ from command_flights import FRAMES, make_video
 from flightdepth.cli import main
 from flightdepth.commands.batch import Job, here, jobs_of
 from flightdepth.commands.run_settings import RunSettings
-from flightdepth.commands.signals import heed_interrupt, stopped_as_by_ctrl_c
+from flightdepth.commands.signals import heed_interrupt, interrupts_heeded, stopped_as_by_ctrl_c
 from flightdepth.errors import FlightDepthError
 from flightdepth.outputs import FlightFolder
 from flightdepth.outputs.pictures import pictures
@@ -235,6 +235,46 @@ def test_an_interrupt_that_python_drops_is_raised_again(number):
             heed_interrupt()
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
+def interruptible():
+    """A script's `&` has Ctrl-C ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    with stopped_as_by_ctrl_c():
+        yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_while_frames_are_flown_an_interrupt_waits_for_the_frames_end(number, interruptible):
+    """Raised in the midst of OpenCV's arguments it ended the process with a segmentation fault."""
+    steps = []
+    with pytest.raises(KeyboardInterrupt), interrupts_heeded():
+        heed_interrupt()
+        os.kill(os.getpid(), number)
+        steps.append("the frame's rest")
+        heed_interrupt()
+        steps.append("another frame")
+    assert steps == ["the frame's rest"]
+
+
+def test_an_interrupt_of_the_last_frame_is_not_lost(interruptible):
+    steps = []
+    with pytest.raises(KeyboardInterrupt), interrupts_heeded():
+        os.kill(os.getpid(), signal.SIGINT)
+        steps.append("the frame's rest")
+    assert steps == ["the frame's rest"]
+
+
+def test_who_insists_does_not_wait(interruptible):
+    steps = []
+    with pytest.raises(KeyboardInterrupt), interrupts_heeded():
+        os.kill(os.getpid(), signal.SIGINT)
+        steps.append("the frame's rest")
+        os.kill(os.getpid(), signal.SIGINT)
+        steps.append("more of it")
+    assert steps == ["the frame's rest"]
 
 
 def test_the_process_keeps_its_own_handlers_of_signals(run):

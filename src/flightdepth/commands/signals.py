@@ -35,7 +35,7 @@ def stop_request(told: str | None = None, *, insist: bool = True) -> Iterator[th
         yield stop
 
 
-_interrupted = threading.Event()
+_interrupted, _heeded = threading.Event(), threading.Event()
 
 
 @contextmanager
@@ -46,8 +46,10 @@ def stopped_as_by_ctrl_c() -> Iterator[None]:
     """
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        waits = _heeded.is_set() and not _interrupted.is_set()
         _interrupted.set()
-        signal.default_int_handler(number, frame)
+        if not waits:
+            signal.default_int_handler(number, frame)
 
     _interrupted.clear()
     # A script's `&` has Ctrl-C ignored.
@@ -60,6 +62,21 @@ def heed_interrupt() -> None:
     """Raise KeyboardInterrupt where one came within the last `stopped_as_by_ctrl_c`; to be called again and again."""
     if _interrupted.is_set():
         raise KeyboardInterrupt
+
+
+@contextmanager
+def interrupts_heeded() -> Iterator[None]:
+    """Within, an interrupt waits for `heed_interrupt`, or for the end; a second one does not.
+
+    What is raised in the midst of C may end the process: where arguments fit only a function's second form, OpenCV asks
+    for the first one's error as text, and takes for granted that Python gives it, which raises the interrupt instead.
+    """
+    _heeded.set()
+    try:
+        yield
+    finally:
+        _heeded.clear()
+    heed_interrupt()
 
 
 @contextmanager

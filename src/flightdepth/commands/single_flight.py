@@ -12,7 +12,7 @@ from flightdepth.commands.batch import Outcome
 from flightdepth.commands.full_disk import room_on_the_disk
 from flightdepth.commands.network_options import check_align, precision_of
 from flightdepth.commands.run_settings import RunSettings
-from flightdepth.commands.signals import heed_interrupt
+from flightdepth.commands.signals import heed_interrupt, interrupts_heeded
 from flightdepth.commands.terminal import progress_bar, say, warn
 from flightdepth.errors import BadInput
 
@@ -146,6 +146,7 @@ def write_depth(
             room_on_the_disk(target, left="nothing of this flight was written"),
             writer,
             progress_bar(source.flight, flight.frame_count_hint, "frames") as bar,
+            interrupts_heeded(),
         ):
             run_flight(flight, estimator, writer, progress)
     except KeyboardInterrupt:
