@@ -7,6 +7,7 @@ atomic updates per array and call were more than half of a frame's time.
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable
 from functools import cache, partial
@@ -16,6 +17,8 @@ from typing import Any, TypeVar
 import numba
 
 from flightdepth.scenes import textures
+
+logger = logging.getLogger(__name__)
 
 OPTIONS: dict[str, Any] = {
     "nogil": True,
@@ -36,6 +39,13 @@ def compiled(function: F) -> F:
     # numba numbers what it keeps: two processes that compile at once would take the same number, and run wrong code.
     files._data_name = partial(_own_name, files._data_name)
     return wrapped
+
+
+@cache
+def announce_compiling(function: Callable[..., object]) -> None:
+    """Say once in a process that the first call of a function waits a minute, where it does."""
+    if not function._cache._cache_file._load_index():  # type: ignore[attr-defined]
+        logger.warning("the renderer is compiled first, once on this machine: about a minute")
 
 
 def _own_name(numbered: Callable[[int], str], number: int) -> str:

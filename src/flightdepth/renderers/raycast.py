@@ -20,7 +20,7 @@ from flightdepth.errors import BadInput
 from flightdepth.machine import memory_bytes
 from flightdepth.renderers.antialiasing import AROUND, is_fold, mark_edges, supersample
 from flightdepth.renderers.bundles import BUNDLE, LANES
-from flightdepth.renderers.compiling import compiled
+from flightdepth.renderers.compiling import announce_compiling, compiled
 from flightdepth.renderers.shading import Blockers, Colours
 from flightdepth.renderers.shadows import Lists
 from flightdepth.renderers.surfaces import encoded
@@ -91,6 +91,7 @@ def render(
             raise BadInput(f"{what} of the scene", expected=f"at most {most}", got=str(count))
     numbers = range(scene.frames) if frames is None else frames
     check_memory(camera, len(numbers))
+    announce_compiling(_render_frames)
     world, cameras = prepare_world(scene), prepare_cameras(scene, camera, numbers)
     images = np.empty((len(numbers), camera.height, camera.width, 3), np.uint8)
     depth_m = np.empty((len(numbers), camera.height, camera.width), np.float32)
