@@ -277,6 +277,16 @@ def test_who_insists_does_not_wait(interruptible):
     assert steps == ["the frame's rest"]
 
 
+def test_before_and_after_the_frames_an_interrupt_is_raised_at_once(interruptible):
+    with interrupts_heeded():
+        pass
+    steps = []
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGINT)
+        steps.append("more")
+    assert not steps
+
+
 def test_the_process_keeps_its_own_handlers_of_signals(run):
     """Who calls `run` from a program of their own was left with Ctrl-C for SIGTERM."""
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]

@@ -34,9 +34,7 @@ AGREE_WITHIN = 0.1  # of the depth
 LEAST_AGREEING = 3
 EDGE_PX, EDGE_RATIO = 5, 1.2  # farthest over nearest within so many pixels: beyond, depth mixes two things
 COLUMNS = 160  # pixels used across a picture; a network's own map has about 80 to 160
-COMMON = (
-    0.05  # of a frame's pixels: those of the narrowest error bars, whose share of the depth is all pixels'
-)
+COMMON = 0.05  # of a frame's pixels: what the narrowest of their error bars have is all pixels'
 WIDEST = np.tan(np.radians(60))
 FARTHEST_M = (FARTHEST - 1) * UNIT_M  # what is stored as FARTHEST lies anywhere beyond
 
