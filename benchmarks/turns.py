@@ -77,7 +77,9 @@ class Turning:
         for time_s in np.arange(round(CONFIG.duration_s * LOG_HZ) + 1) / LOG_HZ:
             stamp_ns = round(time_s * NS_PER_S)
             ned = NED_FROM_CAMERA @ flight.velocity(np.array([time_s]))[0]
-            noisy = world_from_camera(time_s - late_s) @ cv2.Rodrigues(rng.normal(0, ATTITUDE_NOISE_RAD, 3))[0]
+            noisy = (
+                world_from_camera(time_s - late_s) @ cv2.Rodrigues(rng.normal(0, ATTITUDE_NOISE_RAD, 3))[0]
+            )
             velocity = ned + SPEED_NOISE_M_S * rng.standard_normal(3)
             samples.append(VelocitySample(stamp_ns, velocity, "world", SPEED_NOISE_M_S))
             samples.append(AttitudeSample(stamp_ns, quaternion_from_rotation(NED_FROM_CAMERA @ noisy)))
