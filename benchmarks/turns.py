@@ -1,10 +1,10 @@
-"""How fast the camera may turn: `python benchmarks/turns.py [--rates R ...] [--late MS] [--readout MS] [--as-run]`.
+"""How fast the camera may turn: `python benchmarks/turns.py [--rates R ...] [--swing HZ] [--late MS] [--as-run]`.
 
 Rendered flights outdoors, 30 pictures a second at 5 m/s, 640x360 and 80 degrees wide, whose camera turns about the
-vertical at an even rate. Each picture is filmed by a rolling shutter, blurred by its exposure, and compressed (H.264,
-crf 21). A log tells velocities of the world 20 times a second, with 0.05 m/s of noise on each axis, and the attitude
-with 0.15 degrees about each, or no attitude. Depth is that of `run`, two ranges, over what is nearer than 150 m, but
-that no picture is refused for its turn unless `--as-run` asks for it.
+vertical at an even rate, or swings at up to that. Each picture is filmed by a rolling shutter, blurred by its
+exposure, and compressed (H.264, crf 21). A log tells velocities of the world 20 times a second, with 0.05 m/s of noise
+on each axis, and the attitude with 0.15 degrees about each, or no attitude. Depth is that of `run`, two ranges, over
+what is nearer than 150 m, but that no picture is refused for its turn unless `--as-run` asks for it.
 """
 
 from __future__ import annotations
@@ -56,21 +56,32 @@ class Turning:
     samples: list[Sample]
 
     @classmethod
-    def filmed(cls, number: int, rate_deg_s: float, readout_s: float, late_s: float) -> Turning:
+    def filmed(
+        cls, number: int, rate_deg_s: float, *, swing_hz: float = 0.0, readout_s: float, late_s: float = 0.0
+    ) -> Turning:
         flight, scene = outdoor_flight(CONFIG, SEED, number), draw_outdoor(CONFIG, SEED, number)
 
-        def world_from_camera(time_s: float) -> Vector:
+        def yaw_rad(time_s: float) -> float:
             """It looks ahead in the middle of the flight."""
-            yaw = np.radians(rate_deg_s) * (time_s - CONFIG.duration_s / 2)
-            return np.asarray(cv2.Rodrigues(np.array([0.0, yaw, 0.0]))[0] @ flight.world_from_camera)
+            turning_s = time_s - CONFIG.duration_s / 2
+            if swing_hz:
+                turning_s = np.sin(2 * np.pi * swing_hz * turning_s) / (2 * np.pi * swing_hz)
+            return float(np.radians(rate_deg_s) * turning_s)
+
+        def world_from_camera(time_s: float) -> Vector:
+            turn = cv2.Rodrigues(np.array([0.0, yaw_rad(time_s), 0.0]))[0]
+            return np.asarray(turn @ flight.world_from_camera)
+
+        def rate_rad_s(time_s: float) -> float:
+            return (yaw_rad(time_s + 1e-3) - yaw_rad(time_s - 1e-3)) / 2e-3
 
         times_s = np.arange(CONFIG.frames) / CONFIG.rate_hz
         turned = replace(scene, world_from_camera=np.array([world_from_camera(each) for each in times_s]))
         textures = outdoor_textures(number)
         seen = [render(turned, textures, CAMERA, frames=[frame]) for frame in range(CONFIG.frames)]
         pictures = [
-            _filmed(each.images[0], np.radians(rate_deg_s), flight.world_from_camera, readout_s)
-            for each in seen
+            _filmed(each.images[0], rate_rad_s(time_s), flight.world_from_camera, readout_s)
+            for each, time_s in zip(seen, times_s, strict=True)
         ]
         rng = np.random.default_rng(number)
         samples: list[Sample] = []
@@ -141,6 +152,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=6)
     parser.add_argument("--network", default="motion")
     parser.add_argument("--rates", type=float, nargs="+", default=RATES_DEG_S, help="degrees a second")
+    parser.add_argument("--swing", type=float, default=0.0, help="to and fro, so many times a second")
     parser.add_argument("--late", type=float, default=0.0, help="ms by which the attitudes' times are late")
     parser.add_argument("--readout", type=float, default=20.0, help="ms from the first row to the last")
     parser.add_argument("--as-run", action="store_true", help="refuse pictures that turn too fast")
@@ -150,7 +162,8 @@ def main() -> None:
     for rate_deg_s in options.rates:
         rows = {told: Row(np.zeros(7)) for told in (True, False)}
         for number in counted(range(options.scenes), f"{rate_deg_s:g} degrees/s", "flights"):
-            flight = Turning.filmed(number, rate_deg_s, options.readout / 1000, options.late / 1000)
+            late = {"readout_s": options.readout / 1000, "late_s": options.late / 1000}
+            flight = Turning.filmed(number, rate_deg_s, swing_hz=options.swing, **late)
             for told, row in rows.items():
                 fly(network, flight, row, told=told, as_run=options.as_run)
         for told, row in rows.items():
