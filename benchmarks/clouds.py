@@ -55,9 +55,8 @@ def true_points(folder: FlightFolder, settings: CloudSettings) -> tuple[Points, 
 
 def from_above(cloud: Cloud) -> NDArray[np.uint8]:
     """A picture BGR [H, W, 3], north up; what is higher hides what is lower."""
-    places = np.floor((cloud.points_m[:, :2] - cloud.points_m[:, :2].min(axis=0)) * PIXELS_A_METRE).astype(
-        int
-    )
+    across_m = cloud.points_m[:, :2]
+    places = (PIXELS_A_METRE * (across_m - across_m.min(axis=0))).astype(int)
     picture = np.full((*(places.max(axis=0)[::-1] + 2), 3), 255, np.uint8)
     upwards = np.argsort(cloud.points_m[:, 2])
     columns, rows = places[upwards].T
@@ -81,16 +80,8 @@ def main() -> None:
     folder = FlightFolder(given.folder)
     truth, cameras = true_points(folder, settings)
     truth_from = KDTree(cameras).query(truth)[0]
-    heads = (
-        "max-sigma",
-        "from a camera",
-        "points",
-        "within .5 m",
-        "1 m",
-        "95 % within",
-        "surfaces with a point",
-    )
-    table = Table(*heads, title=str(given.folder))
+    heads = "max-sigma, from a camera, points, within .5 m, 1 m, 95 % within, surfaces with a point"
+    table = Table(*heads.split(", "), title=str(given.folder))
     for max_sigma in given.max_sigma:
         began = time.perf_counter()
         cloud = cloud_of(folder, replace(settings, max_sigma=max_sigma))
