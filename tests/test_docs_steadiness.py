@@ -6,13 +6,16 @@ from pathlib import Path
 
 from flightdepth import cli
 
-TEXT = (Path(__file__).parents[1] / "docs" / "steadiness.md").read_text("utf-8")
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "docs" / "steadiness.md").read_text("utf-8")
+OPTION = re.compile(r"--[a-z][a-z-]+")
+BENCHMARK = re.compile(r"python (benchmarks/\w+\.py)([^`]*)")
 COMMANDS = re.findall(r"^flightdepth .*$", TEXT, re.MULTILINE)
 
 
 def options_of(capsys, *command):
     assert cli.main([*command, "--help"]) == 0
-    return set(re.findall(r"--[a-z][a-z-]+", capsys.readouterr().out))
+    return set(OPTION.findall(capsys.readouterr().out))
 
 
 def test_the_options_of_its_commands_exist(capsys, monkeypatch):
@@ -26,4 +29,11 @@ def test_the_options_of_its_commands_exist(capsys, monkeypatch):
 
 def test_the_options_in_its_text_exist(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
-    assert set(re.findall(r"--[a-z][a-z-]+", TEXT)) - {"--scenes"} <= options_of(capsys, "run")
+    assert set(OPTION.findall(BENCHMARK.sub("", TEXT))) - {"--scenes"} <= options_of(capsys, "run")
+
+
+def test_the_options_of_its_benchmarks_exist():
+    asked = [(file, OPTION.findall(options)) for file, options in BENCHMARK.findall(TEXT)]
+    assert any(options for _, options in asked)
+    for file, options in asked:
+        assert set(options) <= set(OPTION.findall((ROOT / file).read_text("utf-8")))
