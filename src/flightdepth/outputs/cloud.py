@@ -2,8 +2,7 @@
 
 A depth map holds points that are wrong: sky that was given a depth, mixtures across an edge, plain errors. A point
 counts where its error bar is narrow and it is near enough, where no edge runs, and where the frames before and after it
-agree.
-Then each voxel keeps one point, the mean of what fell into it.
+agree. Then each voxel keeps one point, the mean of what fell into it.
 """
 
 from __future__ import annotations
