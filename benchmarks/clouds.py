@@ -19,18 +19,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from occupancy import true_views
 from rich.console import Console
 from rich.table import Table
 from scipy.spatial import KDTree
 
-from flightdepth.commands.demo import AT_TRUTH, TRUTH
+from flightdepth.commands.demo import AT_TRUTH
 from flightdepth.motion import ENU_FROM_NED
-from flightdepth.outputs import FlightFolder, read_depth
-from flightdepth.outputs.cloud import CloudSettings, cloud_of, views
+from flightdepth.outputs import FlightFolder
+from flightdepth.outputs.cloud import CloudSettings, cloud_of
 from flightdepth.outputs.voxels import Cloud, VoxelGrid
 from flightdepth.runtimes.lens import pixel_rays
 
-TRUTH_EVERY = 10  # frames
 RANGES_M = (0.0, 15.0, 30.0, 60.0)
 PIXELS_A_METRE = 8
 
@@ -40,11 +40,8 @@ Points = NDArray[np.float64]
 def true_points(folder: FlightFolder, settings: CloudSettings) -> tuple[Points, Points]:
     """What the cameras truly saw, and where they were, [N, 3] and [K, 3], east-north-up."""
     grid, cameras = VoxelGrid(settings.voxel_m), []
-    for view in views(folder, TRUTH_EVERY, 1, coloured=False):
-        path = TRUTH / f"{view.pose.index:06d}.png"
-        if not path.exists():
-            continue
-        depth_m, rays = read_depth(path), pixel_rays(view.camera, 1)[AT_TRUTH]
+    for view, depth_m in true_views(folder):
+        rays = pixel_rays(view.camera, 1)[AT_TRUTH]
         near = depth_m <= settings.max_range_m
         seen = rays[near] * depth_m[near, None].astype(float)
         points = (seen @ view.pose.ned_from_camera.T + view.pose.position_ned) @ ENU_FROM_NED.T

@@ -25,7 +25,7 @@ from flightdepth.commands.convert import OF_A_MAP
 from flightdepth.commands.demo import TRUTH, TRUTH_STEP_PX
 from flightdepth.motion import NED_FROM_ENU
 from flightdepth.outputs import FlightFolder, read_depth
-from flightdepth.outputs.cloud import CloudSettings, looked_up, views
+from flightdepth.outputs.cloud import CloudSettings, View, looked_up, views
 from flightdepth.outputs.occupancy import occupancy_of
 
 TRUTH_EVERY = 10  # frames
@@ -50,15 +50,20 @@ class Truth:
     at: NDArray[np.float64]
 
 
+def true_views(folder: FlightFolder) -> Iterator[tuple[View, NDArray[np.float32]]]:
+    """Frames whose truth is known, and it: at the pixels `commands.demo.AT_TRUTH`, metres."""
+    for view in views(folder, TRUTH_EVERY, 1, coloured=False):
+        path = TRUTH / f"{view.pose.index:06d}.png"
+        if path.exists():
+            yield view, read_depth(path)
+
+
 def truth_of(folder: FlightFolder, middles: NDArray[np.float64], settings: CloudSettings) -> Truth:
     """The truth about cells whose middles [N, 3] are east-north-up."""
     past, surface = np.zeros(len(middles), bool), np.zeros(len(middles), bool)
     off, at = np.full(len(middles), np.inf), np.full(len(middles), np.inf)
-    for view in views(folder, TRUTH_EVERY, 1, coloured=False):
-        path = TRUTH / f"{view.pose.index:06d}.png"
-        if not path.exists():
-            continue
-        depth_m = read_depth(path).repeat(TRUTH_STEP_PX, axis=0).repeat(TRUTH_STEP_PX, axis=1)
+    for view, at_truth_m in true_views(folder):
+        depth_m = at_truth_m.repeat(TRUTH_STEP_PX, axis=0).repeat(TRUTH_STEP_PX, axis=1)
         there_m, true_m = looked_up(middles @ NED_FROM_ENU.T, replace(view, depth_m=depth_m))
         seen = np.isfinite(true_m) & (there_m <= settings.max_range_m)
         apart = np.where(seen, np.abs(true_m - there_m), np.inf)
