@@ -38,7 +38,7 @@ def timed(pair: TestPair, turn: np.ndarray) -> tuple[Remainder | None, tuple[flo
     stamps.append(time.process_time())
     rays = corners.rays(previous)
     stamps.append(time.process_time())
-    found = remainder(*rays, pair.displacement, CAMERA.fx)
+    found = remainder(*rays, pair.displacement, CAMERA)
     stamps.append(time.process_time())
     spent = np.diff(stamps) * 1e3
     return found, (spent[0], spent[1], spent[2])

@@ -40,12 +40,12 @@ WRONG_SIGMAS = 2.0  # about any axis
 
 @dataclass(frozen=True)
 class Tracks:
-    """Rays [N, 3] of a pair that did not turn, its displacement (3,) and focal length."""
+    """Rays [N, 3] of a pair that did not turn, its displacement (3,) and camera."""
 
     now: Vector
     before: Vector
     displacement: Vector
-    focal_px: float
+    camera: Camera
 
 
 def drawn(kind: str, number: int) -> tuple[Scene, Textures, int]:
@@ -77,7 +77,7 @@ def tracked(kind: str, lens_deg: float, number: int) -> Iterator[Tracks]:
             now, before = corners.rays(picture)
             moved_px = small.fx * float(np.linalg.norm(displacement)) / depth_m
             if len(now) >= FEWEST_POINTS and MOVED_PX[0] < moved_px < MOVED_PX[1]:
-                yield Tracks(now, before, displacement, small.fx)
+                yield Tracks(now, before, displacement, small)
 
 
 def judged(tracks: Tracks, turn_deg: float, number: int) -> tuple[bool, bool, float, Vector]:
@@ -86,7 +86,7 @@ def judged(tracks: Tracks, turn_deg: float, number: int) -> tuple[bool, bool, fl
     turn = chance.unit_vector(rng) * np.radians(turn_deg)
     before = tracks.before @ cv2.Rodrigues(turn)[0]
     told = tilted(tracks.displacement, chance.unit_vector(rng), TILT_DEG)
-    found = remainder(tracks.now, before / before[:, 2:], told, tracks.focal_px)
+    found = remainder(tracks.now, before / before[:, 2:], told, tracks.camera)
     assert found is not None, "as many points as it asks for were kept"
     error = found.rotation - turn
     sigmas = error / np.sqrt(np.diag(found.covariance)[:3])

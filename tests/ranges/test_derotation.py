@@ -43,21 +43,21 @@ def degrees_off(found, turn):
 @pytest.mark.parametrize("way", WAYS)
 def test_exact_rays_give_the_rotation(way):
     """But for the prior's pull."""
-    found = remainder(*rays_of(way, TURN), np.array(way), FOCAL)
+    found = remainder(*rays_of(way, TURN), np.array(way), CAMERA)
     assert found.turns
     assert degrees_off(found, TURN) < 0.01
 
 
 @pytest.mark.parametrize("way", WAYS)
 def test_outliers_do_not_matter(way):
-    found = remainder(*rays_of(way, TURN, noise_px=0.1, outliers=45), np.array(way), FOCAL)
+    found = remainder(*rays_of(way, TURN, noise_px=0.1, outliers=45), np.array(way), CAMERA)
     assert degrees_off(found, TURN) < 0.06
 
 
 @pytest.mark.parametrize("way", WAYS)
 def test_a_wrong_direction_is_mended_with_it(way):
     said = tilted(np.array(way, dtype=float), np.array([0.3, 0.5, -0.8]), 8.0)
-    found = remainder(*rays_of(way, TURN, noise_px=0.05), said, FOCAL)
+    found = remainder(*rays_of(way, TURN, noise_px=0.05), said, CAMERA)
     cosine = found.unit @ np.array(way) / np.linalg.norm(way)
     assert found.heads_elsewhere
     assert np.degrees(np.arccos(cosine)) < 1.5
@@ -67,7 +67,7 @@ def test_a_wrong_direction_is_mended_with_it(way):
 def test_a_steady_pair_is_left_alone():
     """Of 40 nearly none is said to turn, and none by much."""
     found = [
-        remainder(*rays_of((1, 0, 0.3), (0, 0, 0), noise_px=0.1, seed=k), np.array([1, 0, 0.3]), FOCAL)
+        remainder(*rays_of((1, 0, 0.3), (0, 0, 0), noise_px=0.1, seed=k), np.array([1, 0, 0.3]), CAMERA)
         for k in range(40)
     ]
     assert np.mean([each.turns for each in found]) < 0.1
@@ -77,7 +77,7 @@ def test_a_steady_pair_is_left_alone():
 
 def test_the_covariance_tells_the_error():
     tries = [
-        remainder(*rays_of((1, 0, 0.3), TURN, noise_px=0.1, seed=k), np.array([1, 0, 0.3]), FOCAL)
+        remainder(*rays_of((1, 0, 0.3), TURN, noise_px=0.1, seed=k), np.array([1, 0, 0.3]), CAMERA)
         for k in range(60)
     ]
     errors = np.array([each.rotation - TURN for each in tries])
@@ -88,7 +88,7 @@ def test_the_covariance_tells_the_error():
 
 
 def over_fields(seed, wrong):
-    """Rays, direction and focal length of a flight sideways over the ground; some tracks jumped aside and backwards."""
+    """Rays, direction and camera of a flight sideways over the ground; some tracks jumped aside and backwards."""
     focal, way, rng = 148.0, np.array([1.0, 0, 0]), np.random.default_rng(seed)
     points = np.column_stack([rng.uniform(-0.85, 0.85, 100), rng.uniform(-0.05, 0.4, 100), np.ones(100)])
     points *= (8 / np.maximum(points[:, 1], 0.1) * np.exp(rng.uniform(-0.2, 0.2, 100)))[:, None]
@@ -98,7 +98,7 @@ def over_fields(seed, wrong):
     aside = rng.choice([-1, 1], wrong) * rng.uniform(1, 2, wrong)
     jumps = np.column_stack([-rng.uniform(0.5, 1, wrong), aside])
     before[:wrong, :2] = now[:wrong, :2] + jumps / focal
-    return now, before, way, focal
+    return now, before, way, Camera(252, 140, focal, focal, 125.5, 69.5)
 
 
 def turned_with_some_wrong(seed, wrong):
@@ -106,7 +106,7 @@ def turned_with_some_wrong(seed, wrong):
     way = np.array([1, 0, 0.3])
     now, before = rays_of(way, TURN, noise_px=0.1, seed=seed)
     before[:wrong, :2] += np.random.default_rng(seed).normal(0, 2 / FOCAL, (wrong, 2))
-    return now, before, way, FOCAL
+    return now, before, way, CAMERA
 
 
 def usual_degrees_off(tries, turn):
@@ -130,7 +130,7 @@ def test_four_wrong_tracks_in_ten_leave_little_more():
 
 def test_where_turning_looks_like_flying_the_prior_holds():
     """A narrow view of one depth, flying sideways: a turn right and a shift are nearly the same."""
-    narrow, wall = 2000.0, {"near_m": 20.0, "far_m": 20.1}
+    narrow, wall = Camera(200, 200, 2000.0, 2000.0, 99.5, 99.5), {"near_m": 20.0, "far_m": 20.1}
     now, before = rays_of((1, 0, 0), (0, 0, 0), noise_px=0.1, **wall)
     scale = np.array([0.05, 0.05, 1.0])
     found = remainder(now * scale, before * scale, np.array([1.0, 0, 0]), narrow)
@@ -142,27 +142,27 @@ def test_where_turning_looks_like_flying_the_prior_holds():
 
 def test_through_a_long_lens_the_noise_does_not_outweigh_what_is_known():
     """Of a direction that was right and is known to 4 degrees; 15 degrees across, 14 to 40 m away."""
-    way, focal, off = np.array([0.9, 0.0, 0.4]), 970.0, []
+    way, camera, off = np.array([0.9, 0.0, 0.4]), Camera(256, 144, 970.0, 970.0, 127.5, 71.5), []
     for seed in range(20):
         rng = np.random.default_rng(seed)
         points = np.column_stack([rng.uniform(-0.13, 0.13, 150), rng.uniform(-0.07, 0.07, 150), np.ones(150)])
         points *= np.exp(rng.uniform(np.log(14), np.log(40), (150, 1)))
         moved = points + 0.17 * way
         now, before = points / points[:, 2:], moved / moved[:, 2:]
-        before[:, :2] += rng.normal(0, 0.07 / focal, (150, 2))
-        off.append(remainder(now, before, way, focal).off)
+        before[:, :2] += rng.normal(0, 0.07 / camera.fx, (150, 2))
+        off.append(remainder(now, before, way, camera).off)
     assert np.degrees(np.sqrt(np.mean(np.square(off)))) < 2
 
 
 def test_a_turn_far_beyond_the_usual_is_not_held_back():
     turn = np.radians([1.5, -2.0, 1.0])
     way = np.array([1, 0, 0.3])
-    tries = [remainder(*rays_of(way, turn, noise_px=0.3, seed=k), way, FOCAL) for k in range(20)]
+    tries = [remainder(*rays_of(way, turn, noise_px=0.3, seed=k), way, CAMERA) for k in range(20)]
     assert np.median([degrees_off(found, turn) for found in tries]) < 0.05
 
 
 def test_few_points_tell_nothing():
-    assert remainder(*rays_of((1, 0, 0), TURN, count=11), np.array([1.0, 0, 0]), FOCAL) is None
+    assert remainder(*rays_of((1, 0, 0), TURN, count=11), np.array([1.0, 0, 0]), CAMERA) is None
     blank = np.full((256, 256, 3), 90, np.uint8)
     moved = np.array([0.3, 0.0, 0.0])
     image, displacement, covariance = derotated(blank, blank, moved, CAMERA)
@@ -181,7 +181,7 @@ def test_rendered_pairs_that_were_turned(pairs, degrees):
         axis = np.random.default_rng(number).normal(size=3)
         turn = axis / np.linalg.norm(axis) * np.radians(degrees)
         rays = tracked_rays(rotated(pair.previous, CAMERA, turn), pair.current, CAMERA)
-        off.append(degrees_off(remainder(*rays, pair.displacement, CAMERA.fx), turn))
+        off.append(degrees_off(remainder(*rays, pair.displacement, CAMERA), turn))
     assert np.median(off) < 0.05
     assert np.percentile(off, 90) < 0.15
 

@@ -11,6 +11,7 @@ from flightdepth.stillbox import PairRule, Picture, TestSet
 from tests_textures import few_textures
 
 FOCAL = 200.0
+CAMERA = Camera.from_fov(400, 240, 90)
 WAYS = [(1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (0.5, 0.3, 0.8), (-0.7, 0.1, -0.4)]
 
 
@@ -90,7 +91,7 @@ def turned_meanwhile(before, degrees, *, seed=0):
 def test_a_camera_that_turned_meanwhile_does_not_hide_the_direction(way, degrees):
     """Of the pictures' two explanations, flight alone and flight with a turn, the better one; never a wrong one."""
     now, before = rays_of(way, noise_px=0.1, outliers=10)
-    found = [direction_seen(now, turned_meanwhile(before, degrees, seed=k), FOCAL) for k in range(4)]
+    found = [direction_seen(now, turned_meanwhile(before, degrees, seed=k), CAMERA) for k in range(4)]
     told = [degrees_between(each, way) for each in found if each is not None]
     assert len(told) >= 3
     assert max(told) < 6
@@ -99,7 +100,7 @@ def test_a_camera_that_turned_meanwhile_does_not_hide_the_direction(way, degrees
 @pytest.mark.parametrize("way", WAYS)
 def test_a_camera_that_did_not_turn_is_not_said_to(way):
     now, before = rays_of(way, noise_px=0.1)
-    assert (direction_seen(now, before, FOCAL) == direction_of(now, before, FOCAL).unit).all()
+    assert (direction_seen(now, before, CAMERA) == direction_of(now, before, FOCAL).unit).all()
 
 
 def test_points_that_move_each_their_own_way_have_no_direction_with_a_turn_either():
@@ -107,7 +108,7 @@ def test_points_that_move_each_their_own_way_have_no_direction_with_a_turn_eithe
     before = now + np.column_stack(
         [np.random.default_rng(1).normal(0, 5 / FOCAL, (len(now), 2)), np.zeros(len(now))]
     )
-    assert direction_seen(now, before, FOCAL) is None
+    assert direction_seen(now, before, CAMERA) is None
 
 
 def test_a_blank_picture_has_no_direction():
@@ -131,7 +132,7 @@ def test_a_turn_is_sought_round_the_sphere_only_where_one_shows(noise_px, turn_d
     monkeypatch.setattr(direction, "_turning", lambda *given: starts.append(1) or seek(*given))
     now, before = rays_of((1, 0, 0.3), noise_px=noise_px)
     before = before @ cv2.Rodrigues(np.radians([0.0, 0.0, turn_deg]))[0]
-    assert degrees_between(direction_seen(now, before / before[:, 2:], FOCAL), (1, 0, 0.3)) < 5
+    assert degrees_between(direction_seen(now, before / before[:, 2:], CAMERA), (1, 0, 0.3)) < 5
     assert bool(starts) == sought
 
 

@@ -41,14 +41,14 @@ class Derotation:
             return pair
         now, before = rays_of(pair, current, self._tracker)
         sigma_rad = LOG_SIGMA_RAD if pair.directed else SEEN_SIGMA_RAD
-        left = remainder(now, before, pair.displacement_m, self._camera.fx, direction_sigma_rad=sigma_rad)
+        left = remainder(now, before, pair.displacement_m, self._camera, direction_sigma_rad=sigma_rad)
         if left is None:
             return pair
-        if not left.is_small(sigma_rad) or left.left_px(now, before, self._camera.fx) > MOST_LEFT_PX:
+        if not left.is_small(sigma_rad) or left.left_px(now, before, self._camera) > MOST_LEFT_PX:
             return None
         wrong = left.heads_elsewhere
         pair = replace(pair, covariance=left.left_open(turned_back=left.turns, redirected=wrong))
-        pair = turned_by(pair, left.rotation) if left.turns else pair
+        pair = turned_by(pair, left.rotation, left.bend) if left.turns else pair
         return replace(pair, displacement_m=left.unit * pair.length_m) if wrong else pair
 
 
@@ -59,16 +59,16 @@ def derotated(
 
     Returns `previous`, the displacement (3,), and the covariance (6, 6) of what is left, None where nothing tells.
     """
-    left = remainder(*tracked_rays(previous, current, camera), displacement, camera.fx)
+    left = remainder(*tracked_rays(previous, current, camera), displacement, camera)
     if left is None or not left.is_small(LOG_SIGMA_RAD):
         return previous, displacement, None
     if left.turns:
-        previous = turned(previous, np.asarray(cv2.Rodrigues(left.rotation)[0]), camera)
+        previous = turned(previous, np.asarray(cv2.Rodrigues(left.rotation)[0]), camera, left.bend)
     moved = left.unit * np.linalg.norm(displacement) if left.heads_elsewhere else displacement
     return previous, moved, left.left_open(turned_back=left.turns, redirected=left.heads_elsewhere)
 
 
-def turned_by(pair: Pair, rotation: Vector) -> Pair:
-    """The pair with a rotation vector (3,) on top of the one that is known."""
+def turned_by(pair: Pair, rotation: Vector, bend: Vector | None = None) -> Pair:
+    """The pair with a rotation vector (3,) on top of the one that is known, and a rolling shutter's bend (3,)."""
     turn = np.asarray(cv2.Rodrigues(rotation)[0] @ pair.current_from_previous)
-    return replace(pair, current_from_previous=turn, turn_rad=rotation_angle_rad(turn))
+    return replace(pair, current_from_previous=turn, turn_rad=rotation_angle_rad(turn), bend=bend)

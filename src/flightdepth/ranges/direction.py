@@ -60,7 +60,7 @@ class SeenDirections:
     """Directions of pairs whose log does not tell them to the camera, from the pictures; a flight's memory of them."""
 
     def __init__(self, camera: Camera, tracker: Tracker) -> None:
-        self._focal_px, self._tracker = camera.fx, tracker
+        self._camera, self._tracker = camera, tracker
         self._last: tuple[int, Vector, Vector] | None = None  # stamp, world displacement, unit in camera axes
 
     def of(self, served: Sequence[Served], current: Frame) -> tuple[Pair, ...]:
@@ -74,7 +74,7 @@ class SeenDirections:
         return tuple(sorted(found, key=lambda pair: pair.previous.index, reverse=True))
 
     def _seen(self, through: Sequence[Pair], world_m: Vector, current: Frame) -> Vector | None:
-        tries = (direction_seen(*rays_of(pair, current, self._tracker), self._focal_px) for pair in through)
+        tries = (direction_seen(*rays_of(pair, current, self._tracker), self._camera) for pair in through)
         found = next((each for each in tries if each is not None), None)
         if found is not None:
             self._last = current.stamp_ns, world_m, found
@@ -99,31 +99,32 @@ def estimate_direction(previous: AnyImage, current: AnyImage, camera: Camera) ->
     return direction_of(now, before, camera.fx)
 
 
-def direction_seen(now: Vector, before: Vector, focal_px: float) -> Vector | None:
+def direction_seen(now: Vector, before: Vector, camera: Camera) -> Vector | None:
     """From rays [N, 3] of a camera that may have turned by a few degrees to the unit vector (3,), or None.
 
     Without a turn (`direction_of`), unless that leaves much, a turn shows, and it explains what was left.
     """
+    focal_px = camera.fx
     still = direction_of(now, before, focal_px)
     unit = None if still is None else still.unit
     left_px = MOST_OFF_PX if unit is None else off_lines_px(now, before, unit, focal_px)
     if left_px < CLEAN_PX or not _tells(_moved(now, before, focal_px)):
         return unit
     if unit is not None:  # most tracks that leave as much are poor ones of a camera that did not turn
-        near = remainder(now, before, unit, focal_px, direction_sigma_rad=ANY_SIGMA_RAD)
+        near = remainder(now, before, unit, camera, direction_sigma_rad=ANY_SIGMA_RAD)
         if near is None or not near.turns:
             return unit
-    turning = _turning(now, before, focal_px, STARTS if unit is None else np.vstack([unit, STARTS]))
+    turning = _turning(now, before, camera, STARTS if unit is None else np.vstack([unit, STARTS]))
     if turning is None or turning[1] > min(MOST_LEFT_PX, LEFT_SHARE * left_px):
         return unit
     sigma_rad = np.sqrt(np.linalg.eigvalsh(turning[0].covariance[3:, 3:])[-1])
     return turning[0].unit if sigma_rad <= WORST_SIGMA_RAD else unit
 
 
-def _turning(now: Vector, before: Vector, focal_px: float, starts: Vector) -> tuple[Remainder, float] | None:
+def _turning(now: Vector, before: Vector, camera: Camera, starts: Vector) -> tuple[Remainder, float] | None:
     """Direction and rotation together, of those found from each start (3,) the one that leaves least, and how much."""
-    found = [remainder(now, before, each, focal_px, direction_sigma_rad=ANY_SIGMA_RAD) for each in starts]
-    left = [(each, each.left_px(now, before, focal_px)) for each in found if each is not None]
+    found = [remainder(now, before, each, camera, direction_sigma_rad=ANY_SIGMA_RAD) for each in starts]
+    left = [(each, each.left_px(now, before, camera)) for each in found if each is not None]
     return min(left, key=lambda pair: pair[1], default=None)
 
 

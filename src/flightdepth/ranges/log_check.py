@@ -27,7 +27,7 @@ class LogCheck:
     """
 
     def __init__(self, camera: Camera, tracker: Tracker) -> None:
-        self._focal_px, self._tracker = camera.fx, tracker
+        self._camera, self._tracker = camera, tracker
         self._checked_ns: int | None = None
         self._denials = 0
         self.off_rad = 0.0
@@ -45,17 +45,17 @@ class LogCheck:
     def _off_rad(self, pair: Pair, current: Frame) -> float | None:
         """0 where the log is right enough, None where the pictures tell no direction."""
         now, before = rays_of(pair, current, self._tracker)
-        seen = direction_of(now, before, self._focal_px)
+        seen = direction_of(now, before, self._camera.fx)
         if seen is None:
             return None
         told = pair.displacement_m / pair.length_m
         off_rad = float(np.arccos(np.clip(told @ seen.unit, -1, 1)))
         if off_rad < DENIED_RAD:
             return 0.0
-        by_log = remainder(now, before, told, self._focal_px)
-        shown = remainder(now, before, seen.unit, self._focal_px, direction_sigma_rad=SEEN_SIGMA_RAD)
+        by_log = remainder(now, before, told, self._camera)
+        shown = remainder(now, before, seen.unit, self._camera, direction_sigma_rad=SEEN_SIGMA_RAD)
         if by_log is None or shown is None:
             return None
-        left_px, left_by_log_px = (each.left_px(now, before, self._focal_px) for each in (shown, by_log))
+        left_px, left_by_log_px = (each.left_px(now, before, self._camera) for each in (shown, by_log))
         denied = left_px < LEFT_SHARE * left_by_log_px
         return off_rad if denied else 0.0

@@ -148,8 +148,8 @@ class Pair:
     displacement_m (3,) and directed as in Baselines, or seen, where the pictures tell its direction to the camera;
     length_m its length, depth_m the depth that asked for it, current_from_previous (3, 3), turn_rad
     its angle; covariance (6, 6) of what its rotation and direction may still be off (`Remainder.left_open`), None
-    where the pictures were not asked; length_sigma_m the length's standard deviation, as the log tells it, or depth
-    that wavers (`Wavering`).
+    where the pictures were not asked; bend (3,), radians, of a rolling shutter (`rolling_shutter`), None where none is
+    clear; length_sigma_m the length's standard deviation, as the log tells it, or depth that wavers (`Wavering`).
     """
 
     previous: AnyFrame
@@ -161,6 +161,7 @@ class Pair:
     directed: bool = True
     seen: bool = False
     covariance: Vector | None = None
+    bend: Vector | None = None
     length_sigma_m: float = 0.0
 
 

@@ -1,4 +1,4 @@
-"""Rotating an earlier frame into the current one's orientation: a homography, no depth needed."""
+"""Rotating an earlier frame into the current one's orientation, row by row where it bends: no depth needed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 from flightdepth.camera import Camera
 from flightdepth.levels import AnyImage, within_levels
 from flightdepth.motion import Vector
-from flightdepth.runtimes.arrays import Flags
+from flightdepth.ranges.rolling_shutter import bent, row_times
+from flightdepth.runtimes.arrays import Flags, Maps
 
 # A turn that moves no pixel by more than this is left alone: resampling would cost more than it mends.
 UNSEEN_PX = 0.1
@@ -25,12 +26,21 @@ def is_visible(angle_rad: float, camera: Camera) -> bool:
     return angle_rad * max(camera.fx, camera.width / 2) > UNSEEN_PX
 
 
-def turned(image: AnyImage, current_from_previous: Vector, camera: Camera) -> AnyImage:
-    """`image` [H, W, 3] or [H, W] of an ideal pinhole, seen in the current orientation; edges replicated."""
-    warp = homography(current_from_previous, camera)
-    size = (image.shape[1], image.shape[0])
+def turned(
+    image: AnyImage, current_from_previous: Vector, camera: Camera, bend: Vector | None = None
+) -> AnyImage:
+    """`image` [H, W, 3] or [H, W] of an ideal pinhole, seen in the current orientation; edges replicated.
+
+    bend  (3,) radians by which the rotation grows from the first row to the last
+    """
     border = cv2.BORDER_REPLICATE
-    seen = np.asarray(cv2.warpPerspective(image, warp, size, flags=cv2.INTER_CUBIC, borderMode=border))
+    if bend is None:
+        warp = homography(current_from_previous, camera)
+        size = (image.shape[1], image.shape[0])
+        seen = np.asarray(cv2.warpPerspective(image, warp, size, flags=cv2.INTER_CUBIC, borderMode=border))
+    else:
+        x, y = _before(current_from_previous, camera, bend)
+        seen = np.asarray(cv2.remap(image, x, y, cv2.INTER_CUBIC, borderMode=border))
     return seen if image.dtype == np.uint8 else within_levels(seen)
 
 
@@ -40,12 +50,20 @@ def in_view(current_from_previous: Vector, camera: Camera, valid: Flags) -> Flag
     valid  [h, w] those of either picture that show the scene, not padding
     """
     height, width = valid.shape
-    small = camera.resized(width, height)
+    x, y = _before(current_from_previous, camera.resized(width, height))
+    shown = cv2.remap(valid.astype(np.uint8), x, y, cv2.INTER_NEAREST)
+    return np.asarray(shown, dtype=np.bool_)
+
+
+def _before(current_from_previous: Vector, camera: Camera, bend: Vector | None = None) -> tuple[Maps, Maps]:
+    """Where the previous picture has what is far away at each pixel, x and y [h, w] float32; NOWHERE_PX behind it."""
+    rays = camera.rays()
+    if bend is not None:
+        rays = bent(rays, -bend, row_times(rays, camera))
     # v @ R is R^T v for each row vector: from the current orientation into the previous one.
-    rays = small.rays() @ current_from_previous
+    rays = rays @ current_from_previous
     ahead = rays[..., 2] > 0
     depth = np.where(ahead, rays[..., 2], 1.0)
-    x = np.where(ahead, small.fx * rays[..., 0] / depth + small.cx, NOWHERE_PX)
-    y = small.fy * rays[..., 1] / depth + small.cy
-    shown = cv2.remap(valid.astype(np.uint8), x.astype(np.float32), y.astype(np.float32), cv2.INTER_NEAREST)
-    return np.asarray(shown, dtype=np.bool_)
+    x = np.where(ahead, camera.fx * rays[..., 0] / depth + camera.cx, NOWHERE_PX)
+    y = camera.fy * rays[..., 1] / depth + camera.cy
+    return x.astype(np.float32), y.astype(np.float32)

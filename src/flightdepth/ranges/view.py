@@ -72,8 +72,8 @@ class View:
         """One batch through the network; earlier frames first turned into the current orientation."""
         ideal = self.grid.camera
         previous = [
-            turned(pair.previous.image, pair.current_from_previous, ideal)
-            if is_visible(pair.turn_rad, ideal)
+            turned(pair.previous.image, pair.current_from_previous, ideal, pair.bend)
+            if pair.bend is not None or is_visible(pair.turn_rad, ideal)
             else pair.previous.image
             for pair in pairs
         ]
