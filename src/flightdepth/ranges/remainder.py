@@ -114,19 +114,16 @@ def remainder(
         return None
     corners = _Corners(now, before, direction / np.linalg.norm(direction), camera)
     sigmas = np.array([ROTATION_SIGMA_RAD] * 3 + [direction_sigma_rad] * 2 + [BEND_SIGMA_RAD] * 3)
-    state, information, pull = _fitted(corners, np.zeros(8), sigmas, free=5)
-    bend = -pull @ _inverse(information)[:, 5:]
-    bends = _squares(bend, _inverse(information)[5:, 5:]) > CLEAR_BEND
-    if bends:
-        state, information, _ = _fitted(corners, state, sigmas, free=8)
-    free = 8 if bends else 5
-    covariance = _inverse(information[:free, :free])[:5, :5]
-    unit = corners.direction(state)
-    return Remainder(state[:3], unit, covariance, state[3:5], state[5:] if bends else None)
+    state, covariance = _fitted(corners, np.zeros(5), sigmas[:5])
+    bend = None
+    if _bends(corners, straight := np.append(state, np.zeros(3)), sigmas):
+        state, covariance = _fitted(corners, straight, sigmas)
+        bend = state[5:]
+    return Remainder(state[:3], corners.direction(state), covariance[:5, :5], state[3:5], bend)
 
 
 class _Corners:
-    """A pair's corners, and where eight numbers leave them: a rotation vector, two angles of the direction, a bend."""
+    """A pair's corners, and where a state leaves them: a rotation vector, two angles of the direction, maybe a bend."""
 
     def __init__(self, now: Vector, before: Vector, given: Vector, camera: Camera) -> None:
         """Rays [N, 3] and the unit vector (3,) that the angles count from."""
@@ -134,41 +131,51 @@ class _Corners:
         self._around, self._focal_px, self._times = aside(given), camera.fx, row_times(now, camera)
 
     def direction(self, state: Vector) -> Vector:
-        """The unit vector (3,) that a state (8,) stands for."""
+        """The unit vector (3,) that a state stands for."""
         tilted = self._given + self._around @ state[3:5]
         return np.asarray(tilted / np.linalg.norm(tilted))
 
     def lines_px(self, state: Vector) -> Vector:
-        """As `lines` has them, in pixels, with three rows more before the last, of the bend (9, 2 N)."""
-        seen = bent(self._before, state[5:], self._times) @ cv2.Rodrigues(state[:3])[0].T
-        rows = lines(self._now.T, seen.T / seen[:, 2], self.direction(state), self._around)
-        return self._focal_px * np.vstack([rows[:5], rows[:3] * np.tile(self._times, 2), rows[5:]])
+        """`lines` in pixels for a state (5,); for one (8,) with three rows more before the last (9, 2 N)."""
+        before, bends = self._before, len(state) > 5
+        if bends:
+            before = bent(before, state[5:], self._times)
+        seen = cv2.Rodrigues(state[:3])[0] @ before.T
+        rows = lines(self._now.T, seen / seen[2], self.direction(state), self._around)
+        if bends:
+            rows = np.vstack([rows[:5], rows[:3] * np.tile(self._times, 2), rows[5:]])
+        return self._focal_px * rows
 
 
-def _fitted(corners: _Corners, state: Vector, sigmas: Vector, *, free: int) -> tuple[Vector, Vector, Vector]:
-    """The state (8,) in whose first `free` numbers nothing is left to gain, from another one on.
-
-    And the normal equations of all eight there, with the prior: matrix (8, 8) and right side (8,).
-    """
-    step: Vector = np.zeros(8)  # from where the lines were made linear
+def _fitted(corners: _Corners, state: Vector, sigmas: Vector) -> tuple[Vector, Vector]:
+    """The state (n,) that explains the corners best, from another one on, and its covariance (n, n)."""
+    step = np.zeros_like(state)  # from where the lines were made linear
     settled, near = True, False
     for _ in range(MOST_STEPS):
         if settled:
-            state, step = state + step, np.zeros(8)
+            state, step = state + step, np.zeros_like(state)
             lines_px = corners.lines_px(state)
         information, pull = _normal_equations(lines_px, step, near=near)
         prior = _prior(state + step, sigmas)
-        information.flat[::9] += prior
-        pull += prior * state
-        last, step = step, np.zeros(8)
-        step[:free] = np.linalg.solve(information[:free, :free], -pull[:free])
+        information.flat[:: len(state) + 1] += prior
+        last, step = step, np.asarray(np.linalg.solve(information, -pull - prior * state), dtype=np.float64)
         change, straight = step - last, np.abs(step).max() < STRAIGHT_RAD
         settled = bool(change @ information @ change < (CLOSE_ENOUGH if straight else CLOSE))
         if settled and straight:
             if near:
                 break
             near = True
-    return state + step, information, pull
+    return state + step, np.linalg.inv(information).astype(np.float64)
+
+
+def _bends(corners: _Corners, state: Vector, sigmas: Vector) -> bool:
+    """Whether a bend beside a state (8,) that has none would be clear: by the step that leads to it (score test)."""
+    information, pull = _normal_equations(corners.lines_px(state), np.zeros(8), near=True)
+    prior = _prior(state, sigmas)
+    information.flat[::9] += prior
+    covariance = np.linalg.inv(information).astype(np.float64)
+    bend = -covariance[5:] @ (pull + prior * state)
+    return _squares(bend, covariance[5:, 5:]) > CLEAR_BEND
 
 
 def off_lines_px(now: Vector, before: Vector, unit: Vector, focal_px: float) -> float:
@@ -179,19 +186,19 @@ def off_lines_px(now: Vector, before: Vector, unit: Vector, focal_px: float) -> 
 
 
 def _normal_equations(lines_px: Vector, step: Vector, *, near: bool) -> tuple[Vector, Vector]:
-    """Matrix (8, 8) and right side (8,) of `lines_px` (9, 2 N), weighted by what a step leaves.
+    """Matrix (n, n) and right side (n,) of `lines_px` (n + 1, 2 N), weighted by what a step (n,) leaves.
 
     A point that moved against the parallax has no depth at all, and counts by how far it did. A wrong track goes wrong
     both ways: one that is far off its line has as little to say of the parallax.
     """
-    left_px = (lines_px[8] + step @ lines_px[:8]).reshape(2, -1)
+    left_px = (lines_px[-1] + step @ lines_px[:-1]).reshape(2, -1)
     noise_px = max(1.4826 * quick_median(np.abs(left_px[0])), LEAST_NOISE_PX)
     against = left_px[1] < 0
     left_px[1] *= against
     weights = _weights((left_px**2).sum(axis=0) / noise_px**2, near=near) / (TOGETHER * noise_px) ** 2
     weights = np.concatenate([weights, weights * against])
-    products = (lines_px[:8] * weights) @ lines_px.T
-    return np.ascontiguousarray(products[:, :8]), products[:, 8]
+    products = (lines_px[:-1] * weights) @ lines_px.T
+    return np.ascontiguousarray(products[:, :-1]), products[:, -1]
 
 
 def _weights(squares: Vector, *, near: bool) -> Vector:
@@ -200,13 +207,10 @@ def _weights(squares: Vector, *, near: bool) -> Vector:
 
 
 def _prior(state: Vector, sigmas: Vector) -> Vector:
-    """Weights (8,) of zero for a state of such deviations; less for a turn beyond them (Cauchy)."""
-    far = state[:3] / sigmas[:3]
-    return np.asarray(sigmas**-2.0 / np.repeat([1 + far @ far, 1], [3, 5]))
-
-
-def _inverse(information: Vector) -> Vector:
-    return np.asarray(np.linalg.inv(information), dtype=np.float64)
+    """Weights (n,) of zero for a state of such deviations; less for a turn beyond them (Cauchy)."""
+    far, weights = state[:3] / sigmas[:3], sigmas**-2.0
+    weights[:3] /= 1 + far @ far
+    return weights
 
 
 def _squares(values: Vector, covariance: Vector) -> float:
