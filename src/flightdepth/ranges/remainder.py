@@ -40,9 +40,9 @@ SHARE = 0.5
 MOST_SIGMAS, MOST_RAD = 4.0, np.radians(5)
 # Squared deviations (chi^2 of 3 and of 2 parameters, 95 %) from which on an error is taken out.
 CLEAR_ROTATION, CLEAR_DIRECTION = 7.8, 6.0
-# Of a bend so much, since one is seldom there at all, and tracks of one row to the next err together less than
-# TOGETHER: of six flights that did not turn 97 pairs in 100 stay below.
-CLEAR_BEND = 1.5
+# Of a bend so much: tracks of one row to the next err together less than TOGETHER. Smaller ones are what tracks through
+# a long lens err by. Of 705 pairs without a bend 1 in 100 seems to have one (docs/log.md).
+CLEAR_BEND, LEAST_BEND_RAD = 1.5, 0.0015
 # Corners off their lines: right motions leave 0.1 to 0.25 px on average, wrong ones 0.3 to 1.
 MOST_OFF_PX = 1.0  # a corner counts for, at most
 LEFT_SHARE = 0.6  # a motion is the better one where it leaves less than this share of what another does
@@ -175,7 +175,8 @@ def _bends(corners: _Corners, state: Vector, sigmas: Vector) -> bool:
     information.flat[::9] += prior
     covariance = np.linalg.inv(information).astype(np.float64)
     bend = -covariance[5:] @ (pull + prior * state)
-    return _squares(bend, covariance[5:, 5:]) > CLEAR_BEND
+    large = bool(np.linalg.norm(bend) > LEAST_BEND_RAD)
+    return large and _squares(bend, covariance[5:, 5:]) > CLEAR_BEND
 
 
 def off_lines_px(now: Vector, before: Vector, unit: Vector, focal_px: float) -> float:
