@@ -87,6 +87,17 @@ def test_a_bend_is_found_beside_the_rotation(way, bend_deg):
     assert np.degrees(np.median([np.linalg.norm(each.rotation - TURN) for each in tries])) < 0.05
 
 
+@pytest.mark.parametrize(("degrees", "found"), [(0.06, False), (0.12, True)])
+def test_what_long_lenses_tracks_err_by_is_no_bend_however_clear(degrees, found):
+    """A twelfth of a degree is what divides them."""
+    bend, way = np.radians([0.0, degrees, 0.0]), (0, 0, 1)
+    tries = [
+        remainder.remainder(*rays_of(way, TURN, bend, noise_px=0.01, seed=k), np.array(way), CAMERA)
+        for k in range(5)
+    ]
+    assert [each.bend is not None for each in tries] == [found] * 5
+
+
 @pytest.mark.parametrize("bend_deg", BENDS_DEG)
 def test_flying_along_the_rows_leaves_one_open_that_looks_like_a_turn(bend_deg):
     """About the view, where a turn about the vertical moves corners off their lines alike; all else is told."""

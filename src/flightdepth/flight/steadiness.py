@@ -5,7 +5,7 @@ displacement of angle * depth does, so it changes depth by a share of angle * al
 At beta_mean = 0.4 and DepthNet's alpha = 100 m / 0.3 m the change is the depth itself at 1 / (0.4 * 333) =
 0.0075 rad (0.43 degrees) within a pair; the paper's own noise, 0.001 rad a frame, stays well below. Where each
 pair's rotation is seen in its pictures and taken out (ranges/derotation.py), four times as much does no harm; where
-the attitude is told too, so that only its error is left to be seen, thirteen times as much (benchmarks/turns.py).
+the attitude is told too, so that only its error is left to be seen, twenty-one times as much (benchmarks/turns.py).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from flightdepth.runtimes.sampling import shown_at
 
 MAX_TURN_RAD = 0.0075
 MAX_DEROTATED_RAD = 0.03
-MAX_REPORTED_RAD = 0.1
+MAX_REPORTED_RAD = 0.16
 PAIR_NS = 110_000_000  # a nominal pair: 0.1 s and a little, so that three steps at 29.97 frames/s count
 SMALL_WIDTH = 160
 MAX_POINTS = 80
