@@ -31,13 +31,13 @@ def exp(rotation):
 
 
 def rays_of(way, turn, bend, *, noise_px=0.1, seed=0, count=150):
-    """Rays now and before 0.3 m; a row's earlier ones were turned by R exp(bend t), worked out with whole matrices."""
+    """Rays now and before 0.3 m; a row's earlier ones were turned by exp(bend t) R, worked out with whole matrices."""
     rng = np.random.default_rng(seed)
     points = np.column_stack([rng.uniform(-1, 1, (count, 2)), np.ones(count)])
     points *= np.exp(rng.uniform(np.log(2), np.log(60), (count, 1)))
     now, moved = points / points[:, 2:], points + 0.3 * np.array(way) / np.linalg.norm(way)
     times = (128 * now[:, 1] + 128) / 256 - 0.5
-    before = np.array([(exp(turn) @ exp(bend * t)).T @ point for t, point in zip(times, moved, strict=True)])
+    before = np.array([(exp(bend * t) @ exp(turn)).T @ point for t, point in zip(times, moved, strict=True)])
     before /= before[:, 2:]
     before[:, :2] += rng.normal(0, noise_px / CAMERA.fx, (count, 2))
     return now, before

@@ -92,9 +92,9 @@ class Remainder:
 
     def left_px(self, now: Vector, before: Vector, camera: Camera) -> float:
         """How far corners stay off their lines, on average, with this taken out; rays [N, 3] as for `remainder`."""
-        if self.bend is not None:
-            before = bent(before, self.bend, row_times(now, camera))
         turned = before @ cv2.Rodrigues(self.rotation)[0].T
+        if self.bend is not None:
+            turned = bent(turned, self.bend, row_times(now, camera))
         return off_lines_px(now, turned / turned[:, 2:], self.unit, camera.fx)
 
 
@@ -137,11 +137,10 @@ class _Corners:
 
     def lines_px(self, state: Vector) -> Vector:
         """`lines` in pixels for a state (5,); for one (8,) with three rows more before the last (9, 2 N)."""
-        before, bends = self._before, len(state) > 5
+        seen, bends = self._before @ cv2.Rodrigues(state[:3])[0].T, len(state) > 5
         if bends:
-            before = bent(before, state[5:], self._times)
-        seen = cv2.Rodrigues(state[:3])[0] @ before.T
-        rows = lines(self._now.T, seen / seen[2], self.direction(state), self._around)
+            seen = bent(seen, state[5:], self._times)
+        rows = lines(self._now.T, seen.T / seen[:, 2], self.direction(state), self._around)
         if bends:
             rows = np.vstack([rows[:5], rows[:3] * np.tile(self._times, 2), rows[5:]])
         return self._focal_px * rows

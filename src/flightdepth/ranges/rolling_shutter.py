@@ -2,7 +2,8 @@
 
 A camera that reads its rows within s seconds, and turns at w1 (rad/s) in one picture and at w2 in a later one, sees
 the earlier one's row at t (-0.5 the first, 0.5 the last) turned by (R w1 - w2) s t beyond the rotation R between the
-two pictures' middle rows: their bend times t. At an even rate both pictures are bent alike, and nothing is left.
+two pictures' middle rows: their bend times t. At an even rate both pictures are bent alike, and nothing is left. Rows
+are those of the undistorted pictures that the network sees, which a wide lens's own follow but for some percent.
 """
 
 from __future__ import annotations
