@@ -15,7 +15,7 @@ from flightdepth.runtimes.network import load_network
 
 CAMERA = Camera.from_fov(320, 180, 75)
 FRAME_NS = 33_333_333
-TURN_RAD = 0.04  # a frame: 69 degrees a second
+TURN_RAD = 0.06  # a frame: 103 degrees a second
 
 
 def matrix(focal_px, width, height):
