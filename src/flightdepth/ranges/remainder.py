@@ -19,7 +19,7 @@ import numpy as np
 from flightdepth.camera import Camera
 from flightdepth.epipolar import aside, lines, quick_median
 from flightdepth.motion import Vector
-from flightdepth.ranges.rolling_shutter import bent, row_times
+from flightdepth.ranges.rolling_shutter import bent, rays_times
 
 FEWEST_POINTS = 12
 ROTATION_SIGMA_RAD = np.radians(0.3)  # what a gimbal and a log's attitude leave in a pair
@@ -94,7 +94,7 @@ class Remainder:
         """How far corners stay off their lines, on average, with this taken out; rays [N, 3] as for `remainder`."""
         turned = before @ cv2.Rodrigues(self.rotation)[0].T
         if self.bend is not None:
-            turned = bent(turned, self.bend, row_times(now, camera))
+            turned = bent(turned, self.bend, rays_times(now, camera))
         return off_lines_px(now, turned / turned[:, 2:], self.unit, camera.fx)
 
 
@@ -128,7 +128,7 @@ class _Corners:
     def __init__(self, now: Vector, before: Vector, given: Vector, camera: Camera) -> None:
         """Rays [N, 3] and the unit vector (3,) that the angles count from."""
         self._now, self._before, self._given = now, before, given
-        self._around, self._focal_px, self._times = aside(given), camera.fx, row_times(now, camera)
+        self._around, self._focal_px, self._times = aside(given), camera.fx, rays_times(now, camera)
 
     def direction(self, state: Vector) -> Vector:
         """The unit vector (3,) that a state stands for."""

@@ -14,13 +14,28 @@ from flightdepth.camera import Camera
 from flightdepth.motion import Vector
 
 
-def row_times(rays: Vector, camera: Camera) -> Vector:
-    """When the row of each ray [..., 3] (z = 1) is read, in readouts: -0.5 at the top of the picture, 0.5 below."""
-    return np.asarray((camera.fy * rays[..., 1] + camera.cy + 0.5) / camera.height - 0.5)
+def row_times(rows: Vector, camera: Camera) -> Vector:
+    """When rows [...] (pixels, the first one is 0) are read, in readouts: -0.5 at the picture's top, 0.5 below."""
+    return np.asarray((rows + 0.5) / camera.height - 0.5)
+
+
+def rays_times(rays: Vector, camera: Camera) -> Vector:
+    """The same of the rows that rays [..., 3] (z = 1) go through."""
+    return row_times(camera.fy * rays[..., 1] + camera.cy, camera)
 
 
 def bent(rays: Vector, bend: Vector, times: Vector) -> Vector:
-    """Rays [..., 3] turned by `bend` (3,), radians, times [...]; to first order, of any length."""
-    (x, y, z), (a, b, c) = np.moveaxis(rays, -1, 0), bend
-    added = np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
-    return np.asarray(rays + times[..., None] * added)
+    """Rays [N, 3] turned by `bend` (3,), radians, times [N]; to first order, of any length."""
+    return np.asarray(rays + times[:, None] * (rays @ _across(bend).T))
+
+
+def straight_from_bent(bend: Vector, camera: Camera) -> Vector:
+    """The matrices [H, 3, 3] that undo it, one a row of the picture."""
+    times = row_times(np.arange(camera.height, dtype=np.float64), camera)
+    return np.asarray(np.eye(3) - times[:, None, None] * _across(bend))
+
+
+def _across(bend: Vector) -> Vector:
+    """The matrix (3, 3) of the cross product with it."""
+    a, b, c = bend
+    return np.array([[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]])

@@ -8,12 +8,13 @@ import numpy as np
 from flightdepth.camera import Camera
 from flightdepth.levels import AnyImage, within_levels
 from flightdepth.motion import Vector
-from flightdepth.ranges.rolling_shutter import bent, row_times
+from flightdepth.ranges.rolling_shutter import straight_from_bent
 from flightdepth.runtimes.arrays import Flags, Maps
 
 # A turn that moves no pixel by more than this is left alone: resampling would cost more than it mends.
 UNSEEN_PX = 0.1
 NOWHERE_PX = -9.0  # left of every picture
+LEAST_AHEAD = 1e-3  # of what lies behind: far beyond the edges of every picture
 
 
 def homography(current_from_previous: Vector, camera: Camera) -> Vector:
@@ -39,7 +40,7 @@ def turned(
         size = (image.shape[1], image.shape[0])
         seen = np.asarray(cv2.warpPerspective(image, warp, size, flags=cv2.INTER_CUBIC, borderMode=border))
     else:
-        x, y = _before(current_from_previous, camera, bend)
+        x, y = _rows_before(current_from_previous, camera, bend)
         seen = np.asarray(cv2.remap(image, x, y, cv2.INTER_CUBIC, borderMode=border))
     return seen if image.dtype == np.uint8 else within_levels(seen)
 
@@ -50,20 +51,24 @@ def in_view(current_from_previous: Vector, camera: Camera, valid: Flags) -> Flag
     valid  [h, w] those of either picture that show the scene, not padding
     """
     height, width = valid.shape
-    x, y = _before(current_from_previous, camera.resized(width, height))
-    shown = cv2.remap(valid.astype(np.uint8), x, y, cv2.INTER_NEAREST)
+    small = camera.resized(width, height)
+    # v @ R is R^T v for each row vector: from the current orientation into the previous one.
+    rays = small.rays() @ current_from_previous
+    ahead = rays[..., 2] > 0
+    depth = np.where(ahead, rays[..., 2], 1.0)
+    x = np.where(ahead, small.fx * rays[..., 0] / depth + small.cx, NOWHERE_PX)
+    y = small.fy * rays[..., 1] / depth + small.cy
+    shown = cv2.remap(valid.astype(np.uint8), x.astype(np.float32), y.astype(np.float32), cv2.INTER_NEAREST)
     return np.asarray(shown, dtype=np.bool_)
 
 
-def _before(current_from_previous: Vector, camera: Camera, bend: Vector | None = None) -> tuple[Maps, Maps]:
-    """Where the previous picture has what is far away at each pixel, x and y [h, w] float32; NOWHERE_PX behind it."""
-    rays = camera.rays()
-    if bend is not None:
-        rays = bent(rays, -bend, row_times(rays, camera))
-    # v @ R is R^T v for each row vector: from the current orientation into the previous one.
-    rays = rays @ current_from_previous
-    ahead = rays[..., 2] > 0
-    depth = np.where(ahead, rays[..., 2], 1.0)
-    x = np.where(ahead, camera.fx * rays[..., 0] / depth + camera.cx, NOWHERE_PX)
-    y = camera.fy * rays[..., 1] / depth + camera.cy
-    return x.astype(np.float32), y.astype(np.float32)
+def _rows_before(current_from_previous: Vector, camera: Camera, bend: Vector) -> tuple[Maps, Maps]:
+    """Where the previous picture has what is far away at each pixel, x and y [H, W]: a homography for each row."""
+    back = camera.matrix @ current_from_previous.T @ straight_from_bent(bend, camera)
+    columns, rows, ones = (
+        (back @ np.linalg.inv(camera.matrix)).astype(np.float32).transpose(2, 1, 0)[..., None]
+    )
+    down = np.arange(camera.height, dtype=np.float32)[:, None]
+    x, y, z = columns * np.arange(camera.width, dtype=np.float32) + (rows * down + ones)
+    ahead = np.maximum(z, LEAST_AHEAD)
+    return x / ahead, y / ahead
