@@ -154,10 +154,8 @@ def _fitted(corners: _Corners, state: Vector, sigmas: Vector) -> tuple[Vector, V
         if settled:
             state, step = state + step, np.zeros_like(state)
             lines_px = corners.lines_px(state)
-        information, pull = _normal_equations(lines_px, step, near=near)
-        prior = _prior(state + step, sigmas)
-        information.flat[:: len(state) + 1] += prior
-        last, step = step, np.asarray(np.linalg.solve(information, -pull - prior * state), dtype=np.float64)
+        information, pull = _held(lines_px, state, step, sigmas, near=near)
+        last, step = step, np.asarray(np.linalg.solve(information, -pull), dtype=np.float64)
         change, straight = step - last, np.abs(step).max() < STRAIGHT_RAD
         settled = bool(change @ information @ change < (CLOSE_ENOUGH if straight else CLOSE))
         if settled and straight:
@@ -169,11 +167,9 @@ def _fitted(corners: _Corners, state: Vector, sigmas: Vector) -> tuple[Vector, V
 
 def _bends(corners: _Corners, state: Vector, sigmas: Vector) -> bool:
     """Whether a bend beside a state (8,) that has none would be clear: by the step that leads to it (score test)."""
-    information, pull = _normal_equations(corners.lines_px(state), np.zeros(8), near=True)
-    prior = _prior(state, sigmas)
-    information.flat[::9] += prior
+    information, pull = _held(corners.lines_px(state), state, np.zeros(8), sigmas, near=True)
     covariance = np.linalg.inv(information).astype(np.float64)
-    bend = -covariance[5:] @ (pull + prior * state)
+    bend = -covariance[5:] @ pull
     large = bool(np.linalg.norm(bend) > LEAST_BEND_RAD)
     return large and _squares(bend, covariance[5:, 5:]) > CLEAR_BEND
 
@@ -183,6 +179,16 @@ def off_lines_px(now: Vector, before: Vector, unit: Vector, focal_px: float) -> 
     off, along = lines(now.T, before.T, unit, aside(unit))[5].reshape(2, -1)
     off_px = focal_px * np.hypot(off, np.minimum(along, 0))
     return float(np.minimum(off_px, MOST_OFF_PX).mean())
+
+
+def _held(
+    lines_px: Vector, state: Vector, step: Vector, sigmas: Vector, *, near: bool
+) -> tuple[Vector, Vector]:
+    """`_normal_equations` at a step from a state (n,), with the prior."""
+    information, pull = _normal_equations(lines_px, step, near=near)
+    prior = _prior(state + step, sigmas)
+    information.flat[:: len(state) + 1] += prior
+    return information, pull + prior * state
 
 
 def _normal_equations(lines_px: Vector, step: Vector, *, near: bool) -> tuple[Vector, Vector]:
