@@ -1,5 +1,7 @@
 """A rolling shutter's bend: by rotation matrices, in rays, in pictures whose rows were turned, and in flight."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -96,6 +98,26 @@ def test_what_long_lenses_tracks_err_by_is_no_bend_however_clear(degrees, found)
     assert [each.bend is not None for each in tries] == [found] * 5
 
 
+@pytest.mark.parametrize(
+    ("degrees", "left", "told", "found"),
+    [
+        (0.25, np.zeros(3), np.zeros(3), False),
+        (0.25, TURN, np.zeros(3), True),
+        (0.25, np.zeros(3), TURN, True),
+        (0.25, TURN, -TURN, False),
+        (0.6, np.zeros(3), np.zeros(3), True),
+    ],
+)
+def test_a_camera_that_hardly_turns_has_no_small_bend(degrees, left, told, found):
+    """By what was found of a turn and what was known together; what a lens's model leaves looks like one."""
+    bend, way = np.radians([0.0, degrees, 0.0]), np.array([0, 0, 1])
+    tries = [
+        remainder.remainder(*rays_of(way, left, bend, noise_px=0.01, seed=k), way, CAMERA, turn=exp(told))
+        for k in range(5)
+    ]
+    assert [each.bend is not None for each in tries] == [found] * 5
+
+
 @pytest.mark.parametrize("bend_deg", BENDS_DEG)
 def test_flying_along_the_rows_leaves_one_open_that_looks_like_a_turn(bend_deg):
     """About the view, where a turn about the vertical moves corners off their lines alike; all else is told."""
@@ -173,6 +195,18 @@ def test_pictures_whose_turn_begins_between_them_show_what_the_turn_rates_differ
     assert np.degrees(np.linalg.norm(np.median(bends, axis=0) - (before - after))) < 0.1
 
 
+@pytest.mark.parametrize(("turned_before", "least", "most"), [(True, 0.8, 1.0), (False, 0.0, 0.2)])
+def test_where_a_swing_returns_its_bend_is_still_sought(pairs, turned_before, least, most):
+    """Between two pictures that look the same way, while the frame before had turned."""
+    bend, turn, found = np.radians([0.0, 0.25, 0.0]), exp(np.radians([0.0, 1.0, 0.0])), []
+    for pair in pairs:
+        derotation, current = Derotation(CAMERA, Tracker(CAMERA)), Frame(1, 1, pair.current)
+        if turned_before:
+            derotation.of([asked(pair, turned(pair.previous, turn, CAMERA))], current)
+        found += derotation.of([asked(pair, read_in_rows(pair.previous, CAMERA, bend))], current)
+    assert least <= np.mean([each.bend is not None for each in found]) <= most
+
+
 def test_an_even_turn_bends_both_pictures_alike(pairs):
     turning, bends = np.radians([0.2, 0.5, -0.3]), []
     for pair in pairs:
@@ -199,21 +233,23 @@ def test_depth_in_flight_hardly_minds_a_turn_that_begins(monkeypatch):
     config = OutdoorConfig(frames=12, legs="any", turn_over_s=0.3, speed_m_s=(4.5, 5.5), height_m=(6.0, 10.0))
     camera, network = Camera.from_fov(448, 256, 80.0), load_network("motion")
     scene, flight = draw_outdoor(config, 3, 0), outdoor_flight(config, 3, 0)
-    seen = render(scene, outdoor_textures(0), camera)
-    times_s = np.arange(config.frames) / config.rate_hz
-    rate_rad_s = np.radians(50) * np.cos(2 * np.pi * 0.8 * times_s)
+    times_s, swing_rad_s = np.arange(config.frames) / config.rate_hz, 2 * np.pi * 0.8
+    yaws_rad = np.radians(50) / swing_rad_s * np.sin(swing_rad_s * times_s)
+    rates_rad_s = np.radians(50) * np.cos(swing_rad_s * times_s)
+    turning = np.array([exp([0.0, yaw, 0.0]) @ flight.world_from_camera for yaw in yaws_rad])
+    seen = render(replace(scene, world_from_camera=turning), outdoor_textures(0), camera)
     down = flight.world_from_camera.T @ np.array([0.0, 1.0, 0.0])
     bent_ones = [
         read_in_rows(image, camera, down * rate * 0.02)
-        for image, rate in zip(seen.images, rate_rad_s, strict=True)
+        for image, rate in zip(seen.images, rates_rad_s, strict=True)
     ]
 
     def error(pictures):
         estimator, errors = MultiRangeEstimator(network, camera, ranges=1), []
         moved = scene.camera_position - scene.camera_position[0]
-        for time_s, position in zip(times_s, moved, strict=True):
+        for time_s, position, turn in zip(times_s, moved, turning, strict=True):
             pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = scene.world_from_camera[0], position
+            pose[:3, :3], pose[:3, 3] = turn, position
             estimator.add_pose(round(time_s * 1e9), pose)
         for k, picture in enumerate(pictures):
             found = estimator.add_frame(round(times_s[k] * 1e9), picture).depth_m

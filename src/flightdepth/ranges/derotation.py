@@ -27,21 +27,32 @@ class Derotation:
 
     def __init__(self, camera: Camera, tracker: Tracker) -> None:
         self._camera, self._tracker = camera, tracker
+        self._turned_rad = 0.0  # at most, between the pictures of a pair of the frame before
 
     def of(self, pairs: Sequence[Pair], current: Frame) -> tuple[Pair, ...]:
         """The pairs with rotation and direction mended; those whose direction nobody tells stay as they are.
 
         Pairs that no small mending makes right are left out.
         """
-        mended = (self._without_remainder(pair, current) for pair in pairs)
-        return tuple(pair for pair in mended if pair is not None)
+        tried = (self._without_remainder(pair, current) for pair in pairs)
+        mended = tuple(pair for pair in tried if pair is not None)
+        self._turned_rad = max((pair.turn_rad for pair in mended), default=0.0)
+        return mended
 
     def _without_remainder(self, pair: Pair, current: Frame) -> Pair | None:
         if not (pair.directed or pair.seen):
             return pair
         now, before = rays_of(pair, current, self._tracker)
         sigma_rad = LOG_SIGMA_RAD if pair.directed else SEEN_SIGMA_RAD
-        left = remainder(now, before, pair.displacement_m, self._camera, direction_sigma_rad=sigma_rad)
+        left = remainder(
+            now,
+            before,
+            pair.displacement_m,
+            self._camera,
+            direction_sigma_rad=sigma_rad,
+            turn=pair.current_from_previous,
+            turned_rad=self._turned_rad,
+        )
         if left is None:
             return pair
         if not left.is_small(sigma_rad) or left.left_px(now, before, self._camera) > MOST_LEFT_PX:

@@ -52,8 +52,9 @@ class LogCheck:
         off_rad = float(np.arccos(np.clip(told @ seen.unit, -1, 1)))
         if off_rad < DENIED_RAD:
             return 0.0
-        by_log = remainder(now, before, told, self._camera)
-        shown = remainder(now, before, seen.unit, self._camera, direction_sigma_rad=SEEN_SIGMA_RAD)
+        turn = pair.current_from_previous
+        by_log = remainder(now, before, told, self._camera, turn=turn)
+        shown = remainder(now, before, seen.unit, self._camera, direction_sigma_rad=SEEN_SIGMA_RAD, turn=turn)
         if by_log is None or shown is None:
             return None
         left_px, left_by_log_px = (each.left_px(now, before, self._camera) for each in (shown, by_log))

@@ -18,7 +18,7 @@ import numpy as np
 
 from flightdepth.camera import Camera
 from flightdepth.epipolar import aside, lines, quick_median
-from flightdepth.motion import Vector
+from flightdepth.motion import Vector, rotation_angle_rad
 from flightdepth.ranges.rolling_shutter import bent, rays_times
 
 FEWEST_POINTS = 12
@@ -41,8 +41,11 @@ MOST_SIGMAS, MOST_RAD = 4.0, np.radians(5)
 # Squared deviations (chi^2 of 3 and of 2 parameters, 95 %) from which on an error is taken out.
 CLEAR_ROTATION, CLEAR_DIRECTION = 7.8, 6.0
 # Of a bend so much: tracks of one row to the next err together less than TOGETHER. Smaller ones are what tracks through
-# a long lens err by. Of 705 pairs without a bend 1 in 100 seems to have one (docs/log.md).
+# a long lens err by. Of 705 pairs without a bend 1 in 100 seems to have one (docs/log.md). What bends pictures turns
+# them too: of a camera that hardly turns, small ones are what a lens's model leaves.
 CLEAR_BEND, LEAST_BEND_RAD = 1.5, 0.0015
+LEAST_TURNED_RAD = 0.006  # turn and bend together
+NOT_TURNED = np.eye(3)
 # Corners off their lines: right motions leave 0.1 to 0.25 px on average, wrong ones 0.3 to 1.
 MOST_OFF_PX = 1.0  # a corner counts for, at most
 LEFT_SHARE = 0.6  # a motion is the better one where it leaves less than this share of what another does
@@ -105,18 +108,22 @@ def remainder(
     camera: Camera,
     *,
     direction_sigma_rad: float = LOG_SIGMA_RAD,
+    turn: Vector = NOT_TURNED,
+    turned_rad: float = 0.0,
 ) -> Remainder | None:
     """From rays [N, 3] (z = 1) of an ideal pinhole's corners and the displacement's direction (3,), any length.
 
-    None where points are few.
+    `turn` (3, 3) is the known rotation that `before` was turned by already, `turned_rad` by how much the camera turned
+    a moment ago. None where points are few.
     """
     if len(now) < FEWEST_POINTS:
         return None
     corners = _Corners(now, before, direction / np.linalg.norm(direction), camera)
     sigmas = np.array([ROTATION_SIGMA_RAD] * 3 + [direction_sigma_rad] * 2 + [BEND_SIGMA_RAD] * 3)
     state, covariance = _fitted(corners, np.zeros(5), sigmas[:5])
-    bend = None
-    if _bends(corners, straight := np.append(state, np.zeros(3)), sigmas):
+    bend, turned_rad = None, max(turned_rad, rotation_angle_rad(cv2.Rodrigues(state[:3])[0] @ turn))
+    least_rad = max(LEAST_BEND_RAD, LEAST_TURNED_RAD - turned_rad)
+    if _bends(corners, straight := np.append(state, np.zeros(3)), sigmas, least_rad):
         state, covariance = _fitted(corners, straight, sigmas)
         bend = state[5:]
     return Remainder(state[:3], corners.direction(state), covariance[:5, :5], state[3:5], bend)
@@ -165,12 +172,12 @@ def _fitted(corners: _Corners, state: Vector, sigmas: Vector) -> tuple[Vector, V
     return state + step, np.linalg.inv(information).astype(np.float64)
 
 
-def _bends(corners: _Corners, state: Vector, sigmas: Vector) -> bool:
+def _bends(corners: _Corners, state: Vector, sigmas: Vector, least_rad: float) -> bool:
     """Whether a bend beside a state (8,) that has none would be clear: by the step that leads to it (score test)."""
     information, pull = _held(corners.lines_px(state), state, np.zeros(8), sigmas, near=True)
     covariance = np.linalg.inv(information).astype(np.float64)
     bend = -covariance[5:] @ pull
-    large = bool(np.linalg.norm(bend) > LEAST_BEND_RAD)
+    large = bool(np.linalg.norm(bend) > least_rad)
     return large and _squares(bend, covariance[5:, 5:]) > CLEAR_BEND
 
 
