@@ -109,7 +109,7 @@ def test_what_long_lenses_tracks_err_by_is_no_bend_however_clear(degrees, found)
     ],
 )
 def test_a_camera_that_hardly_turns_has_no_small_bend(degrees, left, told, found):
-    """By what was found of a turn and what was known together; what a lens's model leaves looks like one."""
+    """By what was found of a turn and what was known together."""
     bend, way = np.radians([0.0, degrees, 0.0]), np.array([0, 0, 1])
     tries = [
         remainder.remainder(*rays_of(way, left, bend, noise_px=0.01, seed=k), way, CAMERA, turn=exp(told))

@@ -42,7 +42,7 @@ MOST_SIGMAS, MOST_RAD = 4.0, np.radians(5)
 CLEAR_ROTATION, CLEAR_DIRECTION = 7.8, 6.0
 # Of a bend so much: tracks of one row to the next err together less than TOGETHER. Smaller ones are what tracks through
 # a long lens err by. Of 705 pairs without a bend 1 in 100 seems to have one (docs/log.md). What bends pictures turns
-# them too: of a camera that hardly turns, small ones are what a lens's model leaves.
+# them too: small ones of a camera that hardly turns are of something else, as in each third pair of the Karma.
 CLEAR_BEND, LEAST_BEND_RAD = 1.5, 0.0015
 LEAST_TURNED_RAD = 0.006  # turn and bend together
 NOT_TURNED = np.eye(3)
@@ -121,8 +121,9 @@ def remainder(
     corners = _Corners(now, before, direction / np.linalg.norm(direction), camera)
     sigmas = np.array([ROTATION_SIGMA_RAD] * 3 + [direction_sigma_rad] * 2 + [BEND_SIGMA_RAD] * 3)
     state, covariance = _fitted(corners, np.zeros(5), sigmas[:5])
-    bend, turned_rad = None, max(turned_rad, rotation_angle_rad(cv2.Rodrigues(state[:3])[0] @ turn))
-    least_rad = max(LEAST_BEND_RAD, LEAST_TURNED_RAD - turned_rad)
+    here_rad = rotation_angle_rad(cv2.Rodrigues(state[:3])[0] @ turn)
+    least_rad = max(LEAST_BEND_RAD, LEAST_TURNED_RAD - max(here_rad, turned_rad))
+    bend = None
     if _bends(corners, straight := np.append(state, np.zeros(3)), sigmas, least_rad):
         state, covariance = _fitted(corners, straight, sigmas)
         bend = state[5:]
