@@ -154,7 +154,7 @@ def _read_npz(path: Path, name: str) -> Map:
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             return np.asarray(arrays[name], dtype=np.float32)
-    except (BadZipFile, OSError, ValueError, KeyError, EOFError, TypeError, AttributeError) as error:
+    except (BadZipFile, OSError, ValueError, KeyError, EOFError, TypeError, AttributeError, RuntimeError) as error:
         raise BadInput(f"map {path}", expected=f"an .npz with {name}", got="something else") from error
 
 

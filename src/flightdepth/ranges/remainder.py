@@ -42,7 +42,7 @@ MOST_SIGMAS, MOST_RAD = 4.0, np.radians(5)
 CLEAR_ROTATION, CLEAR_DIRECTION = 7.8, 6.0
 # Of a bend so much: tracks of one row to the next err together less than TOGETHER. Smaller ones are what tracks through
 # a long lens err by. Of 705 pairs without a bend 1 in 100 seems to have one (docs/log.md). What bends pictures turns
-# them too: small ones of a camera that hardly turns are of something else, as in each third pair of the Karma.
+# them too: small ones of a camera that hardly turns are of what moves by itself, as waves do.
 CLEAR_BEND, LEAST_BEND_RAD = 1.5, 0.0015
 LEAST_TURNED_RAD = 0.006  # turn and bend together
 NOT_TURNED = np.eye(3)
