@@ -88,9 +88,10 @@ def _npy(path: Path) -> Stored:
 
 
 def _npz(path: Path) -> Stored:
-    with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
-        if isinstance(arrays, np.ndarray):
-            raise ValueError("an .npy under this name")
+    arrays = np.load(io.BytesIO(path.read_bytes()), allow_pickle=False)
+    if isinstance(arrays, np.ndarray):
+        raise ValueError("an .npy under this name")
+    with arrays:
         names = list(arrays)
         if NAMED not in names and len(names) != 1:
             raise ValueError(f"{len(names)} arrays, none named {NAMED}")

@@ -25,6 +25,8 @@ from flightdepth.outputs.poses import FramePose, poses_from_csv
 from flightdepth.outputs.record import Counts, FlightRecord
 from flightdepth.outputs.writer import POSES, RECORD, TABLE
 
+# RuntimeError: of one damaged byte `zipfile` says that it needs a later version, another compression or a password.
+DAMAGED_NPZ = (BadZipFile, OSError, ValueError, KeyError, EOFError, TypeError, AttributeError, RuntimeError)
 Table = TypeVar("Table")
 Unsigned = TypeVar("Unsigned", np.uint8, np.uint16)
 
@@ -154,7 +156,7 @@ def _read_npz(path: Path, name: str) -> Map:
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             return np.asarray(arrays[name], dtype=np.float32)
-    except (BadZipFile, OSError, ValueError, KeyError, EOFError, TypeError, AttributeError, RuntimeError) as error:
+    except DAMAGED_NPZ as error:
         raise BadInput(f"map {path}", expected=f"an .npz with {name}", got="something else") from error
 
 

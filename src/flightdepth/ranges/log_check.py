@@ -52,9 +52,11 @@ class LogCheck:
         off_rad = float(np.arccos(np.clip(told @ seen.unit, -1, 1)))
         if off_rad < DENIED_RAD:
             return 0.0
-        turn = pair.current_from_previous
-        by_log = remainder(now, before, told, self._camera, turn=turn)
-        shown = remainder(now, before, seen.unit, self._camera, direction_sigma_rad=SEEN_SIGMA_RAD, turn=turn)
+        # A rolling shutter's bend would excuse wrong directions.
+        by_log, shown = (
+            remainder(now, before, unit, self._camera, direction_sigma_rad=sigma_rad, bends=False)
+            for unit, sigma_rad in ((told, LOG_SIGMA_RAD), (seen.unit, SEEN_SIGMA_RAD))
+        )
         if by_log is None or shown is None:
             return None
         left_px, left_by_log_px = (each.left_px(now, before, self._camera) for each in (shown, by_log))

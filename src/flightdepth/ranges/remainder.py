@@ -110,11 +110,12 @@ def remainder(
     direction_sigma_rad: float = LOG_SIGMA_RAD,
     turn: Vector = NOT_TURNED,
     turned_rad: float = 0.0,
+    bends: bool = True,
 ) -> Remainder | None:
     """From rays [N, 3] (z = 1) of an ideal pinhole's corners and the displacement's direction (3,), any length.
 
     `turn` (3, 3) is the known rotation that `before` was turned by already, `turned_rad` by how much the camera turned
-    a moment ago. None where points are few.
+    a moment ago, `bends` whether it may have a bend. None where points are few.
     """
     if len(now) < FEWEST_POINTS:
         return None
@@ -124,7 +125,7 @@ def remainder(
     here_rad = rotation_angle_rad(cv2.Rodrigues(state[:3])[0] @ turn)
     least_rad = max(LEAST_BEND_RAD, LEAST_TURNED_RAD - max(here_rad, turned_rad))
     bend = None
-    if _bends(corners, straight := np.append(state, np.zeros(3)), sigmas, least_rad):
+    if bends and _bends(corners, straight := np.append(state, np.zeros(3)), sigmas, least_rad):
         state, covariance = _fitted(corners, straight, sigmas)
         bend = state[5:]
     return Remainder(state[:3], corners.direction(state), covariance[:5, :5], state[3:5], bend)
