@@ -134,6 +134,23 @@ def test_a_depth_of_0_is_none() -> None:
     assert counted([10, 10], [0, 10]).range_errors()[0].known == 0.5
 
 
+def test_a_true_depth_of_0_is_none() -> None:
+    found = counted([0, 10], [10, 10], confidence=0.75, farther_m=[[5, NAN]]).figures()
+    assert found["beyond_the_ranges"]["pixels"] == 1
+    assert found["farther_than_holds"]["pixels"] == 0
+    assert found["ranges"][-1]["pixels"] == 1
+
+
+def test_a_frame_without_depth_has_its_pixels_and_no_errors() -> None:
+    found = counted([10, 20, NAN, INF], [NAN] * 4).figures()["frames"]
+    assert found == [{"index": 0, "pixels": 2, "known": 0.0, "abs_rel": None, "ratio": None}]
+
+
+def test_a_quarter_too_far_or_too_near_is_right() -> None:
+    rows = counted([16, 16, 16, 16], [20, 12, 20.5, 11.5]).figures()["confidence"]
+    assert [row["right_within_a_quarter"] for row in rows] == [None, 0.5, 0.5]
+
+
 def test_confidence_is_not_judged_where_the_truth_is_unknown() -> None:
     rows = counted([10, NAN], [10, 10]).figures()["confidence"]
     assert [(row["of_depth"], row["right_within_a_quarter"]) for row in rows] == [(0, None), (1, 1), (1, 1)]
@@ -148,6 +165,10 @@ def test_a_depth_without_a_deviation_says_nothing_of_it() -> None:
     assert counted([10, 10], [11, 11], sigma_m=[[2, NAN]]).figures()["ranges"][0]["inside_sigma"] == 1
 
 
+def test_a_deviation_without_a_depth_is_not_asked_about() -> None:
+    assert counted([10, 10], [11, NAN], sigma_m=2).figures()["ranges"][0]["inside_sigma"] == 1
+
+
 def test_an_error_as_large_as_sigma_is_inside() -> None:
     assert counted([10, 10], [11, 12], sigma_m=[[1, 1]]).figures()["ranges"][0]["inside_sigma"] == 0.5
 
@@ -160,10 +181,11 @@ def test_a_bound_holds_to_the_centimetre_that_files_tell() -> None:
 
 def test_bounds_are_told_of_a_share_of_all_pixels_with_a_truth() -> None:
     found = counted(
-        [90, 30, 40, NAN], [90, 30, NAN, NAN], farther_m=[[NAN, NAN, 20, 20]], nearer_m=[[99, NAN, NAN, 9]]
+        [90, 30, 40, NAN], [90, 30, NAN, NAN], farther_m=[[NAN, NAN, 20, 20]], nearer_m=[[99, 80, NAN, 9]]
     )
     assert found.told_farther.share == pytest.approx(1 / 3)
-    assert found.told_nearer.share == pytest.approx(1 / 3)
+    assert found.told_nearer.share == pytest.approx(2 / 3)
+    assert (found.farther.asked, found.nearer.asked) == (1, 2)
 
 
 def test_what_is_in_no_range_since_it_is_too_far_is_beyond_them() -> None:
@@ -181,6 +203,8 @@ def test_all_ranges_together_begin_where_the_first_does() -> None:
     found = FlightTruth([DepthRange("", 10, 20), DepthRange("", 20, 40)])
     found.add(0, maps([[5, 15, 25]]), np.array([[5, 15, 25]], np.float32))
     assert [row["pixels"] for row in found.figures()["ranges"]] == [1, 1, 2]
+    whole = found.figures()["ranges"][-1]
+    assert (whole["name"], whole["from_m"], whole["to_m"]) == ("all", 10, 40)
 
 
 def test_each_map_of_a_folder_is_taken_for_what_it_is() -> None:
@@ -189,6 +213,14 @@ def test_each_map_of_a_folder_is_taken_for_what_it_is() -> None:
     folder = SimpleNamespace(**{name: lambda index, name=name: told[name] * index for name in names})
     found = FrameMaps.of(folder, 10, (2, 3))
     assert [getattr(found, name).tolist() for name in names] == [[[10.0 * k] * 3] * 2 for k in range(1, 6)]
+
+
+def test_maps_that_a_folder_does_not_have_are_none() -> None:
+    told = np.ones((4, 6), np.float32)
+    folder = SimpleNamespace(depth_m=lambda index: told, confidence=lambda index: told)
+    folder.sigma_m = folder.farther_than_m = folder.nearer_than_m = lambda index: None
+    found = FrameMaps.of(folder, 0, (2, 3))
+    assert (found.sigma_m, found.farther_than_m, found.nearer_than_m) == (None, None, None)
 
 
 def test_ratios_of_any_size_have_their_quantiles() -> None:

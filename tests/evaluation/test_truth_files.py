@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,7 @@ import OpenEXR
 import pytest
 
 from flightdepth.errors import BadInput
-from flightdepth.evaluation.truth_files import read_stored
+from flightdepth.evaluation.truth_files import ENDINGS, one_channel, read_stored
 
 WHOLE = np.array([[0, 1, 700], [42, 65535, 9]], np.uint16)
 FLOATS = np.array([[0.5, np.nan, np.inf], [-1, 0, 1234]], np.float32)
@@ -26,6 +27,12 @@ def exr(
     header = {"compression": compression, "type": OpenEXR.scanlineimage}
     with OpenEXR.File(header, channels) as file:
         file.write(str(path))
+
+
+def npy_of(stored: np.ndarray) -> bytes:
+    written = io.BytesIO()
+    np.save(written, stored)
+    return written.getvalue()
 
 
 WRITERS = {
@@ -64,8 +71,22 @@ def test_what_was_written_comes_back(tmp_path: Path, name: str) -> None:
     assert (stored.dtype.kind == "u") == name.startswith("whole")
 
 
+def test_every_kind_that_is_read_is_looked_for() -> None:
+    assert {Path(name).suffix.lower() for name in WRITERS} == set(ENDINGS)
+
+
+def test_signed_whole_numbers_come_back(tmp_path: Path) -> None:
+    np.save(tmp_path / "1.npy", WHOLE.astype(np.int32))
+    np.testing.assert_array_equal(read_stored(tmp_path / "1.npy"), WHOLE)
+
+
+def test_colours_of_nothing_but_0_are_a_map_of_0() -> None:
+    np.testing.assert_array_equal(one_channel(np.zeros((2, 3, 3), np.float32)), np.zeros((2, 3)))
+
+
 OTHERS = {
     "colours.png": lambda path: picture(path, np.dstack([WHOLE, WHOLE, WHOLE + 1])),
+    "green.png": lambda path: picture(path, np.dstack([WHOLE, WHOLE + 1, WHOLE])),
     "bytes.png": lambda path: picture(path, WHOLE.astype(np.uint8)),
     "colours.exr": lambda path: exr(path, R=FLOATS, G=FLOATS, B=FLOATS + 1),
     "flags.npy": lambda path: np.save(path, WHOLE > 1),
@@ -74,6 +95,7 @@ OTHERS = {
     "row.npy": lambda path: np.save(path, FLOATS[0]),
     "objects.npy": lambda path: np.save(path, np.array([{}, None]), allow_pickle=True),
     "several.npz": lambda path: np.savez(path, a=FLOATS, b=FLOATS),
+    "an_npy.npz": lambda path: path.write_bytes(npy_of(FLOATS)),
     "empty.png": lambda path: path.touch(),
     "empty.npy": lambda path: path.touch(),
     "empty.exr": lambda path: path.touch(),
@@ -92,7 +114,21 @@ def test_what_tells_no_depth_is_refused_by_its_name(tmp_path: Path, name: str) -
     assert len(str(refused.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize("scale", [-1.0, 1.0, -0.5, 1000.0])
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("green.png", r"uint16 \[2, 3, 3\]"),
+        ("several.npz", "2 arrays, none named depth_m"),
+        ("an_npy.npz", r"an \.npy under this name"),
+    ],
+)
+def test_what_a_refused_file_holds_is_told(tmp_path: Path, name: str, told: str) -> None:
+    OTHERS[name](tmp_path / name)
+    with pytest.raises(BadInput, match=rf"got {told}$"):
+        read_stored(tmp_path / name)
+
+
+@pytest.mark.parametrize("scale", [-1.0, 1.0, -0.5, 1000.0, -0.00390625])
 def test_the_scale_in_the_head_of_a_pfm_changes_no_number(tmp_path: Path, scale: float) -> None:
     kind = "<f4" if scale < 0 else ">f4"
     stored = FLOATS[::-1].astype(kind).tobytes()  # from the lowest row up

@@ -196,21 +196,46 @@ def test_pictures_of_another_size_are_of_the_same_lens_and_those_of_another_crop
     said = SimpleNamespace(stamp_ns=EPOCH_NS + 10**12, image=0.0, depth=SimpleNamespace(reason=None))
     said.camera = WRONG.resized(1280, 720)
     watch.take(said)
+    said.camera = WRONG.resized(854, 480)
+    watch.take(said)
     assert watch.verdict.doubt
     said.camera = replace(WRONG, width=480, cx=239.5)
     watch.take(said)
     assert watch.verdict is None and not watch.settled
 
 
+def shaken(monkeypatch, store, **keywords):
+    """A watch to which every picture is of a turn, and how many pairs each judgement had; none settles anything."""
+    watch, pairs = LensWatch(store, **keywords), []
+    monkeypatch.setattr(lens_watch, "small_grey", lambda image, small: image)
+    monkeypatch.setattr(lens_watch, "follow", lambda *given: (np.zeros((20, 2)), np.ones((20, 2)), 20))
+    monkeypatch.setattr(lens_watch, "judged_by_turns", lambda *given: pairs.append(len(given[0])) or UNKNOWN)
+    monkeypatch.setattr(watch, "_turned", lambda stamp_ns: True)
+    return watch, pairs
+
+
+def test_it_judges_by_150_pairs_and_by_45_new_ones(monkeypatch):
+    """Pictures without depth too: a fast turn is why there is none, and tells most."""
+    watch, pairs = shaken(monkeypatch, MotionStore(), apart_ns=0)
+    depth = SimpleNamespace(reason="turning too fast")
+    for k in range(260):
+        watch.take(SimpleNamespace(stamp_ns=EPOCH_NS + k * 10**8, image=0.0, camera=GIVEN, depth=depth))
+    assert pairs == [150, 195, 240]
+
+
+def test_pictures_that_come_faster_are_compared_at_a_tenth_of_a_second(monkeypatch):
+    watch, _ = shaken(monkeypatch, MotionStore())
+    depth = SimpleNamespace(reason=None)
+    for k in range(30):
+        watch.take(SimpleNamespace(stamp_ns=EPOCH_NS + k * 33_366_667, image=k, camera=GIVEN, depth=depth))
+    assert [k for _, k in watch._waiting] == list(range(0, 30, 3))
+
+
 def test_what_is_kept_is_bounded(monkeypatch):
     """Minutes of shaking, of which nothing is settled."""
     store = MotionStore()
-    watch = LensWatch(store)
+    watch, _ = shaken(monkeypatch, store)
     monkeypatch.setattr(lens_watch, "MOST_ATTITUDES", 500)
-    monkeypatch.setattr(lens_watch, "small_grey", lambda image, small: image)
-    monkeypatch.setattr(lens_watch, "follow", lambda *given: (np.zeros((20, 2)), np.ones((20, 2)), 20))
-    monkeypatch.setattr(lens_watch, "judged_by_turns", lambda *given: UNKNOWN)
-    monkeypatch.setattr(watch, "_turned", lambda stamp_ns: True)
     depth = SimpleNamespace(reason=None)
     for k in range(3_000):
         at_ns = EPOCH_NS + k * 10**8

@@ -23,6 +23,21 @@ def test_a_row_by_hand():
     ]
 
 
+def test_what_only_some_frames_tell_by_hand():
+    told = {
+        "focal_px": 55.42562,
+        "sigma_share": 0.04371,
+        "utc_ns": 1_777_000_000_000_000_001,
+        "picture": "a 1.jpg",
+    }
+    row = FrameRow(3, 100, (2,), (0.25,), (12.0,), 0.75, 6.5, "", **told)
+    assert (
+        table(row).splitlines()[1]
+        == "3,100,2,0.2500,12.000,0.7500,6.50,,,55.426,0.0437,1777000000000000001,a 1.jpg"
+    )
+    assert rows_from_csv(table(row)) == [replace(row, focal_px=55.426, sigma_share=0.0437)]
+
+
 @given(st.text(st.characters(exclude_categories=("Cs", "Cc"))), st.integers(0, 2**62))
 def test_reasons_and_stamps_come_back(reason, stamp_ns):
     row = FrameRow(0, stamp_ns, (), (), (), 0.0, 1.0, reason)
@@ -42,6 +57,13 @@ def test_the_row_of_a_frame_with_depth():
     assert row.reason == ""
 
 
+def test_the_row_tells_what_its_frame_and_result_tell():
+    zoomed = Camera(WIDTH, HEIGHT, 50.0, 60.0, WIDTH / 2, HEIGHT / 2)
+    row = FrameRow.of(replace(frame(), picture="a.jpg", camera=zoomed), replace(known(10), network="by-hand"))
+    assert (row.picture, row.focal_px, row.network, row.latency_ms) == ("a.jpg", 50, "by-hand", 5)
+    assert row.centroids_m == pytest.approx((np.nan, 30), nan_ok=True)
+
+
 def test_a_frame_of_nothing_but_bounds_says_so():
     row = FrameRow.of(frame(), known(np.full((HEIGHT, WIDTH), np.nan)))
     assert "no pixel has depth" in row.reason
@@ -53,7 +75,7 @@ def test_the_row_of_a_frame_without_depth_says_why():
     assert (row.shifts, row.valid_fraction, row.reason) == ((), 0.0, "hovering")
 
 
-@pytest.mark.parametrize("missing", [1, 2, 3, 4])
+@pytest.mark.parametrize("missing", [1, 2, 3, 4, 5])
 def test_a_table_of_an_older_version_names_neither_error_bar_nor_network_and_focal_length(missing):
     row = FrameRow(3, 100, (2,), (0.25,), (12.0,), 0.75, 6.5, "")
     older = [line.rsplit(",", missing)[0] for line in table(row).splitlines()]

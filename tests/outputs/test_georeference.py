@@ -11,7 +11,7 @@ from pyproj import Geod, Transformer
 from flightdepth.cli import main
 from flightdepth.outputs import FlightFolder
 from flightdepth.outputs.cloud import CloudSettings, cloud_of
-from flightdepth.outputs.georeference import LocalOnlyError, fitted, georeference
+from flightdepth.outputs.georeference import TURN_TOLD, LocalOnlyError, fitted, georeference
 from flightdepth.outputs.voxels import Cloud
 
 GEOD = Geod(ellps="WGS84")
@@ -105,6 +105,17 @@ def test_how_well_the_way_follows_the_positions_is_told():
     assert found.apart_m == pytest.approx((2.35, 4.9), rel=0.12)
     assert "m from the log's positions" in found.described("mean sea level")
     assert np.abs(in_utm(found, (0, 0, 0))[0][:2] - utm(32632, *MUNICH[:2])).max() < 0.5
+
+
+def test_the_distances_are_told_in_metres_each_in_its_place():
+    found = replace(
+        georeference(flown(weaving()), true_north=True), apart_m=(1.234, 5.678), apart_up_m=(0.25, 0.75)
+    )
+    told = " ".join(found.described("mean sea level").split())
+    assert (
+        "the way flown lies 1.23 m from the log's positions (95 % within 5.68 m), in height 0.25 m (0.75 m), at"
+        in told
+    )
 
 
 def told_of(poses, *, true_north=True):
@@ -214,6 +225,24 @@ def test_a_north_that_may_be_any_is_found(degrees):
     assert "the way flown, turned by" in found.described("mean sea level")
 
 
+def test_by_how_much_a_way_was_turned_is_told():
+    told = told_of(flown(weaving(), local=turned(weaving(), -20.0)), true_north=False)
+    assert "the way flown, turned by -20.0 degrees, lies 0.00 m" in told
+
+
+@pytest.mark.parametrize(("share", "placed"), [(0.035, True), (0.07, False)])
+def test_north_is_told_where_half_of_the_positions_lie_nearer_than_a_twentieth_of_the_spread(share, placed):
+    """Half of what a receiver tells lies within 1.18 of its error (Rayleigh)."""
+    ned = weaving()
+    spread_m = np.hypot(*(ned - ned.mean(axis=0))[:, :2].T).mean()
+    poses = flown(ned, noise_m=share * spread_m / 1.18)
+    if placed:
+        assert georeference(poses, true_north=False).apart_m[0] < TURN_TOLD * spread_m
+    else:
+        with pytest.raises(LocalOnlyError, match="north may be any direction"):
+            georeference(poses, true_north=False)
+
+
 def test_a_true_north_is_not_turned():
     """A velocity that drifts aside looks like a turn; it is none."""
     ned = weaving()
@@ -234,6 +263,20 @@ def test_without_an_altitude_heights_stay_local():
     assert "heights above the first camera" in found.described(None)
 
 
+def test_altitudes_of_some_positions_are_enough():
+    poses = flown(weaving())
+    for index in range(0, len(poses), 3):
+        poses[index] = replace(poses[index], place=poses[index].place * (1, 1, np.nan))
+    found = georeference(poses, true_north=True)
+    assert in_utm(found, (0, 0, 7.0))[0][2] == pytest.approx(MUNICH[2] + 7, abs=0.005)
+    assert found.apart_up_m == pytest.approx((0, 0), abs=0.005)
+    assert found.frames == (len(poses), len(poses))
+
+
+def test_an_attitude_that_nothing_tells_does_not_keep_a_way_from_its_place():
+    assert georeference(flown(weaving(), attitude="unknown"), true_north=True).apart_m[1] < 0.005
+
+
 def test_positions_of_some_frames_are_enough():
     poses = flown(weaving())
     for index in range(0, len(poses), 3):
@@ -246,8 +289,9 @@ def test_positions_of_some_frames_are_enough():
     ("poses", "why"),
     [
         (flown(weaving(), attitude="assumed"), "tells no attitude"),
+        ([*flown(weaving()), *flown(weaving(), attitude="assumed")], "tells no attitude"),
         ([pose(i, i / 2) for i in range(9)], "no latitude and longitude"),
-        (flown(weaving(), (85.0, 10.0, 2.0)), "UTM does not reach"),
+        (flown(weaving(), (85.0, 10.0, 2.0)), "UTM does not reach latitude 85.0"),
     ],
 )
 def test_what_cannot_be_placed_says_why(poses, why):

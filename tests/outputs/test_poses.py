@@ -6,6 +6,7 @@ from output_samples import csv_text, known, unknown
 
 from flightdepth.flight import AttitudeSample, Frame, VelocitySample
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
+from flightdepth.outputs import poses
 from flightdepth.outputs.poses import COLUMNS, REMEMBERED, FramePose, PoseTrack, pose_cells, poses_from_csv
 
 S = 1_000_000_000
@@ -61,6 +62,17 @@ def test_an_attitude_of_the_log_is_taken():
     assert np.allclose(place.ned_from_camera, NED_FROM_CAMERA)
 
 
+def test_an_attitude_is_that_of_the_frame_itself():
+    """Not of the one before, at whose time the log tells none yet, and later another."""
+    looking_east = quaternion_from_rotation(rotation_from_euler(0, 0, np.pi / 2) @ NED_FROM_CAMERA)
+    track = flown([(s, (2, 0, 0)) for s in range(4)])
+    for seconds, quaternion in ((1, LOOKING_NORTH), (2, looking_east)):
+        track.add(AttitudeSample(seconds * S, quaternion))
+    places = [at(track, seconds) for seconds in (0.0, 1.0, 2.0)]
+    assert [place.attitude for place in places] == ["unknown", "log", "log"]
+    assert np.allclose([place.world_from_camera for place in places[1:]], [LOOKING_NORTH, looking_east])
+
+
 def test_without_attitude_and_direction_it_is_unknown():
     place = at(flown([(0, (2, 0, 0)), (1, (2, 0, 0))]), 0.5)
     assert place.attitude == "unknown"
@@ -70,6 +82,7 @@ def test_without_attitude_and_direction_it_is_unknown():
 def test_velocities_of_the_camera_assume_that_it_never_turns():
     place = at(flown([(0, (0, 0, 3)), (1, (0, 0, 3))], "camera"), 0.0)
     assert place.attitude == "assumed"
+    assert np.allclose(place.ned_from_camera, NED_FROM_CAMERA)  # it looks north, level
     track = flown([(0, (1, 0, 3)), (1, (1, 0, 3))], "camera")
     at(track, 0.0)
     assert np.allclose(at(track, 1.0).position_ned, (3, 1, 0))  # forward is north, right is east
@@ -92,6 +105,23 @@ def test_a_level_cameras_attitude_follows_from_the_direction_seen(yaw_deg, pitch
         place = at(track, i / 10, moving(true.T @ velocity), i)
     assert place.attitude == "pictures"
     assert np.allclose(place.ned_from_camera, true, atol=1e-6)
+
+
+def test_of_more_places_than_are_remembered_the_oldest_is_forgotten(monkeypatch):
+    monkeypatch.setattr(poses, "REMEMBERED", 3)
+    velocity = np.array([3.0, 1.0, 0.4])
+    track = flown([(s, velocity) for s in range(10)])
+    told = [at(track, i, moving(NED_FROM_CAMERA.T @ velocity), i).attitude for i in range(10)]
+    assert told == ["unknown", *["pictures"] * 9]
+
+
+def test_the_attitude_that_pictures_tell_holds_for_half_a_second():
+    """A frame whose own pair tells no direction has that of those before."""
+    velocity = np.array([3.0, 1.0, 0.4])
+    track = flown([(s, velocity) for s in range(4)])
+    for i in range(11):
+        at(track, i / 10, moving(NED_FROM_CAMERA.T @ velocity), i)
+    assert [at(track, seconds).attitude for seconds in (1.4, 1.6)] == ["pictures", "unknown"]
 
 
 @given(st.integers(0, 2**40), st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3))
@@ -149,6 +179,14 @@ def test_a_place_and_a_time_of_a_table_stand_in_their_columns():
     assert [cells[axis] for axis in ("north_m", "east_m", "down_m")] == ["1.0000", "2.0000", "-3.0000"]
     assert (cells["latitude_deg"], cells["longitude_deg"]) == ("48.123456789", "11.100000000")
     assert (cells["altitude_m"], cells["utc_ns"]) == ("520.123", "1777000000000000001")
+
+
+def test_a_quaternion_of_a_table_stands_in_its_columns():
+    """All of LOOKING_NORTH's parts are a half."""
+    pose = FramePose(0, 0, 0, np.zeros(3), np.array([0.1, 0.3, 0.5, 0.8]), "log")
+    cells = dict(zip(COLUMNS, pose_cells(pose), strict=True))
+    told = [cells[part] for part in ("qw", "qx", "qy", "qz")]
+    assert told == ["0.100000000", "0.300000000", "0.500000000", "0.800000000"]
 
 
 def test_an_attitude_that_nobody_knows_of_is_refused():

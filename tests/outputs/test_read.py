@@ -37,13 +37,13 @@ def test_a_missing_frame_is_refused(folder):
 
 def test_an_8_bit_depth_is_refused(tmp_path):
     cv2.imwrite(str(tmp_path / "depth.png"), np.zeros((4, 4), np.uint8))
-    with pytest.raises(BadInput, match="16-bit"):
+    with pytest.raises(BadInput, match=r"depth\.png: expected a grey 16-bit PNG, got uint8 \[4, 4\]"):
         read_depth(tmp_path / "depth.png")
 
 
 def test_a_colour_confidence_is_refused(tmp_path):
     cv2.imwrite(str(tmp_path / "confidence.png"), np.zeros((4, 4, 3), np.uint8))
-    with pytest.raises(BadInput, match="8-bit"):
+    with pytest.raises(BadInput, match=r"confidence\.png: expected a grey 8-bit PNG, got uint8 \[4, 4, 3\]"):
         read_confidence(tmp_path / "confidence.png")
 
 
@@ -74,7 +74,7 @@ def test_a_map_of_another_size_than_the_pictures_is_refused(folder, kind):
 def test_a_record_with_an_unknown_field_is_refused(folder):
     path = folder / "flight.json"
     path.write_text(path.read_text().replace('"flightdepth"', '"flightdeath"'))
-    with pytest.raises(BadInput, match="flight folder"):
+    with pytest.raises(BadInput, match=r"flight folder .*flight\.json: expected what .* writes, got "):
         FlightFolder(folder)
 
 
@@ -104,6 +104,72 @@ def test_a_cut_depth_file_is_refused(tmp_path, suffix, size):
     path.write_bytes(path.read_bytes()[:size])
     with pytest.raises(BadInput):
         read_depth(path)
+
+
+@pytest.mark.parametrize(
+    ("at", "value"),
+    [(6, 99), (8, 1), (10, 99)],
+    ids=["a later version of zip", "encrypted", "another compression"],
+)
+def test_an_npz_whose_directory_is_damaged_is_refused(tmp_path, at, value):
+    """One such byte ended `view` and `convert` with a traceback."""
+    path = tmp_path / "depth.npz"
+    np.savez(path, depth_m=np.ones((HEIGHT, WIDTH), np.float32))
+    data = bytearray(path.read_bytes())
+    data[data.rfind(b"PK\x01\x02") + at] = value
+    path.write_bytes(data)
+    with pytest.raises(BadInput, match=r"depth\.npz: expected an \.npz with depth_m"):
+        read_depth(path)
+
+
+def test_an_npz_of_another_map_is_refused(tmp_path):
+    np.savez(tmp_path / "depth.npz", sigma_m=np.ones((HEIGHT, WIDTH), np.float32))
+    with pytest.raises(BadInput, match=r"depth\.npz: expected an \.npz with depth_m"):
+        read_depth(tmp_path / "depth.npz")
+
+
+def test_a_lone_array_is_no_npz(tmp_path):
+    with (tmp_path / "depth.npz").open("wb") as file:
+        np.save(file, np.ones((HEIGHT, WIDTH), np.float32))
+    with pytest.raises(BadInput, match=r"depth\.npz: expected an \.npz with depth_m"):
+        read_depth(tmp_path / "depth.npz")
+
+
+@pytest.mark.parametrize("name", ["frames.csv", "poses.csv"])
+@pytest.mark.parametrize(
+    "line",
+    ["0", "0,7", "0,north", '0,"' + 140_000 * "x", "\xff"],
+    ids=["short", "shorter", "word", "quote", "bytes"],
+)
+def test_a_broken_table_is_named(folder, name, line):
+    """A quotation mark makes one cell of all that follows, and `csv` takes none of more than 131,072 characters."""
+    table = folder / name
+    header = table.read_bytes().splitlines()[0]
+    table.write_bytes(header + b"\n" + line.encode("latin-1") + b"\n")
+    with pytest.raises(
+        BadInput, match=rf"flight folder .*{name}: expected what .* writes, got a broken table"
+    ):
+        FlightFolder(folder)
+
+
+def test_a_table_without_a_column_that_each_has_is_refused(folder):
+    table = folder / "frames.csv"
+    table.write_text(table.read_text().replace("shifts", "shifty"))
+    with pytest.raises(BadInput, match=r"frames\.csv: .*got a broken table \('shifts'\)"):
+        FlightFolder(folder)
+
+
+def test_a_folder_without_its_table_is_refused(folder):
+    (folder / "frames.csv").unlink()
+    with pytest.raises(BadInput, match=r"frames\.csv: expected .*, got No such file"):
+        FlightFolder(folder)
+
+
+def test_a_folder_of_an_older_version_tells_no_poses(folder):
+    (folder / "poses.csv").unlink()
+    flight = FlightFolder(folder)
+    assert flight.poses == {}
+    assert len(flight.rows) == 1
 
 
 # What a kill or a loss of power leaves of a flight that cannot be flown again.
@@ -149,6 +215,21 @@ def test_it_ends_before_an_error_bar_or_a_bound_that_did_not_come_to_the_disk(le
     (left / name).mkdir()
     (left / name / "000012.png").touch()
     assert [row.index for row in FlightFolder(left).rows] == list(range(12))
+
+
+def test_it_ends_before_an_exact_error_bar_that_did_not_come_to_the_disk(tmp_path):
+    wide = replace(known(10), sigma_m=np.ones((HEIGHT, WIDTH), np.float32))
+    with (
+        pytest.raises(KeyboardInterrupt),
+        FlightWriter(
+            tmp_path / "out", SOURCE, Preview(WIDTH, HEIGHT), depth_format="npz", stopped=True
+        ) as writer,
+    ):
+        for i in range(4):
+            writer.add(frame(i), wide)
+        raise KeyboardInterrupt
+    (writer.kept / "sigma" / "000002.npz").write_bytes(b"")
+    assert [row.index for row in FlightFolder(writer.kept).rows] == [0, 1]
 
 
 @pytest.mark.parametrize("lost", [1, 5, 30])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from output_samples import HEIGHT, SOURCE, WIDTH, frame, known, unknown
 
+from flightdepth import __version__
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.outputs import FlightFolder, FlightWriter, Preview
 from flightdepth.outputs.film import Film
@@ -217,6 +218,18 @@ def test_what_was_flown_until_ctrl_c_is_kept(tmp_path, depth_format):
     assert stop(tmp_path / "out", 1).kept == tmp_path / "out.interrupted-2"
 
 
+def test_what_an_interrupted_flight_dropped_stays_counted(tmp_path):
+    far = np.full((HEIGHT, WIDTH), 10, np.float32)
+    far[0, :5] = 700
+    with pytest.raises(KeyboardInterrupt), writer(tmp_path / "out", stopped=True) as open_writer:
+        open_writer.add(frame(0), known(far))
+        open_writer.note_dropped({"damaged frames": 2})
+        signalled()
+    counts = FlightFolder(open_writer.kept).record.counts
+    assert counts.dropped == {"damaged frames": 2}
+    assert (counts.frames, counts.pixels_at_655_m_or_farther) == (1, 5)
+
+
 @pytest.mark.parametrize(("frames", "times"), [(0, 1), (7, 2)], ids=["at once", "twice"])
 def test_nothing_is_kept_where_there_is_nothing_or_ctrl_c_comes_again(tmp_path, frames, times):
     assert stop(tmp_path / "out", frames, times).kept is None
@@ -252,6 +265,78 @@ def test_of_a_frame_that_is_lost_nothing_stays_and_no_folder_is_searched(tmp_pat
     names = {path.name for path in (tmp_path / "out").rglob("*") if path.parent.name != "out"}
     assert {name.split(".")[0] for name in names} == {"000000", "000002"}
     assert len(list((tmp_path / "out" / "sigma").iterdir())) == 2
+
+
+def test_of_several_frames_that_are_lost_one_line_warns(tmp_path, monkeypatch):
+    write_bytes = Path.write_bytes
+
+    def full(path, data):
+        if path.parent.name == "depth" and path.stem in ("000001", "000003"):
+            raise OSError(f"no room for {path.stem}")
+        return write_bytes(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with writer(tmp_path / "out", once=True) as open_writer:
+        for i in range(5):
+            open_writer.add(frame(i), known(RAMP))
+    assert (open_writer.lost, open_writer.loss) == (2, "no room for 000003")
+    record = FlightFolder(tmp_path / "out").record
+    assert record.source.warnings == ("frames that could not be written are left out: no room for 000001",)
+    assert record.counts.dropped == {"could not be written": 2}
+
+
+def test_a_preview_that_cannot_be_written_is_warned_of_once(tmp_path, monkeypatch):
+    def broken(film, stamp_ns, picture):
+        raise OSError("Input/output error")
+
+    monkeypatch.setattr(Film, "add", broken)
+    with writer(tmp_path / "out", once=True) as open_writer:
+        for i in range(4):
+            open_writer.add(frame(i), known(RAMP))
+    told = ("no preview, which `view` and `convert` need, but for a .bt: Input/output error",)
+    flight = FlightFolder(tmp_path / "out")
+    assert flight.record.source.warnings == open_writer.summary.warnings == told
+    assert len(flight.rows) == 4
+
+
+def test_maps_that_cannot_be_written_end_a_flight_that_can_be_flown_again(tmp_path, monkeypatch):
+    def full(path, data):
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space left"), writer(tmp_path / "out") as open_writer:
+        open_writer.add(frame(0), known(RAMP))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_after_an_error_nothing_is_left_open_or_at_work(tmp_path):
+    """Windows removes no folder whose files are open."""
+    with pytest.raises(ValueError, match="the loop broke"), writer(tmp_path / "out") as open_writer:
+        open_writer.add(frame(0), known(RAMP))
+        raise ValueError("the loop broke")
+    assert open_writer._rows._file.closed and open_writer._poses._file.closed
+    with pytest.raises(RuntimeError, match="after shutdown"):
+        open_writer._files.put(frame(1), known(RAMP), None)
+    with pytest.raises(RuntimeError, match="after shutdown"):
+        open_writer._pictures.put(frame(1), known(RAMP), None)
+
+
+def test_what_came_up_in_flight_stands_behind_what_the_run_warned_of_before(tmp_path):
+    source = SOURCE.model_copy(update={"warnings": ("the clock",)})
+    with FlightWriter(tmp_path / "out", source, Preview(WIDTH, HEIGHT)) as open_writer:
+        open_writer.warn("the lens")
+    record = FlightFolder(tmp_path / "out").record
+    assert record.source.warnings == ("the clock", "the lens")
+    assert open_writer.summary.warnings == ("the lens",)
+    assert record.flightdepth == __version__
+
+
+def test_an_older_result_of_all_kinds_is_replaced(tmp_path):
+    result = replace(with_sigma(0.1), farther_than_m=RAMP, nearer_than_m=RAMP)
+    write(tmp_path / "out", [result])
+    assert len(list((tmp_path / "out").iterdir())) == 9
+    write(tmp_path / "out", [known(RAMP)])
+    assert not (tmp_path / "out" / "sigma").exists()
 
 
 def test_an_older_result_is_replaced(tmp_path):

@@ -1,5 +1,7 @@
 """Block means by convolution: the same numbers, where they may be exchanged."""
 
+from collections import Counter
+
 import numpy as np
 import openvino as ov
 import pytest
@@ -10,9 +12,9 @@ from flightdepth.runtimes.block_means import by_convolution
 MAPS = np.random.default_rng(0).normal(size=(2, 5, 16, 24)).astype(np.float32)
 
 
-def graph(*, channels=5, strides=(4, 4), padding=(0, 0)):
+def graph(*, channels=5, strides=(4, 4), padding=(0, 0), ends=None):
     maps = ops.parameter([-1, channels, -1, -1], np.float32)
-    means = ops.avg_pool(maps, list(strides), list(padding), list(padding), [4, 4], True)
+    means = ops.avg_pool(maps, list(strides), list(padding), list(ends or padding), [4, 4], True)
     return ov.Model([ops.abs(means)], [maps])
 
 
@@ -35,7 +37,15 @@ def test_they_are_the_means_of_blocks():
 
 
 @pytest.mark.parametrize(
-    "facts", [{"channels": -1}, {"channels": 1}, {"strides": (2, 2)}, {"padding": (1, 1)}]
+    "facts",
+    [
+        {"channels": -1},
+        {"channels": 1},
+        {"strides": (2, 2)},
+        {"padding": (1, 1)},
+        {"padding": (1, 1), "ends": (0, 0)},
+        {"ends": (1, 1)},
+    ],
 )
 def test_what_is_no_mean_of_blocks_or_of_unknown_channels_or_one_stays(facts):
     model = graph(**facts)
@@ -43,3 +53,21 @@ def test_what_is_no_mean_of_blocks_or_of_unknown_channels_or_one_stays(facts):
     by_convolution(model)
     assert "AvgPool" in kinds(model)
     assert np.array_equal(answer(model), before)
+
+
+def test_each_of_several_is_exchanged_and_what_stays_among_them_hides_none():
+    maps, grey = ops.parameter([-1, 5, -1, -1], np.float32), ops.parameter([-1, 1, -1, -1], np.float32)
+    pooled = [ops.avg_pool(each, [4, 4], [0, 0], [0, 0], [4, 4], True) for each in (maps, grey)]
+    of_two = [ops.avg_pool(pooled[k], [2, 2], [0, 0], [0, 0], [2, 2], True) for k in (0, 1)]
+    model = ov.Model([ops.abs(each) for each in (*of_two, *pooled)], [grey, maps])
+    by_convolution(model)
+    counts = Counter(node.get_type_name() for node in model.get_ops())
+    assert (counts["AvgPool"], counts["GroupConvolution"]) == (2, 2)
+
+
+def test_blocks_that_are_no_squares_have_their_means():
+    maps = ops.parameter([-1, 5, -1, -1], np.float32)
+    model = ov.Model([ops.avg_pool(maps, [2, 4], [0, 0], [0, 0], [2, 4], True)], [maps])
+    by_convolution(model)
+    assert "AvgPool" not in kinds(model)
+    assert answer(model) == pytest.approx(MAPS.reshape(2, 5, 8, 2, 6, 4).mean(axis=(3, 5)), abs=1e-6)

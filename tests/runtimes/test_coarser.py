@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
-from flightdepth.runtimes.coarser import beyond_reach, coarser_grid, reach_px
+from flightdepth.runtimes.coarser import beyond_reach, coarser_grid, reach_px, take_near
 from flightdepth.runtimes.network import Network, load_network
 from tests_networks import difference_card, swept_card
 
@@ -91,10 +91,44 @@ def test_only_the_pair_that_moved_far_is_looked_at_again() -> None:
             return said
 
     runtime = Second(at_128=(50.0, 5.0), at_64=(20.0, 3.0))
-    shifts, _ = moved_px(runtime, pairs=2)
+    shifts, deviations = moved_px(runtime, pairs=2)
     assert runtime.calls == [(2, 128, 128), (1, 64, 64)]
     np.testing.assert_allclose(shifts[0], 4.0, rtol=1e-5)
     np.testing.assert_allclose(shifts[1, :, :14], 40.0, rtol=1e-5)
+    np.testing.assert_allclose(deviations[1, :, :14], 0.064, rtol=1e-4)
+
+
+def test_each_pair_takes_what_the_smaller_pictures_say_of_it() -> None:
+    class Farther(Said):
+        def __call__(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+            said = super().__call__(inputs)
+            said["depth_m"][1:] /= 1.1
+            return said
+
+    shifts, _ = moved_px(Farther(at_128=(50.0, 5.0), at_64=(20.0, 3.0)), pairs=2)
+    np.testing.assert_allclose(shifts[0, :, :14], 40.0, rtol=1e-5)
+    np.testing.assert_allclose(shifts[1, :, :14], 44.0, rtol=1e-5)
+
+
+def test_what_only_the_smaller_picture_sees_beyond_reach_is_taken_from_it() -> None:
+    """Beyond reach the finer one may take anything for the best: a repeated pattern, 5 px away."""
+    shifts, _ = moved_px(Said(at_128=(50.0, 5.0), at_64=(20.0, 20.0)))
+    np.testing.assert_allclose(shifts, 40.0, rtol=1e-5)
+
+
+def test_a_slope_of_the_smaller_picture_comes_back_where_it_was() -> None:
+    """Along the rows and the columns of a picture twice as wide as high."""
+    card, camera = swept_card(), Camera(256, 128, 64.0, 64.0, 127.5, 63.5)
+    grid = coarser_grid(card, camera)
+    assert grid is not None
+    y, x = np.indices((16, 32), np.float32)
+    coarse = (0.1 + 0.002 * x + 0.004 * y)[None].astype(np.float32)  # metres at D0: all beyond reach
+    output = {name: np.full((1, 32, 64), 50.0, np.float32) for name in ("depth_m", "sigma_m")}
+    take_near(card, output, [0], {"depth_m": coarse, "sigma_m": 0.1 * coarse}, grid)
+    y, x = ((each + 0.5) / 2 - 0.5 for each in np.indices((32, 64)))
+    for name, share in (("depth_m", 0.5), ("sigma_m", 0.05)):  # half the focal length, half the depth
+        truth = share * (0.1 + 0.002 * x + 0.004 * y)
+        np.testing.assert_allclose(output[name][0, 1:-1, 1:-1], truth[1:-1, 1:-1], rtol=1e-4)
 
 
 def test_pictures_of_64_px_are_the_smallest() -> None:
@@ -138,10 +172,32 @@ def test_padding_asks_for_no_second_look() -> None:
     assert beyond_reach(swept_card(), np.float32(64 * 0.3) / moved_px, valid) == [0]
 
 
+def test_a_hundredth_of_the_picture_asks_for_a_second_look_and_less_does_not() -> None:
+    for near, far in ((10, []), (11, [0])):  # of 1024 pixels
+        moved_px = np.full((1, 32, 32), 5.0, np.float32)
+        moved_px[0, 0, :near] = 40.0
+        assert beyond_reach(swept_card(), 64 * 0.3 / moved_px, np.ones((32, 32), np.bool_)) == far
+
+
 def test_the_reach_of_a_network_with_another_displacement_is_as_many_pixels() -> None:
     card, everywhere = swept_card().model_copy(update={"D0_m": 0.6}), np.ones((4, 4), np.bool_)
     told = [np.full((1, 4, 4), 64 * 0.6 / pixels, np.float32) for pixels in (20, 40)]
     assert [beyond_reach(card, depth_m, everywhere) for depth_m in told] == [[], [0]]
+
+
+def test_the_reach_of_a_network_with_another_focal_length_is_as_many_pixels() -> None:
+    card, everywhere = swept_card().model_copy(update={"focal_px": 128.0}), np.ones((4, 4), np.bool_)
+    told = [np.full((1, 4, 4), 128 * 0.3 / pixels, np.float32) for pixels in (20, 40)]
+    assert [beyond_reach(card, depth_m, everywhere) for depth_m in told] == [[], [0]]
+
+
+def test_pictures_that_were_scaled_have_smaller_ones_too() -> None:
+    """They lie between levels, as no camera's do."""
+    camera = Camera(250, 250, 125.0, 125.0, 124.5, 124.5)
+    runtime = Said(at_128=(50.0, 5.0), at_64=(20.0, 3.0))
+    picture = np.zeros((250, 250, 3), np.uint8)
+    Network(swept_card(), runtime, aligned=False).predict([picture], picture, MOVED, camera)
+    assert runtime.calls == [(1, 128, 128), (1, 64, 64)]
 
 
 def test_a_picture_that_half_does_not_fill_a_grid_is_seen_as_large_as_does() -> None:

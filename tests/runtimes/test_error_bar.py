@@ -61,6 +61,16 @@ def test_far_walls_of_a_room_are_no_sky(wall):
     )
 
 
+def test_sky_begins_at_nine_tenths_of_the_largest_depth():
+    assert sky_share(np.array([[[0.89, 0.91, 0.95, 1.0, 1.0]]], np.float32), VALID).tolist() == [0.75]
+
+
+def test_a_hundredth_of_the_largest_depth_is_the_nearest_that_counts():
+    steep = CARD.model_copy(update={"sigma_far": 0.6})
+    at = [error_bar_scale(steep, pictures(2, rest=beta), VALID, 256.0)[0, 0, 2] for beta in (0.01, 0.02, 0.1)]
+    assert at / at[2] == pytest.approx(np.array([0.1**0.3, 0.2**0.3, 1]), rel=1e-5)
+
+
 def test_sky_is_beyond_what_fusion_takes_for_a_bound():
     assert ends(CARD)[1] < SKY_BETA
 

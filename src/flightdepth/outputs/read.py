@@ -26,7 +26,7 @@ from flightdepth.outputs.record import Counts, FlightRecord
 from flightdepth.outputs.writer import POSES, RECORD, TABLE
 
 # RuntimeError: of one damaged byte `zipfile` says that it needs a later version, another compression or a password.
-DAMAGED_NPZ = (BadZipFile, OSError, ValueError, KeyError, EOFError, TypeError, AttributeError, RuntimeError)
+DAMAGED_NPZ = (BadZipFile, OSError, ValueError, KeyError, EOFError, TypeError, RuntimeError)
 Table = TypeVar("Table")
 Unsigned = TypeVar("Unsigned", np.uint8, np.uint16)
 
