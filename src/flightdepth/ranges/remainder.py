@@ -30,10 +30,10 @@ MOST_STEPS = 15
 STRAIGHT_RAD = np.radians(0.2)  # what is linear at the start stays so that far
 CLOSE, CLOSE_ENOUGH = 1.0, 0.01  # squares of a deviation, and of a tenth of one
 CAUCHY = 2.0  # a point this many deviations off has half the weight
-MCCLURE = 3.0  # near the solution one this many off has a quarter, and a wrong track next to none
+MCCLURE = 3.0, 2.0  # then, near the solution, one this many off has a quarter, and a wrong track next to none
 LEAST_NOISE_PX = 0.05
 # Neighbouring tracks err together: measured errors are this many times those of independent points.
-TOGETHER = 2.5
+TOGETHER = 2.3
 # Errors of depth in rooms agree with this share of the deviations so told, wherever in the picture (docs/log.md).
 SHARE = 0.5
 # Beyond these nothing small is left to mend: the log or the tracks are of something else.
@@ -43,7 +43,7 @@ CLEAR_ROTATION, CLEAR_DIRECTION = 7.8, 6.0
 # Of a bend so much: tracks of one row to the next err together less than TOGETHER. Smaller ones are what tracks through
 # a long lens err by. Of 705 pairs without a bend 1 in 100 seems to have one (docs/log.md). What bends pictures turns
 # them too: small ones of a camera that hardly turns are of what moves by itself, as waves do.
-CLEAR_BEND, LEAST_BEND_RAD = 1.5, 0.0015
+CLEAR_BEND, LEAST_BEND_RAD = 1.8, 0.0015
 LEAST_TURNED_RAD = 0.006  # turn and bend together
 NOT_TURNED = np.eye(3)
 # Corners off their lines: right motions leave 0.1 to 0.25 px on average, wrong ones 0.3 to 1.
@@ -158,25 +158,25 @@ class _Corners:
 def _fitted(corners: _Corners, state: Vector, sigmas: Vector) -> tuple[Vector, Vector]:
     """The state (n,) that explains the corners best, from another one on, and its covariance (n, n)."""
     step = np.zeros_like(state)  # from where the lines were made linear
-    settled, near = True, False
+    settled, widths = True, [None, *MCCLURE]
     for _ in range(MOST_STEPS):
         if settled:
             state, step = state + step, np.zeros_like(state)
             lines_px = corners.lines_px(state)
-        information, pull = _held(lines_px, state, step, sigmas, near=near)
+        information, pull = _held(lines_px, state, step, sigmas, widths[0])
         last, step = step, np.asarray(np.linalg.solve(information, -pull), dtype=np.float64)
         change, straight = step - last, np.abs(step).max() < STRAIGHT_RAD
         settled = bool(change @ information @ change < (CLOSE_ENOUGH if straight else CLOSE))
         if settled and straight:
-            if near:
+            if len(widths) == 1:
                 break
-            near = True
+            widths.pop(0)
     return state + step, np.linalg.inv(information).astype(np.float64)
 
 
 def _bends(corners: _Corners, state: Vector, sigmas: Vector, least_rad: float) -> bool:
     """Whether a bend beside a state (8,) that has none would be clear: by the step that leads to it (score test)."""
-    information, pull = _held(corners.lines_px(state), state, np.zeros(8), sigmas, near=True)
+    information, pull = _held(corners.lines_px(state), state, np.zeros(8), sigmas, MCCLURE[0])
     covariance = np.linalg.inv(information).astype(np.float64)
     bend = -covariance[5:] @ pull
     large = bool(np.linalg.norm(bend) > least_rad)
@@ -191,16 +191,16 @@ def off_lines_px(now: Vector, before: Vector, unit: Vector, focal_px: float) -> 
 
 
 def _held(
-    lines_px: Vector, state: Vector, step: Vector, sigmas: Vector, *, near: bool
+    lines_px: Vector, state: Vector, step: Vector, sigmas: Vector, width: float | None
 ) -> tuple[Vector, Vector]:
     """`_normal_equations` at a step from a state (n,), with the prior."""
-    information, pull = _normal_equations(lines_px, step, near=near)
+    information, pull = _normal_equations(lines_px, step, width)
     prior = _prior(state + step, sigmas)
     information.flat[:: len(state) + 1] += prior
     return information, pull + prior * state
 
 
-def _normal_equations(lines_px: Vector, step: Vector, *, near: bool) -> tuple[Vector, Vector]:
+def _normal_equations(lines_px: Vector, step: Vector, width: float | None) -> tuple[Vector, Vector]:
     """Matrix (n, n) and right side (n,) of `lines_px` (n + 1, 2 N), weighted by what a step (n,) leaves.
 
     A point that moved against the parallax has no depth at all, and counts by how far it did. A wrong track goes wrong
@@ -210,15 +210,15 @@ def _normal_equations(lines_px: Vector, step: Vector, *, near: bool) -> tuple[Ve
     noise_px = max(1.4826 * quick_median(np.abs(left_px[0])), LEAST_NOISE_PX)
     against = left_px[1] < 0
     left_px[1] *= against
-    weights = _weights((left_px**2).sum(axis=0) / noise_px**2, near=near) / (TOGETHER * noise_px) ** 2
+    weights = _weights((left_px**2).sum(axis=0) / noise_px**2, width) / (TOGETHER * noise_px) ** 2
     weights = np.concatenate([weights, weights * against])
     products = (lines_px[:-1] * weights) @ lines_px.T
     return np.ascontiguousarray(products[:, :-1]), products[:, -1]
 
 
-def _weights(squares: Vector, *, near: bool) -> Vector:
-    """Weights of points by their squared deviations: Cauchy's, near the solution Geman and McClure's."""
-    return np.asarray((1 + squares / MCCLURE**2) ** -2 if near else 1 / (1 + squares / CAUCHY**2))
+def _weights(squares: Vector, width: float | None) -> Vector:
+    """Weights of points by their squared deviations: Geman and McClure's of a width, without one Cauchy's."""
+    return np.asarray(1 / (1 + squares / CAUCHY**2) if width is None else (1 + squares / width**2) ** -2)
 
 
 def _prior(state: Vector, sigmas: Vector) -> Vector:
