@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
+from flightdepth.ranges import remainder as remainders
 from flightdepth.ranges.derotation import Derotation, derotated
 from flightdepth.ranges.pairs import Frame, Pair
 from flightdepth.ranges.remainder import Remainder, remainder
@@ -126,6 +127,22 @@ def test_four_wrong_tracks_in_ten_leave_little_more():
     found = [remainder(*turned_with_some_wrong(seed, wrong=60)) for seed in range(40)]
     right = [remainder(*turned_with_some_wrong(seed, wrong=0)) for seed in range(40)]
     assert usual_degrees_off(found, TURN) < 2.5 * usual_degrees_off(right, TURN)
+
+
+def test_poor_tracks_among_good_ones_tell_little(monkeypatch):
+    """Four in ten err seven times as much, as at edges or on waves; wider weights alone leave more of it."""
+
+    def left():
+        tries = []
+        for seed in range(40):
+            now, before = rays_of((0.5, 0.3, 0.8), TURN, noise_px=0.05, seed=seed)
+            before[:60, :2] += np.random.default_rng(seed).normal(0, 0.35 / FOCAL, (60, 2))
+            tries.append(remainder(now, before, np.array([0.5, 0.3, 0.8]), CAMERA))
+        return usual_degrees_off(tries, TURN)
+
+    narrow = left()
+    monkeypatch.setattr(remainders, "MCCLURE", remainders.MCCLURE[:1])
+    assert narrow < 0.95 * left()
 
 
 def test_where_turning_looks_like_flying_the_prior_holds():
