@@ -28,7 +28,7 @@ SEEN_SIGMA_RAD = np.radians(10)  # of one seen in pictures that were taken not t
 BEND_SIGMA_RAD = 0.01  # rows read within 20 ms, and a turn that changes by 30 degrees/s
 MOST_STEPS = 15
 STRAIGHT_RAD = np.radians(0.2)  # what is linear at the start stays so that far
-CLOSE, CLOSE_ENOUGH = 1.0, 0.01  # squares of a deviation, and of a tenth of one
+CLOSE, CLOSE_ENOUGH = 1.0, 0.01  # squares of a deviation, and in the end of a tenth of one
 CAUCHY = 2.0  # a point this many deviations off has half the weight
 MCCLURE = 3.0, 2.0  # then, near the solution, one this many off has a quarter, and a wrong track next to none
 LEAST_NOISE_PX = 0.05
@@ -165,10 +165,10 @@ def _fitted(corners: _Corners, state: Vector, sigmas: Vector) -> tuple[Vector, V
             lines_px = corners.lines_px(state)
         information, pull = _held(lines_px, state, step, sigmas, widths[0])
         last, step = step, np.asarray(np.linalg.solve(information, -pull), dtype=np.float64)
-        change, straight = step - last, np.abs(step).max() < STRAIGHT_RAD
-        settled = bool(change @ information @ change < (CLOSE_ENOUGH if straight else CLOSE))
+        change, straight, near = step - last, np.abs(step).max() < STRAIGHT_RAD, len(widths) == 1
+        settled = bool(change @ information @ change < (CLOSE_ENOUGH if straight and near else CLOSE))
         if settled and straight:
-            if len(widths) == 1:
+            if near:
                 break
             widths.pop(0)
     return state + step, np.linalg.inv(information).astype(np.float64)
