@@ -242,6 +242,16 @@ def test_a_larger_turn_may_be_allowed(pictures):
     assert last.rad_s > 0.25
 
 
+def test_turns_are_judged_through_the_lens_as_it_zooms():
+    """Of a flight that began at half the focal length."""
+    wide = Camera(320, 192, CAMERA.fx / 2, CAMERA.fy / 2, CAMERA.cx, CAMERA.cy)
+    steadiness = Steadiness(wide)
+    steadiness.see_through(CAMERA)
+    views = [panned(0.01 * k) for k in range(4)]
+    found = [steadiness.add(k * STEP_NS, view, MAX_REPORTED_RAD) for k, view in enumerate(views)]
+    assert found[-1].rad_s == pytest.approx(0.01 * 1e9 / STEP_NS, rel=0.03)
+
+
 def test_a_panorama_is_followed_in_one_row_at_least():
     small = small_camera(Camera.from_fov(4000, 8, 60.0))
     assert (small.width, small.height) == (160, 1)

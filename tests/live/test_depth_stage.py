@@ -110,3 +110,14 @@ def test_what_the_estimators_leave_out_is_told(wide, save_difference_network):
     assert told.total() == 1
     stage.prepare(160, 90)
     assert stage.telemetry_dropped == told
+
+
+def test_a_turn_is_judged_through_the_lens_as_it_zooms(wide, save_difference_network):
+    """It was judged through the lens that the user told: twice as wide, twice the turn."""
+    network = load_network(save_difference_network(), device="cpu", threads=1)
+    store, told = MotionStore(NED_FROM_CAMERA), CAMERA.zoomed(0.5)
+    stage = DepthStage(network, Lens(told), store, ranges=1, fixed=False, zoom=lambda _: CAMERA)
+    for i in range(4):
+        staged = stage.take(10**9 + i * FRAME_NS, seen(wide, i * TURN_RAD - 0.1))
+    turned_deg = float(staged.depth.reason.split()[1])
+    assert turned_deg == pytest.approx(np.degrees(3 * TURN_RAD), rel=0.05)

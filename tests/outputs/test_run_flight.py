@@ -1,4 +1,5 @@
 from collections import Counter
+from dataclasses import replace
 from types import SimpleNamespace
 
 import cv2
@@ -33,6 +34,9 @@ class Recorder:
 
     def add_attitude(self, stamp_ns, world_from_camera):
         self.calls.append(("attitude", stamp_ns, tuple(world_from_camera)))
+
+    def see_through(self, camera):
+        self.calls.append(("camera", camera.fx))
 
     def add_frame(self, stamp_ns, image, *, unusable):
         self.calls.append(("frame", stamp_ns, unusable))
@@ -101,16 +105,26 @@ def test_a_frame_that_cannot_be_followed_is_said_to_be_unusable(go):
     assert "too fast" in done.calls[2][2]
 
 
+def panned(index, rad, camera=FlightOf.camera):
+    """A picture of a camera that turned right by so much."""
+    down = np.array([[1.0, 0, -100], [0, 1, 0], [0, 0, 1]])
+    turn = camera.matrix @ cv2.Rodrigues(np.array([0.0, -rad, 0.0]))[0] @ np.linalg.inv(camera.matrix)
+    seen = cv2.warpPerspective(TEXTURE, turn @ down, (WIDTH, HEIGHT))
+    return Frame(index, index * FRAME_NS, seen)
+
+
+@pytest.mark.parametrize("zoomed", [False, True])
+def test_a_turn_is_judged_through_the_lens_as_it_zoomed(go, zoomed):
+    """.7 degrees in a tenth of a second pass, through half the focal length, for flying past something."""
+    lens = FlightOf.camera.zoomed(2)
+    frames = [replace(panned(k, 0.004 * k, lens), camera=lens if zoomed else None) for k in range(4)]
+    refused = [call[2] for call in go(*frames).calls if call[0] == "frame"]
+    assert (refused[-1] is not None) == zoomed
+
+
 def test_a_turn_counts_against_what_the_estimator_bears_at_that_time(go):
-    camera, down = FlightOf.camera.matrix, np.array([[1.0, 0, -100], [0, 1, 0], [0, 0, 1]])
-
-    def panned(index):
-        turn = camera @ cv2.Rodrigues(np.array([0.0, -0.01 * index, 0.0]))[0] @ np.linalg.inv(camera)
-        seen = cv2.warpPerspective(TEXTURE, turn @ down, (WIDTH, HEIGHT))
-        return Frame(index, index * FRAME_NS, seen)
-
     attitude = AttitudeSample(4 * FRAME_NS, np.array([1.0, 0, 0, 0]))
-    done = go(*map(panned, range(4)), attitude, panned(4), panned(5))
+    done = go(*(panned(k, 0.01 * k) for k in range(4)), attitude, panned(4, 0.04), panned(5, 0.05))
     refused = [call[2] for call in done.calls if call[0] == "frame"]
     assert [reason is None for reason in refused] == [True, False, False, False, True, False]
     assert "degrees in" in refused[-1]

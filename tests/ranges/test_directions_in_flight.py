@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from sideways_flight import CAMERA, FRAME_NS, picture
 
-from flightdepth.ranges import MultiRangeEstimator, derotation, direction, estimator, temporal
+from flightdepth.ranges import MultiRangeEstimator, derotation, direction, estimator, exposure, temporal
 from flightdepth.ranges.choice import NO_DIRECTION, PairChoice
+from flightdepth.ranges.log_check import LogCheck
 from flightdepth.ranges.tracks import Tracker
 from flightdepth.runtimes.network import Network
 from tests_networks import BestHypothesis, difference_card, swept_card
@@ -95,6 +96,21 @@ def test_blank_pictures_tell_nothing():
     assert np.isnan(result.depth_m).all()
 
 
+def test_pairs_whose_direction_the_log_tells_come_before_those_of_an_earlier_time_without():
+    """Blank pictures; attitudes begin with the fifth frame: facing north, so that east is right."""
+    network = Told()
+    estimator = MultiRangeEstimator(network, CAMERA, ranges=2)
+    reasons = []
+    for number in range(8):
+        estimator.add_velocity(number * FRAME_NS, [0.0, 1.0, 0.0], frame="world")
+        if number >= 4:
+            estimator.add_attitude(number * FRAME_NS, [0.5, 0.5, 0.5, 0.5])
+        reasons.append(estimator.add_frame(number * FRAME_NS, blank(number)).reason)
+    assert reasons[1:] == [NO_DIRECTION] * 4 + [None] * 3
+    units = [moved / np.linalg.norm(moved) for moved in network.displacements]
+    np.testing.assert_allclose(units, [[1.0, 0.0, 0.0]] * len(units), atol=1e-9)
+
+
 def test_a_direction_holds_for_a_moment_and_no_longer():
     """Blank pictures from the fourth on, ten a second: the fourth to the eighth have a depth, not the tenth."""
     network = Told()
@@ -174,3 +190,14 @@ def test_a_frame_whose_pairs_are_all_left_out_says_why(monkeypatch):
     _, result = flown([1.0, 0.0, 0.0], "camera")
     assert result.reason == estimator.NOT_RIGID
     assert np.isnan(result.depth_m).all()
+
+
+def test_no_frame_is_made_as_bright_for_a_look_that_is_not_due(monkeypatch):
+    """The log is asked four times a second; in between only what the network sees is."""
+    exposed = []
+    monkeypatch.setattr(exposure, "_exposed_as", lambda image, *_, **__: exposed.append(1) or image)
+    asked = []
+    monkeypatch.setattr(LogCheck, "_off_rad", lambda self, pair, current: asked.append(1) or 0.0)
+    network, _ = flown([1.0, 0.0, 0.0], "camera")
+    assert len(asked) == 2
+    assert len(exposed) <= len(network.displacements) + len(asked)

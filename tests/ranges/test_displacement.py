@@ -408,3 +408,19 @@ def test_a_position_is_as_sure_as_its_seldom_velocities(rate_hz, opens):
 
 def test_one_velocity_leaves_nothing_open():
     assert left_open(np.zeros(1, np.int64), np.ones((1, 3))).tolist() == [0.0]
+
+
+@pytest.mark.parametrize("told_by", ["attitudes", "poses"])
+def test_how_a_camera_turns_on_past_the_last_sample_does_not_hang_on_how_far_back_is_asked(told_by) -> None:
+    """At 50 degrees/s, told 50 times a second: live, the newest picture is later than the newest sample."""
+    track = Trajectory()
+    for stamp_ns in range(0, 2 * S + 1, S // 50):
+        turn = rotation_from_euler(0, 0, np.radians(50) * stamp_ns / S)
+        if told_by == "poses":
+            track.add_pose(EPOCH + stamp_ns, np.block([[turn, np.zeros((3, 1))], [np.zeros((1, 3)), 1]]))
+        else:
+            track.add_attitude(EPOCH + stamp_ns, quaternion_from_rotation(turn))
+    now = EPOCH + 2 * S + 30_000_000
+    near, far = (track.at(np.array([now - back, now])).world_from_camera[1] for back in (33_000_000, S))
+    np.testing.assert_allclose(near, far, atol=1e-9)
+    np.testing.assert_allclose(near, rotation_from_euler(0, 0, np.radians(50) * 2.03), atol=1e-6)

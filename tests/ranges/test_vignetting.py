@@ -197,3 +197,12 @@ def test_every_few_frames_are_looked_at_until_enough_is_known():
     lens._weight = 1e9
     lens.watch(frames[-1], frames[:-1])
     assert len(looked) == 3
+
+
+def test_a_video_that_shows_each_picture_five_times_is_learnt_from_as_often():
+    lens, looked = Vignetting(CAMERA), []
+    lens.learn = lambda previous, current: looked.append(current)  # type: ignore[method-assign]
+    frames = [Frame(5 * k + 1, k, np.full((2, 2, 3), k, np.uint8)) for k in range(2 * EVERY + 1)]
+    for k, frame in enumerate(frames):
+        lens.watch(frame, frames[:k])
+    assert [int(picture[0, 0, 0]) for picture in looked] == [2 * EVERY]

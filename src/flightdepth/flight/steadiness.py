@@ -83,6 +83,10 @@ class Steadiness:
         self._shown = None if shown is None else shown_at(shown, *size)
         self._kept: deque[tuple[int, Grey]] = deque()
 
+    def see_through(self, camera: Camera) -> None:
+        """Take the next pictures for those of `camera`, of the same size: the lens zoomed."""
+        self._camera = small_camera(camera)
+
     def add(self, stamp_ns: int, image: NDArray[np.uint8], max_turn_rad: float = MAX_TURN_RAD) -> TurnRate:
         """Judge the next picture, uint8 RGB [H, W, 3] of the camera's size; stamps must rise.
 

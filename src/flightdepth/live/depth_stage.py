@@ -167,6 +167,7 @@ class DepthStage:
         if self._zoom is not None:
             self._camera = camera_of_size(self._zoom(stamp_ns), width, height)
             self._estimator.see_through(self._camera)
+            self._steadiness.see_through(self._camera)
         self._repeats.add(stamp_ns, image[::LOOKED_AT, ::LOOKED_AT].copy())
         repeated = self._repeats.repeated
         if repeated and stamp_ns - self._repeats.shown_ns < FROZEN_NS:

@@ -52,10 +52,11 @@ def depths(
     for event in flight:
         match event:
             case Frame():
-                limit_rad = estimator.max_turn_rad(event.stamp_ns)
-                unusable = steadiness.add(event.stamp_ns, event.image, limit_rad).unusable
                 if event.camera is not None:
                     estimator.see_through(event.camera)
+                    steadiness.see_through(event.camera)
+                limit_rad = estimator.max_turn_rad(event.stamp_ns)
+                unusable = steadiness.add(event.stamp_ns, event.image, limit_rad).unusable
                 if event.after_damage:
                     estimator.forget_frames()
                 yield event, estimator.add_frame(event.stamp_ns, event.image, unusable=unusable)

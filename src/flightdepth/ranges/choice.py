@@ -100,13 +100,16 @@ class PairChoice:
         self, lines: Baselines, current: Frame, seer: Seer, ranges: int, most: int
     ) -> tuple[Pair, ...]:
         """The pairs that `seer` wants, of directions that the log or the pictures tell; none where it needs one."""
+        asks, known = seer.card.knows_direction, lines.usable & lines.directed
+        if asks and known.any():
+            lines = replace(lines, usable=known)  # others are of the world's axes, which the camera's are not
         seer.planner.ranges = ranges
         wanted_m, depths_m = seer.planner.wanted(current.stamp_ns, lines.length_m[lines.usable])
         pairs = pick(lines, wanted_m[:most], depths_m[:most])
-        through = seen_from(lines, pairs)
-        told, asks = all(pair.directed for pair in pairs), seer.card.knows_direction
+        told = all(pair.directed for pair in pairs)
         if not seer.is_fallback:
-            self._denied = self._derotate and told and self._log_check.denies(through[0][0][0], current)
+            asked = self._derotate and told
+            self._denied = asked and self._log_check.denies(lambda: seen_from(lines, pairs)[0][0][0], current)
         if (self._denied or not told) and (asks or self._derotate):
-            pairs = self._directions.of(through, current)
+            pairs = self._directions.of(seen_from(lines, pairs), current)
         return tuple(pair for pair in pairs if pair.directed or pair.seen or not asks)

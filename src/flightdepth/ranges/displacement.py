@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flightdepth.errors import BadInput
 from flightdepth.flight.records import FASTEST_M_S, MAX_GAP_S, VelocityFrame
 from flightdepth.motion import Vector, quaternion_from_rotation, unit_quaternion
-from flightdepth.ranges.attitude import neighbours, orientations
+from flightdepth.ranges.attitude import TURNED_OVER_NS, neighbours, orientations
 from flightdepth.ranges.pose_jumps import MAX_ACCELERATION_M_S2, PoseJumps
 from flightdepth.ranges.timeline import Rows, Stamps, Timeline, checked_stamp
 from flightdepth.runtimes.arrays import Flags
@@ -209,6 +209,7 @@ class Trajectory:
         return flown[:, :3], flown[:, 3], segment
 
     def _orientations(self, first: int, last: int, at_ns: Stamps) -> tuple[Vector, Flags]:
+        first = min(first, last - TURNED_OVER_NS)  # tells how it turns on past the last sample
         if self._poses_turn:
             stamps, rows = self._poses.between(first, last)
             return orientations(stamps, rows[:, 3:7], at_ns)

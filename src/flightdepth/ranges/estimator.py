@@ -188,7 +188,7 @@ class MultiRangeEstimator:
         self._held_still = HeldStill(TemporalAverage(self._reprojection), self._trajectory)
 
     def forget_frames(self) -> None:
-        """Pair what comes with none of the frames so far: some of them may be damaged, or of another flight."""
+        """Pair what comes with none of the frames so far: some of them may be damaged."""
         self._buffer.clear()
         self._held_still.forget()
         self._wavering.forget()

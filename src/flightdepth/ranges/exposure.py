@@ -49,7 +49,7 @@ class ExposedFrames:
 
         `evened` makes a frame's picture as bright in its corners as in its middle, as `current` is.
         """
-        self._lines, self._camera, self._current, self._shown = lines, camera, current, shown
+        self._lines, self._camera, self._now, self._shown = lines, camera, _blocks(current), shown
         self._evened = evened
         self._found: dict[int, Frame] = {}
 
@@ -59,7 +59,7 @@ class ExposedFrames:
             frame, turn = self._lines.frames[k], self._lines.current_from_previous[k]
             turn_rad = float(self._lines.turn_rad[k])
             image = self._evened(frame.image)
-            image = exposed_as(image, self._current, self._camera, turn, turn_rad, shown=self._shown)
+            image = _exposed_as(image, self._now, self._camera, turn, turn_rad, shown=self._shown)
             self._found[k] = Frame(frame.index, frame.stamp_ns, image)
         return self._found[k]
 
@@ -78,8 +78,20 @@ def exposed_as(
     `current_from_previous` (3, 3) and its angle tell how the camera turned between the two; `shown` [h, w] where both
     show the scene.
     """
-    before, now = _blocks(previous), _blocks(current)
-    size = (now.shape[1], now.shape[0])
+    return _exposed_as(previous, _blocks(current), camera, current_from_previous, turn_rad, shown=shown)
+
+
+def _exposed_as(
+    previous: AnyImage,
+    now: Vector,
+    camera: Camera,
+    current_from_previous: Vector | None,
+    turn_rad: float,
+    *,
+    shown: Flags | None,
+) -> AnyImage:
+    """`exposed_as` with the current picture's blocks, [h, w]."""
+    before, size = _blocks(previous), (now.shape[1], now.shape[0])
     seen = np.ones(now.shape, dtype=np.bool_) if shown is None else shown_at(shown, *size)
     small = camera.resized(*size)
     if current_from_previous is not None and is_visible(turn_rad, small):

@@ -7,6 +7,8 @@ each needs (`remainder`); the log's is denied where that leaves far more of them
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from flightdepth.camera import Camera
@@ -32,10 +34,10 @@ class LogCheck:
         self._denials = 0
         self.off_rad = 0.0
 
-    def denies(self, pair: Pair, current: Frame) -> bool:
-        """Whether not to believe the log's direction now; `pair` is one in which a direction can be seen."""
+    def denies(self, pair: Callable[[], Pair], current: Frame) -> bool:
+        """Whether not to believe the log's direction now; `pair` gives one in which a direction can be seen."""
         if self._checked_ns is None or current.stamp_ns - self._checked_ns >= EVERY_NS:
-            off_rad = self._off_rad(pair, current)
+            off_rad = self._off_rad(pair(), current)
             if off_rad is not None:
                 self._checked_ns = current.stamp_ns
                 self._denials = self._denials + 1 if off_rad > 0 else 0

@@ -28,7 +28,7 @@ class HeldStill:
         self._last_ns: int | None = None  # of the last depth that the average holds
 
     def forget(self) -> None:
-        """Begin anew: the last depth may be of damaged pictures, or of another flight."""
+        """Begin anew: the last depth may be of damaged pictures."""
         self._last_ns = None
 
     def add(self, stamp_ns: int, fused: Fused, pair: Pair, *, sees_direction: bool) -> Fused:

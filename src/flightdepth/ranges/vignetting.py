@@ -10,6 +10,7 @@ The law is that of a simple lens, light by the cosine's fourth power, to a share
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import count
 
 import cv2
 import numpy as np
@@ -45,6 +46,7 @@ class Vignetting:
         """`shown` [h, w], a quarter of the size, is False where no points are to be followed."""
         self._camera, self._shown = camera, shown
         self._weight = self._weighted = 0.0
+        self._watched = count()
         self._gain: tuple[float, NDArray[np.float32]] | None = None
 
     @property
@@ -62,7 +64,8 @@ class Vignetting:
 
     def watch(self, current: Frame, earlier: Sequence[AnyFrame]) -> None:
         """Learn from a frame and those before it, oldest first, of every few until enough is known."""
-        if current.index % EVERY or len(earlier) < BACK or self.estimate[1] < SURE:
+        watched = next(self._watched)  # not the frame's place: each picture may be shown five times
+        if watched % EVERY or len(earlier) < BACK or self.estimate[1] < SURE:
             return
         self.learn(earlier[-BACK].image, current.image)
 
