@@ -55,8 +55,8 @@ class Run:
                 lens=LensWatch(self.store),
             ),
             say=self.said.append,
-            limits=PATIENT,
         )
+        self.engine._monitor._limits = PATIENT
         self.engine.add_sink("test", self.results.append)
 
     @property

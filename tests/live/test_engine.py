@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from obstacle_worlds import result
 
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
@@ -29,6 +30,7 @@ from flightdepth.weights.store import find_network, read_card
 
 CAMERA = Camera.from_fov(6, 4, 90)
 IMAGE = np.zeros((4, 6, 3), np.uint8)
+FLOWN = result(np.full((4, 6), 10.0))
 PICTURE = SimpleNamespace(stamp_ns=1_000, age_from="sender", rgb=lambda: IMAGE)
 
 
@@ -38,6 +40,7 @@ class Stage:
     ranges = 1
     compiles = False
     faster = ""
+    hovers = True
 
     def __init__(self, counts: Counter[str], errors: tuple[Exception, ...] = ()) -> None:
         self.counts, self.errors = counts, list(errors)
@@ -48,7 +51,7 @@ class Stage:
     def take(self, stamp_ns, image):
         if self.errors:
             raise self.errors.pop(0)
-        depth = RangedDepth.unknown(CAMERA.height, CAMERA.width, "hovering", 1.0)
+        depth = RangedDepth.unknown(CAMERA.height, CAMERA.width, "hovering", 1.0) if self.hovers else FLOWN
         return Staged(depth, image, CAMERA, compiled=self.compiles)
 
 
@@ -300,6 +303,58 @@ def test_while_the_network_is_prepared_for_another_size_the_state_says_so():
     assert not run._monitor.preparing
 
 
+@pytest.fixture
+def clock(monkeypatch):
+    """The engine's."""
+    clock = SimpleNamespace(now_ns=10**12)
+    monkeypatch.setattr(engine_module, "time", SimpleNamespace(monotonic_ns=lambda: clock.now_ns))
+    return clock
+
+
+def test_a_result_that_waited_for_the_network_is_not_old(clock):
+    """After 5 s of compilation the state was `results are old: 5000 ms`, though none was."""
+
+    class Compiling(Stage):
+        compiles, hovers = True, False
+
+        def take(self, stamp_ns, image):
+            clock.now_ns += 5 * 10**9
+            run._on_picture(clock.now_ns)
+            run.on_velocity(clock.now_ns)
+            return super().take(stamp_ns, image)
+
+    run = LiveEngine(
+        Parts(Compiling(Counter()), MotionStore(), lambda listener: Video(), lambda engine: Motion())
+    )
+    run._work(SimpleNamespace(**vars(PICTURE) | {"stamp_ns": clock.now_ns}))
+    assert run.status().health.reason is None
+
+
+def test_hovering_does_not_undo_the_wait_between_trials_of_one_more_range(clock):
+    """Results without depth take next to nothing: n rose meanwhile, and held, so each flight began with trials anew."""
+    costs_ms = {1: 150, 2: 240}  # of the 200 from picture to picture
+
+    class Costly(Stage):
+        ranges = 2
+
+        def take(self, stamp_ns, image):
+            clock.now_ns += 10**6 * (8 if self.hovers else costs_ms[self.ranges])
+            return super().take(stamp_ns, image)
+
+    stage, rose = Costly(Counter()), []
+    run = LiveEngine(Parts(stage, MotionStore(), lambda listener: Video(), lambda engine: Motion()))
+    for stage.hovers, seconds in (False, 60), (True, 20), (False, 60):
+        rises = 0
+        for _ in range(5 * seconds):
+            next_ns, before = clock.now_ns + 2 * 10**8, stage.ranges
+            run._on_picture(clock.now_ns)
+            run._work(PICTURE)
+            rises += stage.ranges > before
+            clock.now_ns = next_ns
+        rose.append(rises)
+    assert rose == [4, 0, 1]  # after 2, 4, 8 and 16 s of room, and after the hovering; it was 4, 1, 4
+
+
 def test_why_no_picture_can_be_used_is_the_state():
     run = engine(errors=(DAMAGED,))
     run._on_picture(1)
@@ -399,7 +454,7 @@ def test_a_picture_that_waits_when_the_run_ends_is_counted():
 @pytest.mark.parametrize("compiles", [True, False])
 def test_the_time_to_compile_is_no_load_and_no_age(compiles: bool) -> None:
     run = engine()
-    run._stage.compiles = compiles
+    run._stage.compiles, run._stage.hovers = compiles, False
     loads: list[float] = []
     run._control = SimpleNamespace(add=lambda now_ns, busy_ms, period_ms: loads.append(busy_ms) or 1)
     run.run(threading.Event())

@@ -18,7 +18,7 @@ from flightdepth.flight.turn_verdict import TurnVerdict
 from flightdepth.flight.turned_focal import TurnedFocal
 from flightdepth.live import lens_watch
 from flightdepth.live.health import LENS, HealthMonitor
-from flightdepth.live.lens_watch import APART_NS, LEAST_NEW, MOST_PAIRS, MOST_WAITING, LensWatch
+from flightdepth.live.lens_watch import LEAST_NEW, MOST_PAIRS, MOST_WAITING, LensWatch
 from flightdepth.live.motion_store import MotionStore
 from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation
 from flightdepth.ranges.repeats import FROZEN
@@ -82,10 +82,10 @@ class Flight:
         return BodyAttitudeSample(stamp_ns, quaternion_from_rotation(world_from_camera @ NED_FROM_CAMERA.T))
 
 
-def flown(monkeypatch, case=HOVERING, camera=GIVEN, *, mount=NED_FROM_CAMERA, apart_ns=APART_NS, **keywords):
+def flown(monkeypatch, case=HOVERING, camera=GIVEN, *, mount=NED_FROM_CAMERA, **keywords):
     """A watch after a flight, and when it judged."""
     flight, store = Flight(monkeypatch, case, **keywords), MotionStore(mount)
-    watch = LensWatch(store, apart_ns=apart_ns)
+    watch = LensWatch(store)
     flight.fly(watch, store, camera)
     return watch, flight.judged
 
@@ -161,7 +161,8 @@ def test_pictures_that_stand_still_are_left_out(monkeypatch):
 
 
 def test_it_judges_now_and_then_and_no_more_once_it_said_the_same_twice(monkeypatch):
-    watch, judged = flown(monkeypatch, replace(HOVERING, lasts_s=50.0), apart_ns=10**9, verdict=DENIED)
+    monkeypatch.setattr(lens_watch, "APART_NS", 10**9)
+    watch, judged = flown(monkeypatch, replace(HOVERING, lasts_s=50.0), verdict=DENIED)
     assert len(judged) == 2 and judged[1] - judged[0] >= LEAST_NEW / 10
     assert watch.settled and watch.verdict.doubt
     assert len(watch._points) == 0
@@ -181,12 +182,13 @@ def test_between_two_judgements_is_half_a_minute(monkeypatch):
 
 
 def test_without_new_turns_it_does_not_judge_again(monkeypatch):
+    monkeypatch.setattr(lens_watch, "APART_NS", 10**9)
     case = replace(HOVERING, lasts_s=60.0)
     flight, store = Flight(monkeypatch, case, verdict=UNKNOWN), MotionStore(NED_FROM_CAMERA)
     for k, (at_s, _) in enumerate(flight.told):
         if at_s > 24:
             flight.told[k] = at_s, flight.told[k - 1][1]
-    flight.fly(LensWatch(store, apart_ns=10**9), store, WRONG)
+    flight.fly(LensWatch(store), store, WRONG)
     assert flight.judged and max(flight.judged) < 27
 
 
@@ -204,9 +206,9 @@ def test_pictures_of_another_size_are_of_the_same_lens_and_those_of_another_crop
     assert watch.verdict is None and not watch.settled
 
 
-def shaken(monkeypatch, store, **keywords):
+def shaken(monkeypatch, store):
     """A watch to which every picture is of a turn, and how many pairs each judgement had; none settles anything."""
-    watch, pairs = LensWatch(store, **keywords), []
+    watch, pairs = LensWatch(store), []
     monkeypatch.setattr(lens_watch, "small_grey", lambda image, small: image)
     monkeypatch.setattr(lens_watch, "follow", lambda *given: (np.zeros((20, 2)), np.ones((20, 2)), 20))
     monkeypatch.setattr(lens_watch, "judged_by_turns", lambda *given: pairs.append(len(given[0])) or UNKNOWN)
@@ -216,7 +218,8 @@ def shaken(monkeypatch, store, **keywords):
 
 def test_it_judges_by_150_pairs_and_by_45_new_ones(monkeypatch):
     """Pictures without depth too: a fast turn is why there is none, and tells most."""
-    watch, pairs = shaken(monkeypatch, MotionStore(), apart_ns=0)
+    monkeypatch.setattr(lens_watch, "APART_NS", 0)
+    watch, pairs = shaken(monkeypatch, MotionStore())
     depth = SimpleNamespace(reason="turning too fast")
     for k in range(260):
         watch.take(SimpleNamespace(stamp_ns=EPOCH_NS + k * 10**8, image=0.0, camera=GIVEN, depth=depth))
@@ -229,6 +232,18 @@ def test_pictures_that_come_faster_are_compared_at_a_tenth_of_a_second(monkeypat
     for k in range(30):
         watch.take(SimpleNamespace(stamp_ns=EPOCH_NS + k * 33_366_667, image=k, camera=GIVEN, depth=depth))
     assert [k for _, k in watch._waiting] == list(range(0, 30, 3))
+
+
+def test_one_picture_from_the_future_does_not_blind_it_until_then(monkeypatch):
+    """No later one was looked at for an hour, nor did it judge, having done so at that time."""
+    watch, pairs = shaken(monkeypatch, MotionStore())
+    depth, waiting = SimpleNamespace(reason=None), []
+    for k in range(320):
+        at_ns = EPOCH_NS + k * 10**8 + (3600 * 10**9 if k == 210 else 0)
+        watch.take(SimpleNamespace(stamp_ns=at_ns, image=k, camera=GIVEN, depth=depth))
+        waiting.append([picture for _, picture in watch._waiting])
+    assert waiting[230] == [picture + 80 for picture in waiting[150]]
+    assert len(pairs) == 3 and watch._waiting[-1][1] == 319
 
 
 def test_what_is_kept_is_bounded(monkeypatch):

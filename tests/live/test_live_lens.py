@@ -164,7 +164,8 @@ def test_live_a_lens_that_its_turns_deny_is_told_while_flying(
         motion=played.motion,
         lens=LensWatch(store),
     )
-    engine, judged = LiveEngine(parts, limits=ANY_SPEED), threading.Event()
+    engine, judged = LiveEngine(parts), threading.Event()
+    engine._monitor._limits = ANY_SPEED
 
     def note(result):
         told.append(result.status)

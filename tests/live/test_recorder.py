@@ -17,7 +17,7 @@ from page_flights import Flying
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.records import VelocitySample
 from flightdepth.live.motion_store import MotionStore
-from flightdepth.live.recorder import Recorder
+from flightdepth.live.recorder import MISTIMED, Recorder
 from flightdepth.outputs import FlightFolder
 from flightdepth.outputs import writer as writing
 from flightdepth.outputs.film import Film
@@ -73,10 +73,11 @@ def test_frames_have_the_time_of_day_by_this_computers_clock(recorder, tmp_path)
     first, second = results(2)
     ago_ns = 3_000_000_000
     earliest_ns = time.time_ns() - ago_ns
-    first = replace(first, stamp_ns=time.monotonic_ns() - ago_ns)
+    now_ns = time.monotonic_ns()
+    first = replace(first, stamp_ns=now_ns - ago_ns, ready_ns=now_ns)
     recorder(first)
     latest_ns = time.time_ns() - ago_ns
-    recorder(replace(second, stamp_ns=first.stamp_ns + 40_000_000))
+    recorder(replace(second, stamp_ns=first.stamp_ns + 40_000_000, ready_ns=now_ns))
     recorder.close({})
     folder = FlightFolder(tmp_path / "recording")
     begun, then = (row.utc_ns for row in folder.rows)
@@ -112,6 +113,42 @@ def test_poses_are_written_where_telemetry_tells_velocity_and_attitude(recorder,
     np.testing.assert_allclose(east_m[8:], 0.3 * np.arange(10), atol=1e-3)
     assert {(pose.segment, pose.attitude) for pose in poses.values()} == {(0, "log"), (1, "log")}
     np.testing.assert_allclose(poses[0].world_from_camera, flown[0].motion.world_from_camera, atol=1e-6)
+
+
+@pytest.mark.parametrize("future", [0, 2])
+def test_one_picture_from_the_future_costs_no_later_one_its_time_or_pose(recorder, tmp_path, future):
+    """For as long as it was ahead no frame had a pose; after a first one so all times were below 0."""
+    flown = results(20)
+    flown[future] = replace(flown[future], stamp_ns=flown[future].stamp_ns + 30 * 10**9)
+    for each in flown:
+        recorder(each)
+    recorder.close({})
+    folder, kept = FlightFolder(tmp_path / "recording"), [k for k in range(20) if k != future]
+    assert [row.index for row in folder.rows] == list(folder.poses) == kept
+    assert [row.stamp_ns for row in folder.rows] == [(k - kept[0]) * 10**8 for k in kept]
+    assert folder.record.counts.dropped == {MISTIMED: 1}
+
+
+@pytest.mark.parametrize(("back_from", "newer_from"), [(1, 13), (3, 15)])
+def test_times_in_a_recording_rise_where_the_stream_s_step_back(recorder, tmp_path, back_from, newer_from):
+    """As when the sender's clock becomes known: times below 0 ended `convert` to .mcap with a traceback."""
+    for k, each in enumerate(results(20)):
+        recorder(replace(each, stamp_ns=each.stamp_ns - 1_250_000_000) if k >= back_from else each)
+    recorder.close({})
+    folder = FlightFolder(tmp_path / "recording")
+    kept = [*range(back_from), *range(newer_from, 20)]
+    assert [row.index for row in folder.rows] == list(folder.poses) == kept
+    assert [row.stamp_ns for row in folder.rows] == [
+        k * 10**8 - (1_250_000_000 if k >= back_from else 0) for k in kept
+    ]
+    assert folder.record.counts.dropped == {MISTIMED: 12}
+
+
+def test_a_picture_s_time_may_lie_ahead_by_as_much_as_clocks_are_read_apart(recorder, tmp_path):
+    for each, ahead_ns in zip(results(2), (10_000_000, 10_000_001), strict=True):
+        recorder(replace(each, stamp_ns=each.ready_ns + ahead_ns))
+    recorder.close({})
+    assert [row.index for row in FlightFolder(tmp_path / "recording").rows] == [0]
 
 
 @pytest.mark.parametrize(("silent", "segments"), [(14, {0}), (17, {0, 1})])

@@ -16,10 +16,8 @@ import pytest
 pytest.importorskip("rosbags")
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
-from flightdepth.flight.steadiness import Steadiness
 from flightdepth.motion import rotation_from_euler, rotation_from_quaternion
 from flightdepth.outputs.ros_fields import camera_fields, image_fields
-from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.runtimes.network import load_network
 from tests_recordings import START_NS, STORES, Messages
 
@@ -191,8 +189,8 @@ def node(conversion, monkeypatch):
         dict(vars(DepthNode)) | {"__init__": Logged.__init__, "publish": Logged.publish, "now_ns": START_NS},
     )()
     made.camera = Camera.from_fov(64, 48, 75)
-    made.estimator = MultiRangeEstimator(load_network("tiny-clamped-256"), made.camera, ranges=1)
-    made.steadiness = Steadiness(made.camera)
+    made.network, made.ranges = load_network("tiny-clamped-256"), 1
+    made.begin()
     yield made
     sys.modules.pop("flightdepth_ros.node", None)
 
@@ -220,6 +218,28 @@ def test_pictures_that_turn_have_no_depth(node):
     assert {fields["encoding"] for fields in node.published[::2]} == {"32FC1"}
     depth_m = np.frombuffer(node.published[-2]["data"], np.float32)
     assert np.isnan(depth_m).all()
+
+
+def test_a_bag_that_is_played_again_has_depth_again(node):
+    """Nothing came any more, nor after a simulator's reset: each picture was left out as not later than the last."""
+    seen = cv2.resize(np.random.default_rng(5).integers(0, 256, (12, 16, 3), np.uint8), (64, 48))
+    for _ in range(2):
+        said = []
+        for k in range(7):
+            node.on_odometry(MADE.odometry(k / 5, (3.0, 0.0, 0.0))[1])
+            node.on_image(MADE.image(k / 5, np.roll(seen, k, axis=1), "bgr8")[1])
+            said.append(len(node.lines))
+        assert said[2] == said[-1]  # each from the third on has depth
+    assert len(node.published) == 2 * 2 * 7
+    assert node.lines[1] == "times go back by 1.2 s: begun anew"
+
+
+@pytest.mark.parametrize("back_s", [0.9, 1.1])
+def test_pictures_that_come_late_by_up_to_a_second_are_left_out_alone(node, back_s):
+    for at_s in (2.0, 2.0 - back_s, 2.1):
+        node.on_image(MADE.image(at_s, np.zeros((48, 64, 3), np.uint8), "bgr8")[1])
+    assert any("image left out" in line for line in node.lines) == (back_s < 1)
+    assert any("begun anew" in line for line in node.lines) == (back_s > 1)
 
 
 def test_odometry_is_heard_from_publishers_that_promise_no_delivery(node):

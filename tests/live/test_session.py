@@ -1,5 +1,6 @@
 """What `flightdepth live` puts together; nothing is opened."""
 
+import os
 import re
 import shutil
 import signal
@@ -100,6 +101,16 @@ def test_what_is_recorded_holds_no_password(session, monkeypatch):
     assert recorded[0]._settings["video"] == "rtsp://127.0.0.1/main"
 
 
+@pytest.mark.parametrize("option", ["video", "telemetry", "camera"])
+def test_a_name_that_is_not_utf_8_is_not_recorded(session, tmp_path, option):
+    """Each result failed, at exit code 0."""
+    own, odd = {"mavlink": None, "hfov": None}, Path(os.fsdecode(b"h\xf6he"))
+    changes = own | {option: str(odd) if option == "video" else odd}
+    with pytest.raises(BadInput, match=rf"^--{option} 'h\\udcf6he': expected a name in UTF-8"):
+        replace(session.settings, **changes)
+    replace(session.settings, **changes, out=None)  # nothing is written down
+
+
 def test_a_recording_tells_which_log_was_found(session, tmp_path, monkeypatch):
     """Of the one inside the video or beside it flight.json said "None"."""
     shutil.copy(VIDEO, tmp_path / "v.mp4")
@@ -119,6 +130,12 @@ def test_obstacle_messages_that_fail_stand_in_the_state(session):
     session.sender = SimpleNamespace(failed=3)
     dropped = session.engine.status().telemetry_dropped
     assert dropped == {"obstacle messages that could not be made or written": 3}
+
+
+def test_obstacles_are_sought_and_told_by_the_same_settings(session, tmp_path):
+    """Each side made its own."""
+    feed = Session(replace(session.settings, dry_run=tmp_path / "out.tlog"))._add_obstacles()
+    assert feed._packer.settings is feed._obstacles.settings is feed.settings
 
 
 def test_no_obstacle_message_goes_before_there_is_anybody_to_send_to(session):

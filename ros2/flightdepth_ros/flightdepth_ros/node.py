@@ -20,6 +20,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.ros_records import DamagedError
 from flightdepth.flight.steadiness import Steadiness
+from flightdepth.live.depth_stage import BACK_NS
 from flightdepth.outputs.ros_fields import camera_fields, image_fields
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.runtimes.network import load_network, nearest_network
@@ -33,7 +34,7 @@ SENSED = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class DepthNode(Node):
-    """One estimator; the first CameraInfo makes it."""
+    """One estimator; the first CameraInfo makes it, and pictures whose times go back make it anew."""
 
     def __init__(self) -> None:
         super().__init__("flightdepth")
@@ -41,7 +42,6 @@ class DepthNode(Node):
         self.declare_parameter("ranges", 2)
         self.declare_parameter("mount_pitch_deg", math.nan)
         self.estimator: MultiRangeEstimator | None = None
-        self.steadiness: Steadiness | None = None
         self.camera = None
         self.depth = self.create_publisher(Image, "depth", NEWEST)
         self.info = self.create_publisher(CameraInfo, "depth/camera_info", NEWEST)
@@ -55,11 +55,16 @@ class DepthNode(Node):
             return
         self.camera = camera_of(message)
         name = self.get_parameter("network").value or nearest_network(self.camera)
-        network, ranges = load_network(name), self.get_parameter("ranges").value
-        network.warm_up(network.grid(self.camera).camera, ranges)
-        self.estimator = MultiRangeEstimator(network, self.camera, ranges=ranges)
+        self.network, self.ranges = load_network(name), self.get_parameter("ranges").value
+        self.network.warm_up(self.network.grid(self.camera).camera, self.ranges)
+        self.begin()
+        self.get_logger().info(f"{self.network.card.name}, {self.camera.width}x{self.camera.height}")
+
+    def begin(self) -> None:
+        """Nothing is known yet of pictures and motion."""
+        self.estimator = MultiRangeEstimator(self.network, self.camera, ranges=self.ranges)
         self.steadiness = Steadiness(self.camera)
-        self.get_logger().info(f"{network.card.name}, {self.camera.width}x{self.camera.height}")
+        self.newest_ns = 0
 
     def on_odometry(self, message: Odometry) -> None:
         """Velocity, and the attitude of a camera that is screwed to the drone."""
@@ -78,6 +83,11 @@ class DepthNode(Node):
             return
         with self.left_out_if_bad("image"):
             stamp_ns, image = image_of(message, self.now_ns)
+            back_ns = self.newest_ns - stamp_ns
+            if back_ns > BACK_NS:  # a bag that is played again, a simulator that was reset
+                self.get_logger().warning(f"times go back by {back_ns / 1e9:.1f} s: begun anew")
+                self.begin()
+            self.newest_ns = max(self.newest_ns, stamp_ns)
             turn = self.steadiness.add(stamp_ns, image, self.estimator.max_turn_rad(stamp_ns))
             result = self.estimator.add_frame(stamp_ns, image, unusable=turn.unusable)
             if result.reason is not None:

@@ -28,7 +28,7 @@ from flightdepth.live.motion_store import MotionStore
 from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import ObstaclePacker, in_tlog
 from flightdepth.live.obstacle_sender import ObstacleFeed, ObstacleSender, Write
-from flightdepth.live.obstacles import ObstacleSettings, Sight
+from flightdepth.live.obstacles import Sight
 from flightdepth.live.page import Page, PageServer
 from flightdepth.live.recorder import Recorder
 from flightdepth.live.video_address import video_address
@@ -181,9 +181,10 @@ class Session:
         settings = self.settings
         if not settings.sends_obstacles:
             return None
-        packer = ObstaclePacker(ObstacleSettings(), system=self._vehicle)
+        obstacles = ObstacleMap(self._sight)
+        packer = ObstaclePacker(obstacles.settings, system=self._vehicle)
         fixed = settings.mount == "fixed"
-        feed = self.obstacles = ObstacleFeed(ObstacleMap(self._sight), packer, camera_ahead=fixed)
+        feed = self.obstacles = ObstacleFeed(obstacles, packer, camera_ahead=fixed)
         self.engine.add_sink("obstacles", feed.take)
         return feed
 

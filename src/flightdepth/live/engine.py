@@ -18,7 +18,7 @@ from typing import Protocol
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.live.depth_stage import DepthStage, NoCalibration, Staged
-from flightdepth.live.health import HealthMonitor, Limits
+from flightdepth.live.health import HealthMonitor
 from flightdepth.live.lens_watch import LensWatch
 from flightdepth.live.meters import Ages, Rate
 from flightdepth.live.motion_store import MotionStore
@@ -69,13 +69,11 @@ class Parts:
 class LiveEngine:
     """Runs from `__enter__` to `__exit__`; `run` is the estimator's loop. `status` may be asked by any thread."""
 
-    def __init__(
-        self, parts: Parts, *, say: Callable[[str], None] = lambda text: None, limits: Limits | None = None
-    ) -> None:
+    def __init__(self, parts: Parts, *, say: Callable[[str], None] = lambda text: None) -> None:
         self._stage, self._store, self._parts, self._tell = parts.stage, parts.store, parts, say
         self._lock = threading.Lock()
         self._start_ns = time.monotonic_ns()
-        self._monitor = HealthMonitor(self._start_ns, limits, faster=parts.stage.faster)
+        self._monitor = HealthMonitor(self._start_ns, faster=parts.stage.faster)
         self._control = RangeControl(parts.stage.ranges)
         self._pictures, self._taken, self._results, self._ages = Rate(), Rate(), Rate(), Ages()
         self._used = 0
@@ -224,7 +222,8 @@ class LiveEngine:
         ready_ns = time.monotonic_ns()
         self._note(staged, picture, ready_ns)
         self._publish(staged, picture, ready_ns)
-        if staged.compiled:  # seconds that no other picture of this size takes
+        # Neither tells what one with depth takes: seconds that no other of its size does, or next to nothing.
+        if staged.compiled or staged.depth.reason is not None:
             return
         busy_ms = (time.monotonic_ns() - began_ns) / 1e6
         with self._lock:
@@ -241,7 +240,8 @@ class LiveEngine:
         self._size = size
 
     def _note(self, staged: Staged, picture: Picture, ready_ns: int) -> None:
-        age_ms = (ready_ns - picture.stamp_ns) / 1e6
+        # No other picture waits for the network.
+        age_ms = 0.0 if staged.compiled else (ready_ns - picture.stamp_ns) / 1e6
         with self._lock:
             self._used += 1
             # Figures, and not the result itself: its last holder frees megabytes, which takes milliseconds.

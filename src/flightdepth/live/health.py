@@ -48,8 +48,8 @@ class HealthMonitor:
     pictures_hz, taken_hz  how many came, and were looked at, a second
     """
 
-    def __init__(self, start_ns: int, limits: Limits | None = None, *, faster: str = "") -> None:
-        self._limits, self._faster = limits or Limits(), f"; {faster} take less time" if faster else ""
+    def __init__(self, start_ns: int, *, faster: str = "") -> None:
+        self._limits, self._faster = Limits(), f"; {faster} take less time" if faster else ""
         self.instead: str | None = None
         self.lens_doubt: str | None = None
         self.untold: str | None = None

@@ -40,16 +40,14 @@ LEAST_NEW = 45  # since the last judgement
 class LensWatch:
     """Give `take` every result; `verdict` may be asked by any thread.
 
-    Judges at most each `apart_ns`, and only after new turns; no more once it said the same of the lens twice in a row.
+    Judges at most each APART_NS, and only after new turns; no more once it said the same of the lens twice in a row.
     A stream that is cropped otherwise begins anew.
     """
 
-    def __init__(
-        self, store: MotionStore, *, apart_ns: int = APART_NS, mask: PictureMask | None = None
-    ) -> None:
+    def __init__(self, store: MotionStore, *, mask: PictureMask | None = None) -> None:
         self.verdict: TurnVerdict | None = None
         self.settled = False
-        self._store, self._apart_ns, self._mask = store, apart_ns, mask
+        self._store, self._mask = store, mask
         self._small: Camera | None = None
         self._new = self._next_ns = 0
 
@@ -59,6 +57,9 @@ class LensWatch:
         if self._small is None or not _alike(self._small, small):
             self.settled, self.verdict = False, None
             self._begin(small)
+        if self._waiting and result.stamp_ns < self._waiting[-1][0]:  # their times were wrong
+            self._waiting.clear()
+            self._next_ns = 0
         soon = len(self._waiting) > 0 and result.stamp_ns - self._waiting[-1][0] < STEP_NS
         if self.settled or soon or (result.depth.reason or "").startswith(FROZEN):
             return
@@ -67,7 +68,7 @@ class LensWatch:
         self._follow(result.stamp_ns - RIPE_NS)
         turned = len(self._points) >= ENOUGH and self._new >= LEAST_NEW
         if turned and result.stamp_ns >= self._next_ns:
-            self._new, self._next_ns = 0, result.stamp_ns + self._apart_ns
+            self._new, self._next_ns = 0, result.stamp_ns + APART_NS
             told = attitude_rates(*self._attitudes.between(0, self._attitudes.newest_ns or 0))
             self._note(judged_by_turns(self._points, told, result.camera))
 

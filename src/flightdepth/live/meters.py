@@ -8,26 +8,26 @@ import numpy as np
 
 from flightdepth.flight.records import NS_PER_S
 
+RATE_NS, AGES_NS = 3 * NS_PER_S, 60 * NS_PER_S  # so long events and ages count
 LEAST_NS = NS_PER_S // 10  # pictures that lay in a queue come in one burst, which is no rate
 REFRESH_NS = NS_PER_S // 4  # sorting a minute's ages for each result would cost a millisecond
 
 
 class Rate:
-    """Events a second over the last `span_s`, and since a pause of half of that."""
+    """Events a second over the last RATE_NS, and since a pause of half of that."""
 
-    def __init__(self, span_s: float = 3.0) -> None:
-        self._span_ns = round(span_s * NS_PER_S)
+    def __init__(self) -> None:
         self._stamps: deque[int] = deque(maxlen=4096)
 
     def add(self, now_ns: int) -> None:
         """One event."""
-        if self._stamps and now_ns - self._stamps[-1] > self._span_ns // 2:
+        if self._stamps and now_ns - self._stamps[-1] > RATE_NS // 2:
             self._stamps.clear()
         self._stamps.append(now_ns)
 
     def hz(self, now_ns: int) -> float:
         """Intervals over their time; 0 where the recent ones take less than LEAST_NS."""
-        while self._stamps and now_ns - self._stamps[0] > self._span_ns:
+        while self._stamps and now_ns - self._stamps[0] > RATE_NS:
             self._stamps.popleft()
         if not self._stamps or (taken_ns := self._stamps[-1] - self._stamps[0]) < LEAST_NS:
             return 0.0
@@ -35,10 +35,9 @@ class Rate:
 
 
 class Ages:
-    """Milliseconds of the last `span_s`, and the value that 95 % of them do not exceed, at most REFRESH_NS old."""
+    """Milliseconds of the last AGES_NS, and the value that 95 % of them do not exceed, at most REFRESH_NS old."""
 
-    def __init__(self, span_s: float = 60.0) -> None:
-        self._span_ns = round(span_s * NS_PER_S)
+    def __init__(self) -> None:
         self._entries: deque[tuple[int, float]] = deque(maxlen=8192)
         self._p95: tuple[int, float] | None = None
 
@@ -48,8 +47,8 @@ class Ages:
         self.forget(now_ns)
 
     def forget(self, now_ns: int) -> None:
-        """Leave out what is older than the span."""
-        while self._entries and now_ns - self._entries[0][0] > self._span_ns:
+        """Leave out what is older than AGES_NS."""
+        while self._entries and now_ns - self._entries[0][0] > AGES_NS:
             self._entries.popleft()
 
     @property

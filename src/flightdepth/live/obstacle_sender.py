@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import TracebackType
 
@@ -93,21 +93,22 @@ class ObstacleFeed:
             return None
         return newest
 
-    def due(self, now_ns: int) -> list[bytes]:
-        """The messages to send at `now_ns`: none twice within its interval, none about an old picture."""
+    def due(self, now_ns: int) -> Iterator[bytes]:
+        """The messages to send at `now_ns`: none twice within its interval, none about an old picture.
+
+        One that cannot be made costs those after it, and none before.
+        """
         fresh = self.fresh(now_ns)
-        messages = []
         if _elapsed(self._heartbeat_ns, now_ns, HEARTBEAT_NS):
             self._heartbeat_ns = now_ns
-            messages.append(self._packer.heartbeat(usable=fresh is not None))
+            yield self._packer.heartbeat(usable=fresh is not None)
         if fresh is not None and _elapsed(self._distances_ns, now_ns, EVERY_NS):
             self._distances_ns = now_ns
             age_s = (now_ns - fresh.stamp_ns) / NS_PER_S
             time_us = (fresh.stamp_ns if fresh.boot_ns is None else fresh.boot_ns) // 1000
-            messages.append(self._packer.distances(fresh.sectors, time_us, age_s))
+            yield self._packer.distances(fresh.sectors, time_us, age_s)
             if self._points:
-                messages += self._packer.points(fresh.sectors, time_us // 1000, age_s, fresh.body_from_level)
-        return messages
+                yield from self._packer.points(fresh.sectors, time_us // 1000, age_s, fresh.body_from_level)
 
     def _heading(self, motion: MotionAt) -> float | None:
         if motion.world_from_body is not None:
@@ -146,16 +147,17 @@ class ObstacleSender:
             if not self._heard():
                 continue
             try:
-                messages = self._feed.due(time.monotonic_ns())
+                for message in self._feed.due(time.monotonic_ns()):
+                    self._send(message)
             except Exception:  # a number that no message can hold: the next result's may be sound
                 self.failed += 1
-                continue
-            for message in messages:
-                try:
-                    self._write(message)
-                    self.sent += 1
-                except Exception:  # a link of any kind: the next message is tried all the same
-                    self.failed += 1
+
+    def _send(self, message: bytes) -> None:
+        try:
+            self._write(message)
+            self.sent += 1
+        except Exception:  # a link of any kind: the next message is tried all the same
+            self.failed += 1
 
 
 def _elapsed(last_ns: int | None, now_ns: int, every_ns: int) -> bool:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import time
+from collections import Counter
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Lock
@@ -11,6 +13,7 @@ from threading import Lock
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight.records import AttitudeSample, Frame, VelocitySample
 from flightdepth.flight.universal_time import UniversalTime
+from flightdepth.live.picture_clock import AHEAD_NS
 from flightdepth.live.status import LiveResult
 from flightdepth.outputs.poses import FramePose, PoseTrack
 from flightdepth.outputs.preview import Preview
@@ -20,6 +23,7 @@ from flightdepth.weights.card import NetworkCard
 
 LEAST_FREE_BYTES = 500 * 10**6  # to finish a recording before nothing fits any more
 OTHER_SIZE = "of another size than the first"
+MISTIMED = "from the future, or not later than the one before in the recording"
 NO_ROOM = "all that came when the disk was nearly full"
 
 
@@ -47,9 +51,10 @@ class Recorder:
         self._stack = ExitStack()
         self._writer: FlightWriter | None = None
         self._size = (0, 0)
-        self._first_ns = self._posed_ns = 0
+        self._first_ns, self._last_ns = 0, -math.inf
         self._told_ns: int | None = None  # the last velocity that the track was given
-        self._count = self._of_other_size = self._lost = 0
+        self._count = self._lost = 0
+        self._left_out: Counter[str] = Counter()
         self._warnings: tuple[str, ...] = ()
         self._over = False
         self._lock = Lock()  # `close` may come while a slow disk still takes a result
@@ -61,20 +66,27 @@ class Recorder:
                 self._write(result)
 
     def _write(self, result: LiveResult) -> None:
+        size = (result.camera.width, result.camera.height)
+        if self._writer is not None and size != self._size:
+            self._left_out[OTHER_SIZE] += 1
+            began, other = ("x".join(map(str, each)) for each in (self._size, size))
+            raise BadInput(self._name, expected=f"pictures of {began}, as it began", got=f"{other}: left out")
+        index = self._count
+        self._count += 1  # whatever comes of it: no two frames share an index
+        # Times step back after one that was wrong, or when the sender's clock becomes known; a recording's rise. None
+        # in it is from the future, so pictures are left out for no longer than they are old.
+        if not self._last_ns < result.stamp_ns <= result.ready_ns + AHEAD_NS:
+            self._left_out[MISTIMED] += 1
+            return
         writer = self._writer or self._begin(result)
+        self._last_ns = result.stamp_ns
         free = shutil.disk_usage(self._target.parent).free
         if free < LEAST_FREE_BYTES:
             self._finish({NO_ROOM: 1})
             expected = f"{LEAST_FREE_BYTES // 10**6} MB free on its disk"
             raise BadInput(self._name, expected=expected, got=f"{free // 10**6} MB: it ends here")
-        size = (result.camera.width, result.camera.height)
-        if size != self._size:
-            self._of_other_size += 1
-            began, other = ("x".join(map(str, each)) for each in (self._size, size))
-            raise BadInput(self._name, expected=f"pictures of {began}, as it began", got=f"{other}: left out")
         own = None if result.camera == self._camera else result.camera  # where the lens zooms
-        frame = Frame(self._count, result.stamp_ns - self._first_ns, result.image, camera=own)
-        self._count += 1  # whatever comes of it: no two frames share an index
+        frame = Frame(index, result.stamp_ns - self._first_ns, result.image, camera=own)
         writer.add(frame, result.depth, self._pose(frame, result))
         if writer.lost > self._lost:  # earlier frames: their files are written meanwhile
             self._lost = writer.lost
@@ -84,10 +96,8 @@ class Recorder:
         """Where the camera was, summed from result to result; None where telemetry tells not enough."""
         motion = result.motion
         velocity_ned, world_from_camera = motion.velocity_ned, motion.world_from_camera
-        # A stream's times may step back.
-        if velocity_ned is None or world_from_camera is None or result.stamp_ns <= self._posed_ns:
+        if velocity_ned is None or world_from_camera is None:
             return None
-        self._posed_ns = result.stamp_ns
         if motion.velocity_told_ns != self._told_ns:  # else it is held: given again, it would shorten a gap
             self._told_ns = motion.velocity_told_ns
             self._track.add(VelocitySample(frame.stamp_ns, velocity_ned))
@@ -104,8 +114,7 @@ class Recorder:
     def _finish(self, dropped: dict[str, int]) -> None:
         self._over = True
         if self._writer is not None:
-            left_out = {OTHER_SIZE: self._of_other_size} if self._of_other_size else {}
-            self._writer.note_dropped(dropped | left_out)
+            self._writer.note_dropped(dropped | self._left_out)
         try:
             self._stack.close()
         except FlightDepthError as error:
