@@ -1,6 +1,7 @@
 """The sample flight that ships with the package, and `flightdepth demo` on it."""
 
 import runpy
+import signal
 import subprocess
 import sys
 from functools import partial
@@ -202,6 +203,18 @@ def shown(request, monkeypatch):
     end_s = None if request.param == FRAMES else request.param / 30
     monkeypatch.setattr(flight, "open_flight", partial(open_flight, end_s=end_s))
     return request.param
+
+
+def test_sigterm_clears_away_what_the_demo_began(demo, monkeypatch):
+    """It ended Python at once, and left a hidden folder."""
+
+    def interrupted(*_):
+        handler = signal.getsignal(signal.SIGTERM)
+        assert callable(handler)
+        handler(signal.SIGTERM, None)
+
+    monkeypatch.setattr(flight, "open_flight", interrupted)
+    assert demo()[0] == 130
 
 
 def test_the_demo_runs_end_to_end(demo, shown, tmp_path):

@@ -93,13 +93,7 @@ def quaternion_from_rotation(rotation: ArrayLike) -> Vector:
 
 def rotation_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Vector:
     """Rz(yaw) Ry(pitch) Rx(roll), shape (3, 3): the aerospace order, world_from_body in NED / FRD."""
-    cr, sr = np.cos(roll_rad), np.sin(roll_rad)
-    cp, sp = np.cos(pitch_rad), np.sin(pitch_rad)
-    cy, sy = np.cos(yaw_rad), np.sin(yaw_rad)
-    about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    return np.asarray(about_z @ about_y @ about_x)
+    return rotation_from_quaternion(quaternion_from_euler(roll_rad, pitch_rad, yaw_rad))
 
 
 def quaternion_from_euler(

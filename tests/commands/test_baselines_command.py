@@ -3,6 +3,7 @@
 import json
 
 import cv2
+import numpy as np
 import pytest
 from command_flights import make_log, make_video
 from plain_install import run_without_extras
@@ -10,7 +11,10 @@ from plain_install import run_without_extras
 from flightdepth import cli
 from flightdepth.commands.baselines import lengths
 from flightdepth.commands.demo import CALIBRATION, LOG, VIDEO
+from flightdepth.commands.figures import check_figures, write_figures
 from flightdepth.errors import BadInput
+from flightdepth.files import refuse_to_replace
+from flightdepth.outputs.encoding import rgb_png
 
 SAMPLE = [str(VIDEO), "--telemetry", str(LOG), "--camera", str(CALIBRATION)]
 
@@ -38,6 +42,23 @@ def test_figures_go_neither_into_a_folder_nor_over_a_log(make, tmp_path, capsys)
     assert (tmp_path / "log.csv").read_bytes() == before
     assert make("--picture", tmp_path / "sheet.jpg") == 2
     assert "expected a .png file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("option", "name"), [("--json", "camera.json"), ("--picture", "photo.png")])
+def test_what_flightdepth_did_not_write_is_not_replaced(make, tmp_path, capsys, option, name):
+    photo = cv2.imencode(".png", np.zeros((4, 4, 3), np.uint8))[1].tobytes()
+    theirs = b'{"fx": 500}' if option == "--json" else photo
+    (tmp_path / name).write_bytes(theirs)
+    assert make(option, tmp_path / name) == 2
+    assert "got another file, which it would replace" in capsys.readouterr().err
+    assert (tmp_path / name).read_bytes() == theirs
+
+
+def test_its_own_figures_and_picture_are_replaced(tmp_path):
+    write_figures(tmp_path / "figures.json", {"rows": []})
+    check_figures(tmp_path / "figures.json")
+    (tmp_path / "sheet.png").write_bytes(rgb_png(np.zeros((4, 4, 3), np.uint8)))
+    refuse_to_replace("--picture", tmp_path / "sheet.png")
 
 
 def test_figures_and_picture_of_the_sample(tmp_path, capsys):

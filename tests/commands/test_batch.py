@@ -60,6 +60,16 @@ def test_no_two_flights_share_a_folder():
     assert [job.target.name for job in jobs] == ["a", "a-2", "a-3", "a-4"]
 
 
+@pytest.mark.parametrize(
+    ("flight", "name"), [(".", "inner"), ("..", "outer"), ("a/..", "inner"), ("a/.", "a")]
+)
+def test_a_folder_told_by_dots_gets_one_of_its_own_name(tmp_path, monkeypatch, flight, name):
+    """It was given the output folder itself, or that of all flights."""
+    (tmp_path / "outer/inner/a").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "outer/inner")
+    assert [job.target for job in jobs_of([Path(flight)], Path("out"))] == [Path("out", name)]
+
+
 def test_nor_on_a_disk_that_knows_no_capitals():
     """On Windows and macOS the second flight replaced the first."""
     jobs = jobs_of([Path("1/DJI_0001.MP4"), Path("2/dji_0001.mp4")], Path("out"))
@@ -304,6 +314,14 @@ def test_a_folder_of_a_network_s_name_is_not_that_network(tmp_path, monkeypatch,
     assert getattr(RunSettings(**{option: "own.onnx"}).anywhere(), option) == str(tmp_path / "own.onnx")
 
 
+def test_a_folder_of_a_lens_s_name_is_not_that_lens(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("dji-mini-2").mkdir()
+    assert RunSettings(camera=Path("dji-mini-2")).anywhere().camera == Path("dji-mini-2")
+    Path("own.yaml").touch()
+    assert RunSettings(camera=Path("own.yaml")).anywhere().camera == tmp_path / "own.yaml"
+
+
 def test_an_address_without_ray(run):
     code, _, stderr = run("--address", "auto")
     assert code == 2
@@ -342,4 +360,19 @@ def test_a_flight_that_may_not_be_read_does_not_stop_the_others():
     locked, fine = here(jobs, run_one)
     assert isinstance(locked, FlightDepthError)
     assert "Permission denied" in str(locked)
+    assert fine == "done"
+
+
+def test_a_fault_of_ours_in_one_flight_does_not_stop_the_others():
+    """A traceback ended all, where a cluster went on."""
+    jobs = [Job(Path(name), Path("out", name)) for name in ("odd", "fine")]
+
+    def run_one(flight, target):
+        if flight.name == "odd":
+            raise ValueError("of no shape")
+        return "done"
+
+    odd, fine = here(jobs, run_one)
+    assert isinstance(odd, FlightDepthError)
+    assert str(odd) == "flight odd: ValueError: of no shape"
     assert fine == "done"

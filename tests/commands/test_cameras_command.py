@@ -1,5 +1,6 @@
 """`flightdepth cameras`, and what `flightdepth run` says of the camera it took."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -36,6 +37,16 @@ def test_of_a_video_that_does_not_it_says_what_would_be_asked_for(tmp_path, caps
     assert said.err == ""
     assert "does not tell its camera; `flightdepth run` would stop" in said.out
     assert "--hfov" in said.out
+
+
+def test_of_a_log_beside_the_video_it_says_what_run_takes(tmp_path, capsys):
+    """It looked inside the video only, and said that `run` would stop."""
+    path = make_video(tmp_path / "v.mp4", frames=4)
+    told = {"speed_north": 3.0, "speed_east": 0.0, "speed_down": 0.0, "picture_hfov": 90.0}
+    frames = [{"time": k * 100_000, "metadata": told} for k in range(4)]
+    (tmp_path / "v.json").write_text(json.dumps({"frame": frames}))
+    assert main(["cameras", str(path)]) == 0
+    assert f"focal length {SIZE / 2:.0f} px" in capsys.readouterr().out
 
 
 @pytest.fixture

@@ -202,7 +202,7 @@ def test_pictures_show_input_error_truth_and_depth(evaluate, tmp_path) -> None:
     assert code == 0
     assert "pictures: 6 in" in stdout
     sheets = sorted((tmp_path / "sheets").iterdir())
-    assert [path.name for path in sheets] == [f"{i:06d}.png" for i in range(FRAMES)]
+    assert [path.name for path in sheets] == [f"errors-{i:06d}.png" for i in range(FRAMES)]
     shown = cv2.imread(str(sheets[3]))[..., ::-1]
     height, width = (shown.shape[0] - 30) // 2, (shown.shape[1] - 100) // 2
     assert shown[24 + height // 2 - 12, width // 2].astype(int) == pytest.approx([120] * 3, abs=6)  # input
@@ -214,7 +214,7 @@ def test_a_flight_without_its_preview_has_its_pictures_but_for_the_input(evaluat
     write_truth(tmp_path / "truth", TRUE_M / 1.3)
     (out / "preview.mp4").unlink()
     assert evaluate("--pictures", tmp_path / "sheets")[0] == 0
-    shown = cv2.imread(str(tmp_path / "sheets" / "000003.png"))[..., ::-1]
+    shown = cv2.imread(str(tmp_path / "sheets" / "errors-000003.png"))[..., ::-1]
     height, width = (shown.shape[0] - 30) // 2, (shown.shape[1] - 100) // 2
     assert (shown[30 : height - 20, 10 : width - 20] == 0).all()
     assert shown[height - 20, width + width // 2].tolist() == [230, 0, 0]
@@ -279,6 +279,26 @@ def test_a_folder_that_is_no_flight_is_refused(tmp_path, capsys) -> None:
 def test_a_value_that_cannot_be_is_refused(evaluate, tmp_path, option, value) -> None:
     write_truth(tmp_path / "truth")
     assert option in refused(evaluate, option, value)
+
+
+@pytest.mark.parametrize(
+    ("option", "place", "expected"),
+    [
+        ("--pictures", "truth", "another folder than that of --truth"),
+        ("--pictures", "out/depth", "a place outside"),
+        ("--pictures", "out", "a place outside"),
+        ("--json", "out/flight.json", "a place outside"),
+        ("--json", "out/errors.json", "a place outside"),
+    ],
+)
+def test_neither_the_flight_nor_its_truth_is_written_into(
+    evaluate, tmp_path, option, place, expected
+) -> None:
+    """Pictures took the place of the truth, and figures that of `flight.json`."""
+    write_truth(tmp_path / "truth")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert expected in refused(evaluate, option, tmp_path / place)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
 # The sample flight

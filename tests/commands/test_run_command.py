@@ -2,6 +2,7 @@
 
 import errno
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,11 @@ from command_flights import FRAMES, SIZE, make_log, make_video
 
 from flightdepth.camera import Camera
 from flightdepth.cli import main
+from flightdepth.commands.run import refuse_logs
+from flightdepth.commands.run_settings import RunSettings
 from flightdepth.commands.single_flight import closer
+from flightdepth.errors import BadInput
+from flightdepth.flight.telemetry import is_log
 from flightdepth.outputs import FlightFolder, FlightWriter
 from flightdepth.ranges.direction import SeenDirections
 from flightdepth.runtimes.network import load_network
@@ -274,6 +279,22 @@ def test_a_name_that_is_not_utf_8(run, work):
     refused(run(video=name), work, "expected a name in UTF-8", "Rename it.")
 
 
+@pytest.mark.parametrize("option", ["telemetry", "camera"])
+def test_a_log_or_a_calibration_whose_name_is_not_utf_8(option):
+    """A traceback, and of several flights the first was flown for nothing."""
+    with pytest.raises(
+        BadInput, match=rf"^--{option} 'h\\udcf6he': expected a name in UTF-8, got another. Rename"
+    ):
+        RunSettings(**{option: Path(os.fsdecode(b"h\xf6he"))})
+
+
+@pytest.mark.parametrize("option", ["telemetry", "camera", "mask", "network"])
+def test_a_folder_whose_name_is_not_utf_8_is_recorded_with_escapes(option):
+    path = Path(os.fsdecode(b"fl\xfcge"), "a")
+    given = str(path) if option == "network" else path
+    assert RunSettings(**{option: given}).for_record[option] == str(Path(r"fl\udcfcge", "a"))
+
+
 def test_an_empty_video(run, work):
     (work / "empty.mp4").touch()
     refused(run(video="empty.mp4"), work, "empty.mp4", "empty file")
@@ -360,6 +381,13 @@ def test_a_log_among_the_flights_is_refused_before_any_is_flown(run, work, video
     mend = f"--telemetry {work / 'log.csv'}" if videos == 1 else "A log beside each video"
     refused(outcome, work, "log.csv", "a video", mend)
     assert outcome[1] == ""
+
+
+def test_a_folder_of_pictures_that_looks_like_a_bag_is_a_flight(tmp_path):
+    """Any `metadata.yaml` among the pictures made a log of it."""
+    (tmp_path / "metadata.yaml").write_text("camera: x\n")
+    assert is_log(tmp_path)
+    refuse_logs([tmp_path, tmp_path])
 
 
 def test_a_folder_that_holds_something_else(run, work, capsys):

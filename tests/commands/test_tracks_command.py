@@ -19,3 +19,9 @@ def test_the_slopes_of_a_flight_straight_ahead_are_printed(capsys: pytest.Captur
     median, low, high, points = map(float, found.groups())
     assert low <= median <= high
     assert points >= 20
+
+
+@pytest.mark.parametrize("metres", ["nan", "-3", "inf"])
+def test_a_span_that_is_no_length_is_refused_before_the_flight(capsys, metres) -> None:
+    assert cli.main(["evaluate", "tracks", str(VIDEO), "--least-span", metres]) == 2
+    assert "--least-span: expected 0 m or more" in capsys.readouterr().err

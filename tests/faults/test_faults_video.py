@@ -258,6 +258,9 @@ def test_fault_5_a_cut_is_told_where_only_a_part_is_wanted(tmp_path):
     with pytest.raises(BadInput) as between:  # pictures of a sound video
         Video(film(tmp_path / "sound.mp4", 40), start_s=0.51, end_s=0.52)
     assert "cut off" not in str(between.value)
+    with pytest.raises(BadInput) as last:  # is shown from 1.30 s to the end, 1.33 s
+        Video(tmp_path / "sound.mp4", start_s=1.32)
+    assert "cut off" not in str(last.value)
 
 
 @pytest.mark.parametrize("codec", ["libx264", "mpeg4"])

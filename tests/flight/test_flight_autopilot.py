@@ -1,5 +1,6 @@
 from collections import Counter
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -120,6 +121,11 @@ def test_the_quaternion_of_angles_is_their_rotation(roll_rad, pitch_rad, yaw_rad
     assert quaternion[0] >= 0
     expected = rotation_from_euler(roll_rad, pitch_rad, yaw_rad)
     np.testing.assert_allclose(rotation_from_quaternion(quaternion), expected, atol=1e-12)
+    about_x, about_y, about_z = (
+        cv2.Rodrigues(axis * angle)[0]
+        for axis, angle in zip(np.eye(3), (roll_rad, pitch_rad, yaw_rad), strict=True)
+    )
+    np.testing.assert_allclose(expected, about_z @ about_y @ about_x, atol=1e-12)
 
 
 def heading(degrees):

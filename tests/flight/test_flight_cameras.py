@@ -256,6 +256,25 @@ def test_a_portrait_video_may_have_its_own_calibration(tmp_path):
     assert choose(path, hfov_deg=50).camera == Camera.from_fov(108, 192, 50)
 
 
+@pytest.mark.parametrize(("hfov_deg", "told"), [(1.047, ["1.047 radians were 60"]), (5.0, [])])
+def test_a_field_of_view_in_radians_is_doubted(tmp_path, hfov_deg, told):
+    warnings = choose(video(tmp_path), hfov_deg=hfov_deg).warnings
+    assert [line.split("(")[1].split(")")[0] for line in warnings if "--hfov" in line] == told
+
+
+def test_a_field_of_view_of_nothing_is_refused(tmp_path):
+    """It ended in a traceback of LAPACK's."""
+    with pytest.raises(BadInput, match=r"^--hfov: expected 0.1 degrees or more, got 1e-09$"):
+        choose(video(tmp_path), hfov_deg=1e-9)
+
+
+def test_a_folder_of_a_lens_s_name_hides_it_not(tmp_path, monkeypatch):
+    path = video(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "dji-mini-2").mkdir()
+    assert choose(path, "dji-mini-2").source.startswith("dji-mini-2 in the table of lenses")
+
+
 def test_the_table_counts_along_the_sensor_of_a_portrait_video(tmp_path):
     path = turn_video(make_video(tmp_path / "v.mp4", [0, 40], width=192, height=108))
     chosen = choose(path, "dji-mini-2").camera

@@ -10,7 +10,7 @@ from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.flight import AttitudeSample, Frame, VelocitySample, flight_log, open_flight, write_csv
 from flightdepth.flight.offset import ClockOffset
 from flightdepth.flight.open import merged
-from flightdepth.flight.records import MAX_GAP_S, Telemetry, ViewTrack
+from flightdepth.flight.records import MAX_GAP_S, PositionSample, Telemetry, ViewTrack, by_time
 
 MS = 1_000_000
 
@@ -61,6 +61,28 @@ def test_each_frame_follows_the_first_attitude_after_it_that_is_no_gap_away():
     samples += (velocity(11), AttitudeSample(far, level))
     found = merged(iter([frame(2), frame(10)]), samples)
     assert order(found) == [("A", 1), ("V", 3), ("A", 5), ("F", 2), ("V", 8), ("V", 11), ("F", 10)]
+
+
+@pytest.mark.parametrize("until_s", [11, 100], ids=["after the last velocity", "in a gap"])
+def test_attitudes_come_as_the_frames_do_where_no_velocity_is_told(until_s):
+    """All up to the next came at once, more than whoever integrates keeps."""
+    second, level = 10**9, [1, 0, 0, 0]
+    velocities = [velocity(0), velocity(second), *([velocity(90 * second)] if until_s > 90 else [])]
+    attitudes = [AttitudeSample(k * second // 10, level) for k in range(1000)]
+    ahead, given_ns = [], 0
+    for item in merged((frame(k * second) for k in range(until_s)), by_time(velocities, attitudes)):
+        if isinstance(item, Frame):
+            ahead.append(given_ns - item.stamp_ns)
+        else:
+            given_ns = item.stamp_ns
+    assert len(ahead) == until_s
+    assert max(ahead) <= MAX_GAP_S * second
+    assert min(ahead) >= 0
+
+
+def test_a_frame_after_the_last_velocity_follows_the_position_after_it():
+    samples = (velocity(0), PositionSample(0, [0, 0, 0]), PositionSample(4, [0, 0, 0]))
+    assert order(merged(iter([frame(2)]), samples)) == [("V", 0), ("P", 0), ("P", 4), ("F", 2)]
 
 
 def test_frames_after_the_last_velocity_still_come():
@@ -277,6 +299,8 @@ def test_hints_for_progress(video):
         ({"speed_m_s": 1, "hfov_deg": 60, "camera": Camera.from_fov(96, 64, 60)}, "both"),
         ({"speed_m_s": 1, "camera": Camera.from_fov(64, 96, 60)}, "96x64"),
         ({"speed_m_s": 1, "hfov_deg": 0}, "field of view"),
+        ({"speed_m_s": 1, "hfov_deg": 60, "telemetry_offset_s": "auto"}, "a log to move, got --speed"),
+        ({"speed_m_s": 1, "hfov_deg": 60, "telemetry_offset_s": -2.0}, "a log to move, got --speed"),
         ({"telemetry": "none.csv", "hfov_deg": 60}, "No such file"),
     ],
 )

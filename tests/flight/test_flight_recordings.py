@@ -112,6 +112,19 @@ def test_nobody_knows_how_far_off_a_log_is_whose_video_tells_no_length():
     assert searched_s(told(), 30 * S) is None
 
 
+def test_of_a_video_without_a_length_no_part_of_a_recording_is_taken_for_it():
+    """Of 1.5 s that the log saw the end of, beside 300 s that it saw whole."""
+    with pytest.raises(BadInput, match=r"one recording \(the video tells no length\), got 2"):
+        at_recording(told(Recording(0, 3 * S // 2, start_told=False), Recording(20 * S, 320 * S)), 0)
+
+
+def test_an_offset_that_a_refusal_names_counts_as_given():
+    """0.00 was none."""
+    log = told(Recording(0, 30 * S, start_told=False), Recording(50 * S, 80 * S))
+    with pytest.raises(BadInput, match=r"got 2 \(1: at least 30 s, --telemetry-offset 0.01; 2: 30 s"):
+        at_recording(log, 0)
+
+
 def test_of_many_recordings_nine_are_listed():
     log = told(*(Recording(20 * k * S, (20 * k + 10) * S) for k in range(11)))
     with pytest.raises(

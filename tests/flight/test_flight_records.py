@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from flightdepth.errors import BadInput
+from flightdepth.flight.places import SEA_LEVEL, PlaceTrack
 from flightdepth.flight.records import (
     AttitudeSample,
     Frame,
@@ -102,3 +105,26 @@ def test_the_turn_is_unknown_outside_the_track():
 def test_a_gyroscope_rate_is_finite():
     with pytest.raises(BadInput, match="gyroscope"):
         gyroscope([[float("nan"), 0, 0]])
+
+
+def places(latitude_deg=47.0):
+    return PlaceTrack(np.array([0, 1]), np.array([[latitude_deg, 8.0, 400.0]] * 2), SEA_LEVEL)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"samples": (VelocitySample(0, np.array([3.0, 0, 0]), sigma=0.2),)},
+        {"places": places(48.0)},
+        {"places": None},
+        {"view": ViewTrack(np.array([0]), np.array([70.0]))},
+        {"view": None},
+    ],
+    ids=["sigma", "places", "no places", "view", "no view"],
+)
+def test_what_only_moves_error_bars_places_or_the_lens_makes_another_log(changed):
+    """A repeated run of several flights kept what came from the log before it was mended."""
+    of = {"places": places(), "view": ViewTrack(np.array([0]), np.array([80.0]))}
+    log = Telemetry("log", (VelocitySample(0, np.array([3.0, 0, 0]), sigma=0.1),), **of)
+    assert replace(log).digest == log.digest
+    assert replace(log, **changed).digest != log.digest

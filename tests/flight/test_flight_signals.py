@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flightdepth.flight.records import GyroscopeTrack, Telemetry, VelocitySample
-from flightdepth.flight.signals import turn_signal
+from flightdepth.flight.signals import attitude_rates, turn_signal
 
 
 def turned_at(rate_hz, rates):
@@ -23,3 +23,15 @@ def test_a_gyroscope_turns_at_the_time_that_it_says(rate_hz):
 
 def test_a_gyroscope_of_fewer_samples_than_a_mean_takes_is_told_as_it_is():
     assert turned_at(1000, np.arange(5.0)).values[:, 0] == pytest.approx(np.arange(5.0))
+
+
+@pytest.mark.parametrize(
+    ("step_deg", "rate_hz"), [(3.3, 30), (20, 5), (90, 1), (120, 1), (1e-9, 10), (0, 10)]
+)
+def test_an_attitude_s_turn_is_an_angle_however_large_the_step(step_deg, rate_hz):
+    """It was the sine: of 100 degrees/s told 5 times a second 98 were left."""
+    axis, half_rad = np.array([2.0, -1.0, 2.0]) / 3, np.radians(step_deg) / 2 * np.arange(5)
+    turned = np.c_[np.cos(half_rad), np.sin(half_rad)[:, None] * axis]
+    signal = attitude_rates(np.arange(5) * 10**9 // rate_hz, turned)
+    expected = np.tile(np.radians(step_deg) * rate_hz * axis, (4, 1))
+    np.testing.assert_allclose(signal.values, expected, rtol=1e-6, atol=1e-15)

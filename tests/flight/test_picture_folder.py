@@ -489,6 +489,19 @@ def test_a_table_whose_times_count_from_1970_meets_pictures_of_one_clock(tmp_pat
         assert next(iter(flight)).stamp_ns == -S
 
 
+@pytest.mark.parametrize(("ahead_ms", "told"), [(3000, ["3.0 s apart"]), (200, [])])
+def test_satellites_beside_it_do_not_move_it_off_that_clock(tmp_path, ahead_ms, told):
+    """Pictures and rows stamped by one computer, and what the receiver said beside it: it came 3 s wrong."""
+    folder = fill(tmp_path / "rgb", [f"{EUROC_NS + t * 50 * MS}.png" for t in range(8)])
+    stamps_ns = [EUROC_NS - S + t * 100 * MS for t in range(30)]
+    rows = [f"{stamp_ns},1,0,0,{stamp_ns + ahead_ms * MS}" for stamp_ns in stamps_ns]
+    (tmp_path / "log.csv").write_text("\n".join(["stamp_ns,vn_m_s,ve_m_s,vd_m_s,utc_ns", *rows]) + "\n")
+    with open_flight(folder, tmp_path / "log.csv", hfov_deg=90) as flight:
+        assert [line[-11:] for line in flight.warnings if "by its name" in line] == told
+        assert not any("as if" in line for line in flight.warnings)
+        assert next(iter(flight)).stamp_ns == -S
+
+
 def test_two_clocks_that_are_taken_to_agree_are_told(tmp_path):
     folder = fill(tmp_path / "rgb", [f"{EUROC_NS + t * 50 * MS}.png" for t in range(8)])
     seconds = ("02:58", "02:59", "03:00", "03:01", "03:02")

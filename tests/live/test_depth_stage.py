@@ -1,5 +1,7 @@
 """The stage between pictures and the estimator, with a hand-made network."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -50,6 +52,12 @@ def test_a_fixed_camera_that_turns_is_noticed_though_nobody_tells_the_drones_att
             store.add(BodyAttitudeSample(stamp_ns, np.array([np.cos(half), 0, 0, np.sin(half)])), stamp_ns)
         staged = stage.take(stamp_ns, seen(wide, i * TURN_RAD - 0.1))
     assert witness in staged.depth.reason
+
+
+def test_a_folder_of_a_lens_s_name_hides_it_not(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("dji-mini-2").mkdir()
+    assert Lens.given(Path("dji-mini-2"), None).source.startswith("dji-mini-2 in the table of lenses")
 
 
 def test_a_frozen_picture_has_one_name(wide, save_difference_network):

@@ -307,6 +307,7 @@ def test_a_log_is_not_played_beside_a_stream(session):
     [
         ({"mount": "gimbal"}, "--mount-pitch: expected --mount fixed beside it, got --mount gimbal"),
         ({"telemetry_offset": 1.0}, "--telemetry-offset: expected a log to move, got --mavlink"),
+        ({"hfov": 0.01}, "--hfov: expected 0.1 degrees or more, got 0.01"),
     ],
 )
 def test_options_that_would_do_nothing_are_refused(session, changes, said):

@@ -180,7 +180,8 @@ def test_an_unknown_kind(convert):
 
 
 def test_options_of_clouds_beside_a_recording(convert):
-    refused(convert("flight.mcap", "--voxel", "1"), "voxel_m")
+    given = convert("flight.mcap", "--voxel", "1", "--max-range", "9", "--min-confidence", "0.5")
+    refused(given, "got --min-confidence, --max-range, --voxel")
 
 
 def test_a_folder_that_is_none(convert):

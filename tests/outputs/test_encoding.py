@@ -1,9 +1,13 @@
+import io
+
+import av
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flightdepth.files import names_flightdepth
 from flightdepth.levels import jpeg
 from flightdepth.outputs.encoding import (
     bytes_from_confidence,
@@ -11,6 +15,7 @@ from flightdepth.outputs.encoding import (
     confidence_from_bytes,
     depth_from_centimetres,
     png,
+    rgb_png,
     rounded_centimetres,
 )
 
@@ -98,3 +103,13 @@ def test_png_is_lossless(kind):
     read = cv2.imdecode(np.frombuffer(png(image), np.uint8), cv2.IMREAD_UNCHANGED)
     assert read.dtype == kind
     assert np.array_equal(read, image)
+
+
+def test_a_picture_says_who_wrote_it_and_is_lossless():
+    image = np.random.default_rng(0).integers(0, 256, (33, 47, 3), dtype=np.uint8)
+    written = rgb_png(image)
+    assert names_flightdepth(written[:64])
+    with av.open(io.BytesIO(written)) as file:  # which checks sums, as OpenCV does not
+        read = next(file.decode(video=0)).to_ndarray(format="rgb24")
+    assert np.array_equal(read, image)
+    assert np.array_equal(cv2.imdecode(np.frombuffer(written, np.uint8), cv2.IMREAD_COLOR)[..., ::-1], image)

@@ -19,7 +19,7 @@ from flightdepth.commands.flight_options import (
 )
 from flightdepth.commands.terminal import counted, say, show_table
 from flightdepth.errors import BadInput
-from flightdepth.files import check_parent, without_nan, write_atomic
+from flightdepth.files import check_parent, refuse_to_replace, without_nan, write_atomic
 
 if TYPE_CHECKING:
     from flightdepth.camera import Camera
@@ -79,6 +79,8 @@ def baselines(
     check_parent("--picture", picture)
     if picture is not None and picture.suffix != ".png":
         raise BadInput("--picture", expected="a .png file", got=str(picture))
+    if picture is not None:
+        refuse_to_replace("--picture", picture)
     with open_flight(
         flight, telemetry, camera, hfov_deg=hfov, start_s=start, end_s=end, rate_hz=rate
     ) as opened:

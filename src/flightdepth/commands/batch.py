@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -45,6 +46,11 @@ Run = Callable[[Path, Path], Outcome]  # a flight, its folder
 Attempt = Outcome | FlightDepthError
 
 
+def named(flight: Path) -> Path:
+    """The path that tells a flight's name: that of the folders . and .. too."""
+    return Path(os.path.abspath(flight))  # noqa: PTH100  which keeps the name of a link
+
+
 def jobs_of(flights: Sequence[Path], out: Path) -> list[Job]:
     """A folder in `out` for each flight, named after it; the second of a name gets -2, and so on.
 
@@ -52,8 +58,9 @@ def jobs_of(flights: Sequence[Path], out: Path) -> list[Job]:
     """
     jobs: dict[str, Job] = {}
     for flight in flights:
-        numbered = (f"{flight.stem}-{number}" for number in count(2))
-        name = next(name for name in chain([flight.stem], numbered) if name.casefold() not in jobs)
+        stem = named(flight).stem
+        numbered = (f"{stem}-{number}" for number in count(2))
+        name = next(name for name in chain([stem], numbered) if name.casefold() not in jobs)
         jobs[name.casefold()] = Job(flight, out / name)
     return list(jobs.values())
 
@@ -89,6 +96,8 @@ def here(jobs: Sequence[Job], run: Run) -> Iterator[Attempt]:
             yield error
         except OSError as error:  # a file that may not be read, a disk that is full
             yield FlightDepthError(str(error))
+        except Exception as error:  # a fault of ours: the other flights have nothing to do with it
+            yield FlightDepthError(f"flight {job.flight}: {type(error).__name__}: {error}")
 
 
 def on_ray(jobs: Sequence[Job], run: Run, address: str | None) -> Iterator[Attempt]:

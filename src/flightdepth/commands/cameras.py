@@ -24,7 +24,8 @@ def cameras(
         Path | None,
         typer.Option(
             metavar="LOG",
-            help="Log that may tell the field of view, or how the camera turned. Without it, the video's own track.",
+            help="Log that may tell the field of view, or how the camera turned. Without it, the video's own track, or "
+            "a log of its name beside it.",
         ),
     ] = None,
     mask: MaskOption = None,
@@ -63,26 +64,19 @@ def list_lenses() -> None:
 def tell(path: Path, log: Path | None, mask: Path | None, rate_hz: float | None) -> None:
     """What `run` would take for a video without --camera, or what it would ask for."""
     from flightdepth.flight.cameras import choose_camera
-    from flightdepth.flight.flight_log import at_names
-    from flightdepth.flight.inside import read_inside
+    from flightdepth.flight.flight_log import choose_telemetry
     from flightdepth.flight.mask import PictureMask
-    from flightdepth.flight.recordings import at_recording
-    from flightdepth.flight.telemetry import read_telemetry
     from flightdepth.flight.turn_verdict import described_turns, doubted_by_turns, turns_of
     from flightdepth.flight.video import Video
 
     hidden = None if mask is None else PictureMask.read(mask)
     with Video(path, mask=hidden, rate_hz=rate_hz) as video:
         try:
-            told = (
-                read_inside(path)
-                if log is None
-                else at_names(at_recording(read_telemetry(log), video.duration_ns, mend=""), video.utc)
-            )
+            told, _ = choose_telemetry(video, log, None, 0.0, mend="", which="")
         except BadInput:
             if log is not None:
                 raise
-            told = None  # a track inside the video that tells no velocity
+            told = None  # no log is found that tells a velocity
         try:
             chosen = choose_camera(video, None, None, told)
         except BadInput as error:  # no fault of who asks

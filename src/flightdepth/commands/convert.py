@@ -52,13 +52,16 @@ def convert(
     ] = None,
     max_range: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Leave out what is farther, in metres. Default: 60, of maps 30."),
+        typer.Option(
+            metavar="M",
+            help="Clouds and maps: leave out what is farther, in metres. Default: 60, of maps 30.",
+        ),
     ] = None,
     voxel: Annotated[
         float | None,
         typer.Option(
             metavar="M",
-            help="Edge of a cube that has one point, or of a cell. Default: 0.25, of maps 0.5.",
+            help="Clouds and maps: edge of a cube that has one point, or of a cell. Default: 0.25, of maps 0.5.",
         ),
     ] = None,
     every: Annotated[
@@ -109,7 +112,8 @@ def convert(
     settings = CloudSettings(**((OF_A_MAP if kind == OCCUPANCY else {}) | given))  # type: ignore[arg-type]
     check_outside(folder, file)
     if kind == RECORDING and given:
-        raise BadInput("options of clouds and maps", expected="none with .mcap", got=", ".join(given))
+        named = ", ".join(f"--{name.removesuffix('_m').replace('_', '-')}" for name in given)
+        raise BadInput("options of clouds and maps", expected="none with .mcap", got=named)
     if utc and kind != RECORDING:
         raise BadInput("--utc", expected=f"a FILE that ends in {RECORDING}", got=f"one that ends in {kind}")
     flight = opened(folder)
@@ -158,10 +162,10 @@ def checked_kind(file: Path) -> str:
 
 
 def check_outside(folder: Path, file: Path) -> None:
-    """Refuse a file among those of the run: the next run there would replace it, or refuse to."""
+    """Refuse a file or folder among those of the run: the next run there would replace it, or refuse to."""
     if file.resolve().is_relative_to(folder.resolve()):
         raise BadInput(
-            f"file {file}", expected=f"a place outside {folder}", got="one that `flightdepth run` replaces"
+            f"{file}", expected=f"a place outside {folder}", got="one that `flightdepth run` replaces"
         )
 
 

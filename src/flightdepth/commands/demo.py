@@ -12,6 +12,7 @@ import typer
 
 from flightdepth.commands.network_options import NetworkOption
 from flightdepth.commands.run_settings import RunSettings
+from flightdepth.commands.signals import stopped_as_by_ctrl_c
 from flightdepth.commands.single_flight import conclude, introduce, source_of, write_depth
 from flightdepth.commands.terminal import counted, say, show_table
 
@@ -52,7 +53,7 @@ def demo(
     from flightdepth.runtimes.network import load_network, nearest_network
 
     settings = RunSettings(telemetry=LOG, camera=CALIBRATION, network=network)  # as `flightdepth run` would
-    with open_flight(VIDEO, settings.telemetry, settings.camera) as flight:
+    with stopped_as_by_ctrl_c(), open_flight(VIDEO, settings.telemetry, settings.camera) as flight:
         loaded = load_network(network or nearest_network(flight.camera))
         introduce(VIDEO, flight, loaded)
         witness = Witness()

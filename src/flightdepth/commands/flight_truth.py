@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flightdepth.commands.convert import opened
+from flightdepth.commands.convert import check_outside, opened
 from flightdepth.commands.extras import extra_packages
 from flightdepth.commands.figures import JsonOption, check_figures, write_figures
 from flightdepth.commands.terminal import counted, say, show_table, warn
@@ -87,6 +87,11 @@ def flight_truth(
     from flightdepth.evaluation.true_depth import TrueDepth, matched
 
     check_figures(json)
+    for place in (json, pictures):
+        if place is not None:
+            check_outside(folder, place)
+    if pictures is not None and pictures.resolve() == truth.resolve():
+        raise BadInput("--pictures", expected="another folder than that of --truth", got=str(pictures))
     for option, value in (("--unit", unit), ("--far", far)):
         if value is not None and not 0 < value < float("inf"):
             raise BadInput(option, expected="a number above 0", got=f"{value:g}")
@@ -184,7 +189,7 @@ def figures(flight: FlightFolder, true: TrueDepth, found: FlightTruth, first: in
 
 
 def write_sheets(flight: FlightFolder, true: TrueDepth, found: FlightTruth, folder: Path) -> int:
-    """Write the worst frames and others, evenly spread, as 000120.png; how many."""
+    """Write the worst frames and others, evenly spread, as errors-000120.png; how many."""
     from flightdepth.evaluation.flight_truth_sheets import Sheets, chosen
     from flightdepth.outputs.encoding import rgb_png
     from flightdepth.outputs.pictures import pictures
@@ -198,5 +203,5 @@ def write_sheets(flight: FlightFolder, true: TrueDepth, found: FlightTruth, fold
     for index, image in chain(counted(shown, "pictures", "frames", total=last), zip(wanted, repeat(None))):
         if (errors := left.pop(index, None)) is not None:
             truth_m = true.at(index, flight.camera(index))
-            write_atomic(folder / f"{index:06d}.png", rgb_png(sheets.draw(image, truth_m, errors)))
+            write_atomic(folder / f"errors-{index:06d}.png", rgb_png(sheets.draw(image, truth_m, errors)))
     return len(wanted)

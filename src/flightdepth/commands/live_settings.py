@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from flightdepth.commands.network_options import NetworkPrecision
+from flightdepth.commands.recorded_options import Recorded, recorded, refuse_name, refuse_names
 from flightdepth.errors import BadInput
 from flightdepth.files import check_parent, refuse_to_replace
 
@@ -42,6 +43,15 @@ class LiveSettings:
 
     def __post_init__(self) -> None:
         self._check_addresses()
+        if self.hfov is not None:
+            from flightdepth.flight.camera_evidence import check_hfov
+
+            check_hfov(self.hfov)
+        if self.out is not None:
+            from flightdepth.live.video_address import without_secrets
+
+            refuse_name("--video", without_secrets(self.video))
+            refuse_names(self.telemetry, self.camera)
         if self.mavlink is not None and self.telemetry is not None:
             raise BadInput(
                 "--mavlink and --telemetry", expected="one of them, for the drone's velocity", got="both"
@@ -89,6 +99,6 @@ class LiveSettings:
         return self.obstacles or self.dry_run is not None
 
     @property
-    def for_record(self) -> dict[str, bool | int | float | str | None]:
+    def for_record(self) -> Recorded:
         """As they stand in flight.json."""
-        return {key: str(value) if isinstance(value, Path) else value for key, value in asdict(self).items()}
+        return recorded(asdict(self))

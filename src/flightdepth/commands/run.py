@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from flightdepth.commands.batch import Engine, Job, Outcome, jobs_of, run_jobs
+from flightdepth.commands.batch import Engine, Job, Outcome, jobs_of, named, run_jobs
 from flightdepth.commands.flight_options import (
     CameraOption,
     EndOption,
@@ -20,6 +20,7 @@ from flightdepth.commands.flight_options import (
 )
 from flightdepth.commands.network_options import METHOD, AlignOption, NetworkOption, PrecisionOption
 from flightdepth.commands.ray_option import check_engine
+from flightdepth.commands.recorded_options import refuse_name
 from flightdepth.commands.run_settings import RunSettings, offset_of
 from flightdepth.commands.signals import stopped_as_by_ctrl_c
 from flightdepth.commands.single_flight import run_one
@@ -170,7 +171,8 @@ def run(
     from flightdepth.ranges.estimator import check_ranges
 
     check_engine("flightdepth run", engine, address)
-    refuse_names(flights)
+    for path in flights:
+        refuse_name("flight", named(path).name)
     several = len(flights) > 1
     if several and telemetry is not None:
         raise BadInput(
@@ -211,20 +213,11 @@ def run(
             raise typer.Exit(FlightDepthError.exit_code)
 
 
-def refuse_names(flights: list[Path]) -> None:
-    """Refuse a name that `flight.json` cannot hold, before the first flight is flown."""
-    for path in flights:
-        try:
-            path.name.encode()
-        except UnicodeEncodeError as error:
-            named = f"flight {path.name!r}"
-            raise BadInput(named, expected="a name in UTF-8", got="another", mend="Rename it.") from error
-
-
 def refuse_logs(flights: list[Path]) -> None:
     """Refuse a log among several flights, before the first of them is flown."""
     from flightdepth.flight.telemetry import is_log
 
-    for path in filter(is_log, flights):
-        mend = f"Give it as --telemetry {path}." if len(flights) == 2 else BESIDE
-        raise BadInput(f"flight {path}", expected="a video", got="a log", mend=mend)
+    for path in flights:
+        if path.is_file() and is_log(path):  # a folder of pictures may look like a bag
+            mend = f"Give it as --telemetry {path}." if len(flights) == 2 else BESIDE
+            raise BadInput(f"flight {path}", expected="a video", got="a log", mend=mend)

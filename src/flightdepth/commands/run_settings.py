@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flightdepth.commands.network_options import NetworkPrecision
+from flightdepth.commands.recorded_options import Recorded, recorded, refuse_names
 from flightdepth.errors import BadInput
 
 
@@ -37,24 +38,27 @@ class RunSettings:
     precision: NetworkPrecision = "auto"
     detail: float = 1.0
 
+    def __post_init__(self) -> None:
+        refuse_names(self.telemetry, self.camera)
+
     def anywhere(self) -> RunSettings:
         """The same, with paths that hold from any folder."""
-        found: dict[str, Any] = {
-            key: value.absolute()
-            for key, value in asdict(self).items()
-            if isinstance(value, Path) and value.exists()
-        }
-        for name in ("network", "fallback"):
-            given = getattr(self, name)
-            # A folder may bear a network's name: that of `--out motion`.
+        found: dict[str, Any] = {}
+        for option in ("telemetry", "mask"):
+            given = getattr(self, option)
+            if given is not None and given.exists():
+                found[option] = given.absolute()
+        for option in ("camera", "network", "fallback"):
+            given = getattr(self, option)
+            # A folder may bear the name of a network or a lens: that of `--out motion`.
             if given is not None and Path(given).is_file():
-                found[name] = str(Path(given).absolute())
+                found[option] = type(given)(Path(given).absolute())
         return replace(self, **found)
 
     @property
-    def for_record(self) -> dict[str, bool | int | float | str | None]:
+    def for_record(self) -> Recorded:
         """As they stand in flight.json."""
-        return {key: str(value) if isinstance(value, Path) else value for key, value in asdict(self).items()}
+        return recorded(asdict(self))
 
 
 def offset_of(text: str) -> float | Literal["auto"]:

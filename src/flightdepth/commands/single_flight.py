@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flightdepth.commands.batch import Outcome
+from flightdepth.commands.batch import Outcome, named
 from flightdepth.commands.full_disk import room_on_the_disk
 from flightdepth.commands.network_options import check_align, precision_of
 from flightdepth.commands.run_settings import RunSettings
@@ -36,7 +36,7 @@ def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = F
     check_target(target)
     for place in keep_interrupted(target):
         warn(f"an earlier run was killed: {what_stands(place)}")
-    name = path.absolute().name  # of the folder . too
+    name = named(path).name
     with open_flight(
         path,
         settings.telemetry,

@@ -16,6 +16,7 @@ from flightdepth.commands.flight_options import (
     TelemetryOption,
 )
 from flightdepth.commands.terminal import counted, say
+from flightdepth.errors import BadInput
 
 if TYPE_CHECKING:
     from flightdepth.evaluation.tracked_points import TrackedPoints
@@ -60,6 +61,8 @@ def tracks(
     from flightdepth.ranges import MultiRangeEstimator
     from flightdepth.runtimes.network import load_network, nearest_network
 
+    if not 0 <= least_span < float("inf"):
+        raise BadInput("--least-span", expected="0 m or more", got=f"{least_span:g}")
     points = TrackedPoints()
     with open_flight(
         flight, telemetry, camera, hfov_deg=hfov, start_s=start, end_s=end, rate_hz=rate

@@ -20,7 +20,7 @@ from flightdepth.runtimes.arrays import Maps
 Floats = NDArray[np.float64]
 
 MOST_POINTS = 400
-LEAST_SAMPLES = 15
+LEAST_SAMPLES, MOST_SAMPLES = 15, 600
 PATCH_PX = 2  # depth is the median of a (2 * PATCH_PX + 1) square
 LARGEST_RETURN_PX = 0.7  # forward-backward error of a kept point
 
@@ -109,7 +109,7 @@ class TrackedPoints:
     def slopes(self, *, least_span_m: float) -> Slopes:
         """Fit every track that lasted `LEAST_SAMPLES` depths and `least_span_m` metres."""
         fitted = [
-            (_theil_sen(np.array(t.flown_m), np.array(t.depth_m)), t.depth_m[0])
+            (_theil_sen(*(_thinned(each) for each in (t.flown_m, t.depth_m))), t.depth_m[0])
             for t in self._all
             if len(t.depth_m) >= LEAST_SAMPLES and t.flown_m[-1] - t.flown_m[0] >= least_span_m
         ]
@@ -157,6 +157,11 @@ def _depth_at(depth_m: Maps, point: tuple[float, float]) -> float:
     patch = depth_m[max(y - PATCH_PX, 0) : y + PATCH_PX + 1, max(x - PATCH_PX, 0) : x + PATCH_PX + 1]
     known = patch[np.isfinite(patch)]
     return float(np.median(known)) if 2 * known.size >= patch.size and known.size else float("nan")
+
+
+def _thinned(values: list[float]) -> Floats:
+    """Every so-many-th of a track's values, MOST_SAMPLES at most: a fit takes time with their square."""
+    return np.array(values[:: -(-len(values) // MOST_SAMPLES)])
 
 
 def _theil_sen(x: Floats, y: Floats) -> float:

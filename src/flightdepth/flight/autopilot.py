@@ -26,11 +26,11 @@ from flightdepth.flight.records import (
     none_of,
     time_0_is,
 )
-from flightdepth.flight.universal_time import Clock, UniversalTime
+from flightdepth.flight.universal_time import LAST_UTC_NS, Clock, UniversalTime
 from flightdepth.motion import is_rotation, rotation_from_quaternion
 
-# Stamps beyond are damage: microseconds since 1970 reach this in 2096, and ns still fit into int64.
-LAST_STAMP_US = 4 * 10**15
+# Stamps beyond are damage, of clocks that count from 1970 too; ns still fit into int64.
+LAST_STAMP_US = LAST_UTC_NS // 1000
 # Reasons that readers share.
 DAMAGED_BYTES = "bytes skipped: damaged or cut off"
 OTHER_GIMBALS = "attitudes of other gimbals"

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from flightdepth.camera import Camera
+from flightdepth.errors import BadInput
 from flightdepth.flight.gopro_settings import GoproSettings, read_gopro_settings
 from flightdepth.flight.lenses import CERTAIN_ERROR, Lens, fov_of_equivalent_deg, known_lenses, millimetres
 from flightdepth.flight.records import Telemetry, ViewTrack
@@ -21,6 +22,7 @@ from flightdepth.flight.video import Video
 
 ZOOMED = 0.02
 FIRST_TRIED_DEG = 80.0
+NARROW_FOV_DEG, LEAST_FOV_DEG = 5.0, 0.1  # of --hfov: doubted below, refused below
 APPLE_EQUIVALENT = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
 
 
@@ -181,8 +183,25 @@ def assumed_camera(video: Video) -> Camera:
     return fov_camera(video, FIRST_TRIED_DEG)
 
 
+def check_hfov(hfov_deg: float) -> None:
+    """Refuse a --hfov at which a picture's rays are all one."""
+    if 0 < hfov_deg < LEAST_FOV_DEG:  # what is no angle is refused with the camera
+        raise BadInput("--hfov", expected=f"{LEAST_FOV_DEG:g} degrees or more", got=f"{hfov_deg:g}")
+
+
+def doubted_hfov(hfov_deg: float) -> tuple[str, ...]:
+    """A line where a --hfov may be radians."""
+    if hfov_deg >= NARROW_FOV_DEG:
+        return ()
+    as_radians = f"{hfov_deg:g} radians were {math.degrees(hfov_deg):.0f}"
+    return (
+        f"--hfov {hfov_deg:g} is in degrees, the view of a telescope ({as_radians}): depths may be far too large",
+    )
+
+
 def fov_camera(video: Video, hfov_deg: float) -> Camera:
     """An ideal lens for the upright pictures, whose pixels need not be square."""
+    check_hfov(hfov_deg)
     camera = Camera.from_fov(*video.size, hfov_deg)
     return replace(camera, fy=camera.fx * video.pixel_aspect)
 

@@ -17,6 +17,7 @@ from flightdepth.flight.camera_evidence import (
     CameraEvidence,
     ChosenCamera,
     described,
+    doubted_hfov,
     fov_camera,
     same_shape,
 )
@@ -46,7 +47,8 @@ def choose_camera(
     evidence = CameraEvidence(video, log)
     told = evidence.told()
     if hfov_deg is not None:
-        chosen = ChosenCamera(fov_camera(video, hfov_deg), by_hfov(hfov_deg))
+        camera, source = fov_camera(video, hfov_deg), by_hfov(hfov_deg)
+        chosen = ChosenCamera(camera, source, warnings=doubted_hfov(hfov_deg))
     elif given is not None:
         chosen = from_user(evidence, given)
     elif (own := told or evidence.told_by_turns()) is not None:
@@ -62,7 +64,7 @@ def from_user(evidence: CameraEvidence, given: Camera | str | Path) -> ChosenCam
     if isinstance(given, Camera):
         return ChosenCamera(upright_calibration(given, evidence), "given")
     path = Path(given)
-    if not path.exists() and path.suffix == "":
+    if not path.is_file() and path.suffix == "":  # a folder may bear a lens's name
         lens = find_lens(path.name)
         camera = evidence.upright(lens.seen(*evidence.landscape))
         return ChosenCamera(camera, by_table(lens))

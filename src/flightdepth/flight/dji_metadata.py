@@ -97,7 +97,7 @@ def read_dji_metadata(path: Path) -> Telemetry | None:
         dict(+counts),
         body_attitudes=tuple(bodies),
         # Not counted: those that jump have been.
-        places=place_track(stamps_ns, places_deg, above_sea_m, SEA_LEVEL, Counter()),
+        places=place_track(stamps_ns, places_deg, above_sea_m, SEA_LEVEL),
     )
 
 

@@ -67,7 +67,7 @@ def read_dji_record(path: Path) -> Telemetry:
         time_0_told=bool(recordings),
         utc=UniversalTime.by_readings(table.moments, "app"),
         # Not counted: those that jump have been.
-        places=place_track(table.stamps_ns, table.places_deg, table.altitudes_m, SEA_LEVEL, Counter()),
+        places=place_track(table.stamps_ns, table.places_deg, table.altitudes_m, SEA_LEVEL),
     ).later_by(-zero_ns)
 
 

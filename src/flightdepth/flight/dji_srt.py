@@ -119,7 +119,7 @@ def _flown(cues: Sequence[Cue], counts: Counter[str]) -> tuple[Velocities, Place
     found = velocities_by_places(stamps_ns, places_deg, _heights(sound), counts)
     altitudes_m = np.array([cue.fields.get("abs_alt", math.nan) for cue in sound])
     # Not counted: those that jump have been.
-    places = place_track(stamps_ns, places_deg, altitudes_m, SEA_LEVEL, Counter())
+    places = place_track(stamps_ns, places_deg, altitudes_m, SEA_LEVEL)
     return _with_speeds(found, {cue.stamp_ns: cue for cue in sound}), places
 
 

@@ -13,7 +13,7 @@ from flightdepth.flight.apparent_motion import apparent_motion
 from flightdepth.flight.gimbal import looking, with_fixed_camera
 from flightdepth.flight.inside import read_inside
 from flightdepth.flight.offset import ClockOffset, estimate_offset
-from flightdepth.flight.recordings import at_recording, searched_s
+from flightdepth.flight.recordings import MEND, at_recording, searched_s
 from flightdepth.flight.records import (
     FASTEST_M_S,
     LATEST_NS,
@@ -46,23 +46,27 @@ def choose_telemetry(
     offset_s: float | Literal["auto"],
     *,
     mend: str = NO_TELEMETRY,
+    which: str = MEND,
 ) -> tuple[Telemetry | None, bool]:
     """The log given, inside the video or beside it, moved by `offset_s`, and whether it is the one inside.
 
     None where a constant speed is flown.
 
     Raises:
-        BadInput: there is none, for which `mend` says what to do, or it says nothing of this video.
+        BadInput: there is none, for which `mend` says what to do, or it says nothing of this video, or of several:
+            `which` says what to do then.
     """
     moved_ns = 0 if offset_s == AUTO else in_ns(offset_s)
     if speed_m_s is not None:
+        if offset_s:
+            raise BadInput("--telemetry-offset", expected="a log to move", got="--speed")
         forward_velocity(0, speed_m_s)  # refuses a speed that is not one, before the first frame
         return None, False
     if telemetry is None:
         log, inside = own_telemetry(video.path, mend=mend)
     else:
         log, inside = read_telemetry(Path(telemetry)), False
-    log = at_recording(log, video.duration_ns, offset_given=bool(offset_s))
+    log = at_recording(log, video.duration_ns, offset_given=bool(offset_s), mend=which)
     log = at_names(log, video.utc)
     if offset_s == AUTO:
         return log, inside  # moved once the camera is known
@@ -90,16 +94,23 @@ def at_names(log: Telemetry, utc: UniversalTime | None) -> Telemetry:
 
     One that counts from the first picture by itself stays; a recording's own first one may be another.
     """
-    if utc is None or log.utc is None or (log.time_0_told and log.utc.clock != "computer"):
+    told = stamped_by(log)
+    if utc is None or told is None or (log.time_0_told and told.clock != "computer"):
         return log
-    moved_ns = log.utc.ns_at_zero - utc.ns_at_zero
+    moved_ns = told.ns_at_zero - utc.ns_at_zero
     name = f"{log.name}; moved by {moved_ns / NS_PER_S:+.3f} s to the times that the pictures' names tell"
     return replace(log.later_by(moved_ns), name=name, time_0_told=True)
 
 
+def stamped_by(log: Telemetry) -> UniversalTime | None:
+    """By the clock that its times come from where they counted from 1970, else as the log tells."""
+    return log.since_1970 or log.utc
+
+
 def clocks_apart(log: Telemetry, utc: UniversalTime | None) -> tuple[str, ...]:
     """What the user should know where a log that stands at its place tells universal time, and pictures' names too."""
-    if utc is None or log.utc is None:
+    told = stamped_by(log)
+    if utc is None or log.utc is None or told is None:
         return ()
     apart_s = (log.utc.ns_at_zero - utc.ns_at_zero) / NS_PER_S
     if abs(apart_s) > SAME_CLOCK_S:
@@ -107,9 +118,9 @@ def clocks_apart(log: Telemetry, utc: UniversalTime | None) -> tuple[str, ...]:
             f"at the first picture it was {utc_text(utc.ns_at_zero)} by its name, and {log.utc} of the log,"
             f" {abs(apart_s):.1f} s apart",
         )
-    if log.utc.clock == "computer":  # the one that named the pictures, as far as anybody can know
+    if told.clock == "computer":  # the one that named the pictures, as far as anybody can know
         return ()
-    clock = f"the log's clock ({log.utc.clock}) and that of the pictures' names"
+    clock = f"the log's clock ({told.clock}) and that of the pictures' names"
     return (f"pictures and log are brought together as if {clock} agreed; --telemetry-offset auto checks it",)
 
 

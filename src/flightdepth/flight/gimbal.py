@@ -22,7 +22,7 @@ from flightdepth.motion import (
     quaternion_from_rotation,
     quaternion_products,
     rotation_from_euler,
-    rotation_from_quaternion,
+    unit_quaternion,
 )
 
 # A quaternion: a camera's axes to those of its gimbal, or of a body that it looks ahead of.
@@ -61,7 +61,7 @@ def camera_attitude(gimbal: GimbalAttitude, heading_rad: float | None) -> Vector
     before it, and is ahead of the vehicle: PX4 to 1.14 sets both over the angles of servos, which count from there.
     """
     flags = GimbalFlags(gimbal.flags & 0x72)
-    rotation = rotation_from_quaternion(gimbal.quaternion)
+    quaternion = unit_quaternion(gimbal.quaternion)
     explicit = flags & (GimbalFlags.YAW_IN_VEHICLE_FRAME | GimbalFlags.YAW_IN_EARTH_FRAME)
     locked = GimbalFlags.YAW_LOCK in flags and GimbalFlags.NEUTRAL not in flags
     if not (GimbalFlags.YAW_IN_EARTH_FRAME in flags if explicit else locked):
@@ -69,8 +69,8 @@ def camera_attitude(gimbal: GimbalAttitude, heading_rad: float | None) -> Vector
         yaw_rad = gimbal.delta_yaw_rad if told else heading_rad
         if yaw_rad is None:
             return None
-        rotation = rotation_from_euler(0.0, 0.0, yaw_rad) @ rotation
-    return quaternion_from_rotation(rotation @ NED_FROM_CAMERA)
+        quaternion = quaternion_products(np.array(quaternion_from_euler(0.0, 0.0, yaw_rad)), quaternion)
+    return _of_camera(quaternion)
 
 
 def turned(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Vector:
@@ -80,7 +80,12 @@ def turned(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Vector:
 
 def looking_along(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Vector:
     """Quaternion (w, x, y, z) world_from_camera of a camera whose gimbal is `turned` so."""
-    quaternion = quaternion_products(turned(yaw_deg, pitch_deg, roll_deg), BODY_FROM_CAMERA)
+    return _of_camera(turned(yaw_deg, pitch_deg, roll_deg))
+
+
+def _of_camera(gimbal: Vector) -> Vector:
+    """Quaternion (w, x, y, z), w >= 0, of a gimbal's camera."""
+    quaternion = quaternion_products(gimbal, BODY_FROM_CAMERA)
     return quaternion if quaternion[0] >= 0 else -quaternion
 
 
@@ -91,12 +96,18 @@ def looking(pitch_deg: float) -> Vector:
 
 def screwed(body: BodyAttitudeSample, body_from_camera: Vector) -> AttitudeSample:
     """The attitude of a camera that is screwed to the body, `body_from_camera`, (3, 3)."""
-    ned_from_camera = rotation_from_quaternion(body.world_from_body) @ body_from_camera
-    return AttitudeSample(body.stamp_ns, quaternion_from_rotation(ned_from_camera))
+    (camera,) = _screwed([body], body_from_camera)
+    return camera
 
 
 def with_fixed_camera(telemetry: Telemetry, body_from_camera: Vector) -> Telemetry:
     """The telemetry with the attitude of a camera that is screwed to the body, `body_from_camera`, (3, 3)."""
-    cameras = [screwed(body, body_from_camera) for body in telemetry.body_attitudes]
+    cameras = _screwed(telemetry.body_attitudes, body_from_camera)
     motion = [sample for sample in telemetry.samples if not isinstance(sample, AttitudeSample)]
     return replace(telemetry, samples=by_time(motion, cameras))
+
+
+def _screwed(bodies: Sequence[BodyAttitudeSample], body_from_camera: Vector) -> list[AttitudeSample]:
+    turns = np.array([body.world_from_body for body in bodies]).reshape(-1, 4)
+    cameras = quaternion_products(turns, quaternion_from_rotation(body_from_camera))
+    return [AttitudeSample(body.stamp_ns, camera) for body, camera in zip(bodies, cameras, strict=True)]

@@ -68,7 +68,7 @@ def read_gpx(path: Path) -> Telemetry:
         expected = "a GPX track of two positions or more, with their times"
         raise BadInput(f"telemetry {path}", expected=expected, got=none_of(counts), mend=MEND)
     # Not counted: those that jump have been.
-    track = place_track(stamps_ns, places[:, :2], places[:, 2], SEA_LEVEL, Counter())
+    track = place_track(stamps_ns, places[:, :2], places[:, 2], SEA_LEVEL)
     zero_ns = int(found.stamps_ns[0])
     parts = f", {len(segments)} segments" if len(segments) > 1 else ""
     name = f"GPX {path.name}: {len(found)} velocities from positions{parts}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -32,12 +32,10 @@ from flightdepth.flight.recordings import SEEK, SOUGHT, doubted_length
 from flightdepth.flight.records import (
     MAX_GAP_S,
     NS_PER_S,
-    AttitudeSample,
     Frame,
     GyroscopeTrack,
     Sample,
     Telemetry,
-    VelocitySample,
 )
 from flightdepth.flight.steadiness import small_camera
 from flightdepth.flight.turn_verdict import doubted_by_turns
@@ -57,10 +55,10 @@ LEAD_NS = SELDOM_NS  # of samples before the first frame
 class Flight:
     """Frames, velocities and attitudes of one flight in time order; iterate once, inside `with`.
 
-    Order rule: before each frame come all samples up to the first velocity and, where it is no gap away, the first
-    attitude at or after the frame's stamp, if there is one, so that whoever integrates or interpolates knows it on
-    both sides of the frame. A sample may thus be ahead of the next frame, by one spacing at most. Later samples are
-    left out, and those more than LEAD_NS before the first frame, which tell nothing of it.
+    Order rule: before each frame come all samples up to its stamp, and up to the first of each kind at or after it that
+    is no gap away, so that whoever integrates or interpolates knows both sides of the frame. A sample may thus be ahead
+    of the next frame, by MAX_GAP_S at most. Later samples are left out, and those more than LEAD_NS before the first
+    frame, which tell nothing of it.
     """
 
     def __init__(
@@ -255,26 +253,25 @@ def open_flight(
 
 def merged(frames: Iterator[Frame], samples: tuple[Sample, ...]) -> Iterator[Frame | Sample]:
     """Frames and samples by the order rule of `Flight`."""
-    given, end_ns = -1, samples[-1].stamp_ns
-    velocities = [sample.stamp_ns for sample in samples if isinstance(sample, VelocitySample)]
-    attitudes = [sample.stamp_ns for sample in samples if isinstance(sample, AttitudeSample)]
+    given = -1
+    kinds: defaultdict[type[Sample], list[int]] = defaultdict(list)
+    for sample in samples:
+        kinds[type(sample)].append(sample.stamp_ns)
     for frame in frames:
         if given < 0:
             given = bisect_left(samples, frame.stamp_ns - LEAD_NS, key=lambda sample: sample.stamp_ns)
-        until_ns = _next(velocities, frame.stamp_ns, end_ns)
-        turned_ns = _next(attitudes, frame.stamp_ns, until_ns)
-        if turned_ns - frame.stamp_ns <= MAX_GAP_S * NS_PER_S:
-            until_ns = max(until_ns, turned_ns)
+        until_ns = max(_near(stamps_ns, frame.stamp_ns) for stamps_ns in kinds.values())
         while given < len(samples) and samples[given].stamp_ns <= until_ns:
             yield samples[given]
             given += 1
         yield frame
 
 
-def _next(stamps_ns: Sequence[int], stamp_ns: int, otherwise_ns: int) -> int:
-    """The first of rising stamps at or after a time."""
+def _near(stamps_ns: Sequence[int], stamp_ns: int) -> int:
+    """The first of rising stamps at or after a time; the time itself where the next is a gap away, or none."""
     index = bisect_left(stamps_ns, stamp_ns)
-    return stamps_ns[index] if index < len(stamps_ns) else otherwise_ns
+    near = index < len(stamps_ns) and stamps_ns[index] - stamp_ns <= MAX_GAP_S * NS_PER_S
+    return stamps_ns[index] if near else stamp_ns
 
 
 def with_speed(frames: Iterator[Frame], speed_m_s: float) -> Iterator[Frame | Sample]:

@@ -103,12 +103,12 @@ def place_track(
     places_deg: Vector,
     altitudes_m: Vector,
     above: AltitudeAbove,
-    counts: Counter[str],
+    counts: Counter[str] | None = None,
 ) -> PlaceTrack | None:
     """From latitudes and longitudes [n, 2] and altitudes [n], NaN where they are not told, at any stamps.
 
     Only real fixes stand in it: positions that repeat until the next would lag behind. What is no place on Earth goes,
-    positions that jump are counted; None where fewer than two are sound.
+    positions that jump are counted, unless they have been; None where fewer than two are sound.
     """
     stamps = np.asarray(stamps_ns, dtype=np.int64)
     kept = np.flatnonzero(on_earth(places_deg))
@@ -116,7 +116,8 @@ def place_track(
     if len(kept) < 2:
         return None
     sound = without_jumps(local_ned(places_deg[kept], np.zeros(len(kept))))
-    counts[JUMPING] += int((~sound).sum())
+    if counts is not None:
+        counts[JUMPING] += int((~sound).sum())
     kept = kept[sound]
     if len(kept) < 2:
         return None

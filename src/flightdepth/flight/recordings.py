@@ -112,9 +112,11 @@ def searched_s(log: Telemetry, duration_ns: int) -> float | None:
 
 
 def _fitting(recordings: Sequence[Recording], duration_ns: int) -> int | None:
-    """Number of the one recording that fits: of those that the log saw whole, else of the others, else the only one."""
+    """Number of the one recording that fits: of those that the log saw whole, else of the others; or the only one."""
     if len(recordings) == 1:
         return 0
+    if not duration_ns:
+        return None
     lacks_ns = [duration_ns - (each.end_ns - each.start_ns) for each in recordings]
     whole = [each.start_told and each.end_told for each in recordings]
     pairs = list(enumerate(zip(lacks_ns, whole, strict=True)))
@@ -130,10 +132,10 @@ def _first_picture_ns(recording: Recording, duration_ns: int) -> int:
 
 
 def _ambiguous(log: Telemetry, duration_ns: int, mend: str) -> BadInput:
-    listed = [
-        f"{number}: {_length(each)}, --telemetry-offset {-_first_picture_ns(each, duration_ns) / NS_PER_S:.2f}"
-        for number, each in enumerate(log.recordings[:LISTED], 1)
-    ]
+    listed = []
+    for number, each in enumerate(log.recordings[:LISTED], 1):
+        offset_s = round(-_first_picture_ns(each, duration_ns) / NS_PER_S, 2) or 0.01  # 0 is none given
+        listed.append(f"{number}: {_length(each)}, --telemetry-offset {offset_s:.2f}")
     more = f"; and {len(log.recordings) - LISTED} more" if len(log.recordings) > LISTED else ""
     length = (
         f"of {duration_ns / NS_PER_S:.0f} s, as the video" if duration_ns else "(the video tells no length)"

@@ -259,7 +259,8 @@ class Telemetry:
     says were recorded, in time order: recordings.py finds the one at hand. `any_direction`: of the velocities only
     the lengths are told. `places` is where on Earth the drone was, where the log tells it; `true_north` is False where
     the velocities' north may be any direction, as in a map of odometry. `time_0_told` is False where time 0 is where
-    the log begins, whenever the video did. `utc` is the universal time of time 0, where the log tells it.
+    the log begins, whenever the video did. `utc` is the universal time of time 0, where the log tells it; `since_1970`
+    is that by the clock that stamped the log, where its times counted from 1970.
     """
 
     name: str
@@ -274,6 +275,7 @@ class Telemetry:
     true_north: bool = True
     time_0_told: bool = True
     utc: UniversalTime | None = None
+    since_1970: UniversalTime | None = None
 
     def __post_init__(self) -> None:
         stamps = [sample.stamp_ns for sample in self.samples]
@@ -296,10 +298,15 @@ class Telemetry:
 
     @property
     def digest(self) -> str:
-        """Tells this log from another one: the first digits of SHA-256 over all its samples."""
+        """Tells this log from another one: the first digits of SHA-256 over all that results come from."""
         told = hashlib.sha256()
         for sample in self.samples:
             told.update(np.int64(sample.stamp_ns).tobytes() + numbers_of(sample).tobytes())
+        told.update(np.array([each.sigma for each in self.velocities], np.float64).tobytes())  # NaN for None
+        if self.places is not None:
+            told.update(self.places.stamps_ns.tobytes() + self.places.places.tobytes())
+        if self.view is not None:
+            told.update(self.view.stamps_ns.tobytes() + self.view.horizontal_deg.tobytes())
         return told.hexdigest()[:16]
 
     def later_by(self, offset_ns: int) -> Telemetry:
@@ -318,12 +325,13 @@ class Telemetry:
             recordings=tuple(recording.later_by(offset_ns) for recording in self.recordings),
             places=None if self.places is None else self.places.later_by(offset_ns),
             utc=None if self.utc is None else self.utc.later_by(offset_ns),
+            since_1970=None if self.since_1970 is None else self.since_1970.later_by(offset_ns),
         )
 
     def counted_from(self, zero_ns: int, utc: UniversalTime | None) -> Telemetry:
-        """The same with time 0 where the log begins, at `utc`, where it tells no other; its name says so."""
+        """The same with time 0 where the log begins, at `utc` by its own times; its name says so."""
         moved, name = self.later_by(-zero_ns), f"{self.name}{time_0_is(zero_ns)}"
-        return replace(moved, name=name, time_0_told=False, utc=moved.utc or utc)
+        return replace(moved, name=name, time_0_told=False, utc=moved.utc or utc, since_1970=utc)
 
     @property
     def span_ns(self) -> tuple[int, int]:

@@ -111,7 +111,10 @@ def attitude_rates(stamps_ns: Stamps, quaternions_n4: Vector, *, axes: bool = Tr
     turns = rotations_from_quaternions(quaternions_n4)
     steps = np.einsum("kji,kjl->kil", turns[:-1], turns[1:])
     odd = steps - steps.transpose(0, 2, 1)
-    vectors = np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=1) / 2  # sines: the steps are small
+    vectors = np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=1) / 2  # as long as the turn's sine
+    sines = np.linalg.norm(vectors, axis=1)
+    turned_rad = np.arctan2(sines, (np.trace(steps, axis1=1, axis2=2) - 1) / 2)
+    vectors *= (turned_rad / np.maximum(sines, np.finfo(np.float64).tiny))[:, None]
     span_s = np.diff(at_s)
     sound = (span_s > 0) & (span_s <= MAX_GAP_S)
     middle_s = (at_s[1:] + at_s[:-1]) / 2

@@ -150,7 +150,7 @@ def _telemetry(
             raise BadInput(what, expected=expected, got=none_of(counts))
         samples = by_time(along, samples)
     # Those that jump have been counted where the velocities are the slopes of the same.
-    jumps = Counter[str]() if columns.frame == BY_PLACES else counts
+    jumps = None if columns.frame == BY_PLACES else counts
     track = place_track(stamps_ns, places[:, :2], places[:, 2], SEA_LEVEL, jumps)
     told = [(row.stamp_ns, row.utc_ns) for row in rows if row.utc_ns is not None]
     log = Telemetry(

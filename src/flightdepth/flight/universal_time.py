@@ -25,7 +25,7 @@ NS_PER_S = 1_000_000_000
 SINCE = datetime(1970, 1, 1, tzinfo=UTC)
 # Clocks that nobody has set begin in 1970, 1980 or 2000, those of simulations at 0; no drone filmed before.
 EARLIEST_NS = (datetime(2005, 1, 1, tzinfo=UTC) - SINCE) // timedelta(seconds=1) * NS_PER_S
-LATEST_NS = 4 * 10**18  # 2096: beyond is damage
+LAST_UTC_NS = 4 * 10**18  # 2096: beyond is damage
 # The time of satellites (GPS) counts seconds since 6 January 1980, and knows no leap seconds: it is ahead by those
 # since then, from these dates on (IERS, Bulletin C). The next needs a line more.
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
@@ -74,7 +74,7 @@ class UniversalTime:
 
 def can_be(utc_ns: int) -> bool:
     """Whether a flight may have been then, so that a clock which says so was set."""
-    return EARLIEST_NS <= utc_ns < LATEST_NS
+    return EARLIEST_NS <= utc_ns < LAST_UTC_NS
 
 
 def unix_ns(moment: datetime) -> int:
@@ -89,7 +89,7 @@ def utc_of_iso(text: str) -> int | None:
     except ValueError:
         return None
     utc_ns = unix_ns(moment if moment.tzinfo else moment.replace(tzinfo=UTC))
-    return utc_ns if abs(utc_ns) < LATEST_NS else None
+    return utc_ns if abs(utc_ns) < LAST_UTC_NS else None
 
 
 def utc_text(utc_ns: int) -> str:

@@ -139,8 +139,9 @@ class Video:
                 f"video {self.path}", expected="at least one picture that can be decoded", got="none"
             )
         end = "the end" if self.end_ns is None else seconds(self.end_ns)
-        # With an end the part may just lie between two pictures.
-        cut = self.end_ns is None and self.start_ns < self.duration_ns
+        # With an end the part may just lie between two pictures, and the last one is shown for a while.
+        shown_ns = self.duration_ns / (self._source.count_between(0, None) or 1)
+        cut = self.end_ns is None and self.start_ns < self.duration_ns - shown_ns
         return BadInput(
             f"video {self.path}",
             expected=f"pictures between {seconds(self.start_ns)} and {end}",

@@ -53,7 +53,7 @@ class Lens:
         if camera is None or hfov_deg is not None:
             got = "neither" if camera is None else "both"
             raise BadInput("--camera and --hfov", expected="one of them", got=got, mend=NO_CAMERA)
-        if not camera.exists() and camera.suffix == "":
+        if not camera.is_file() and camera.suffix == "":
             lens = find_lens(camera.name)
             return cls(known=lens, source=by_table(lens))
         return cls(read_camera(camera), source=by_calibration(camera))

@@ -7,7 +7,7 @@ agree. Then each voxel keeps one point, the mean of what fell into it.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -162,8 +162,7 @@ def placed(folder: FlightFolder) -> dict[int, FramePose]:
             got="no frame with known position and attitude",
             mend=mend,
         )
-    segments = [pose.segment for pose in known]
-    longest = max(set(segments), key=segments.count)
+    ((longest, _),) = Counter(pose.segment for pose in known).most_common(1)
     return {pose.index: pose for pose in known if pose.segment == longest}
 
 

@@ -9,6 +9,7 @@ stored        depth                      stored        confidence
 from __future__ import annotations
 
 import io
+import zlib
 from functools import cache
 
 import cv2
@@ -22,6 +23,11 @@ UNKNOWN = 0
 FARTHEST = 65535
 
 Map = NDArray[np.float32]
+
+# A PNG's signature and its IHDR; a chunk of text (PNG specification, 11.3.4.3): length, kind, keyword and text, CRC.
+AFTER_HEAD = 8 + 25
+TEXT = b"tEXtSoftware\0flightdepth"
+WRITTEN_BY = (len(TEXT) - 4).to_bytes(4) + TEXT + zlib.crc32(TEXT).to_bytes(4)
 
 # Measured with OpenCV 4.14 on a smooth 854x480 map: 8 ms and 190 KiB for depth. Without the filter set (all
 # filters) 21 ms and 211 KiB, at level 3 39 ms and 186 KiB.
@@ -71,8 +77,9 @@ def confidence_from_bytes(stored: NDArray[np.uint8]) -> Map:
 
 
 def rgb_png(picture: NDArray[np.uint8]) -> bytes:
-    """PNG of RGB [H, W, 3], lossless."""
-    return picture_file(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), ())
+    """PNG of RGB [H, W, 3], lossless; it says who wrote it, so that a later one may replace it."""
+    plain = picture_file(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), ())
+    return plain[:AFTER_HEAD] + WRITTEN_BY + plain[AFTER_HEAD:]
 
 
 def png(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
 
 import numpy as np
@@ -10,7 +11,7 @@ import rerun.blueprint as rrb
 
 from flightdepth.errors import BadInput
 from flightdepth.levels import jpeg
-from flightdepth.motion import ENU_FROM_NED
+from flightdepth.motion import ENU_FROM_NED, Vector
 from flightdepth.outputs.cloud import CloudSettings, cloud_of
 from flightdepth.outputs.encoding import UNIT_M, bytes_from_confidence, centimetres_from_depth, png
 from flightdepth.outputs.frame_table import FrameRow
@@ -131,12 +132,11 @@ def _log_places(recording: rr.RecordingStream, flight: FlightFolder) -> None:
             indexes=[_times([pose.stamp_ns for pose in known])],
             columns=rr.Transform3D.columns(translation=[_enu(pose) for pose in known], mat3x3=turns),
         )
-    segments = sorted({pose.segment for pose in flight.poses.values()})
-    ways = [
-        np.array([_enu(pose) for pose in flight.poses.values() if pose.segment == segment])
-        for segment in segments
-    ]
-    recording.log("world/way_flown", rr.LineStrips3D(ways, colors=[255, 190, 80]), static=True)
+    ways: defaultdict[int, list[Vector]] = defaultdict(list)
+    for pose in flight.poses.values():
+        ways[pose.segment].append(_enu(pose))
+    strips = rr.LineStrips3D([np.array(way) for way in ways.values()], colors=[255, 190, 80])
+    recording.log("world/way_flown", strips, static=True)
 
 
 def _log_cloud(recording: rr.RecordingStream, flight: FlightFolder) -> None:
