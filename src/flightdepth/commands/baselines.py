@@ -13,9 +13,12 @@ from flightdepth.commands.flight_options import (
     CameraOption,
     EndOption,
     HfovOption,
+    MountPitchOption,
+    OffsetOption,
     RateOption,
     StartOption,
     TelemetryOption,
+    offset_of,
 )
 from flightdepth.commands.terminal import counted, say, show_table
 from flightdepth.errors import BadInput
@@ -39,8 +42,10 @@ def baselines(
     ],
     *,
     telemetry: TelemetryOption = None,
+    telemetry_offset: OffsetOption = "0",
     camera: CameraOption = None,
     hfov: HfovOption = None,
+    mount_pitch: MountPitchOption = None,
     start: StartOption = None,
     end: EndOption = None,
     rate: RateOption = None,
@@ -82,7 +87,15 @@ def baselines(
     if picture is not None:
         refuse_to_replace("--picture", picture)
     with open_flight(
-        flight, telemetry, camera, hfov_deg=hfov, start_s=start, end_s=end, rate_hz=rate
+        flight,
+        telemetry,
+        camera,
+        telemetry_offset_s=offset_of(telemetry_offset),
+        hfov_deg=hfov,
+        mount_pitch_deg=mount_pitch,
+        start_s=start,
+        end_s=end,
+        rate_hz=rate,
     ) as opened:
         opened_networks = [load_network(n) for n in network or [nearest_network(opened.camera)]]
         result, sights, valid = studied(opened, opened_networks, lengths_m, every)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
+
+from flightdepth.errors import BadInput
 
 TelemetryOption = Annotated[
     Path | None,
@@ -13,6 +15,13 @@ TelemetryOption = Annotated[
         metavar="LOG",
         help="Flight log of PX4, ArduPilot, MAVLink, DJI, Parrot, ROS, GPX, CSV, or a trajectory (TUM): told by what "
         "is in it. Without it, the video's own track (GoPro, DJI), or a log of its name beside it.",
+    ),
+]
+OffsetOption = Annotated[
+    str,
+    typer.Option(
+        metavar="S|auto",
+        help="Seconds to add to the log's times, so that the first picture is at 0. auto: as the pictures tell.",
     ),
 ]
 CameraOption = Annotated[
@@ -26,6 +35,14 @@ CameraOption = Annotated[
 HfovOption = Annotated[
     float | None,
     typer.Option(metavar="DEG", help="Horizontal field of view in degrees, instead of --camera."),
+]
+MountPitchOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="DEG",
+        help="The camera is screwed to the drone and looks up by so many degrees (0 ahead, -90 down): "
+        "use the drone's attitude.",
+    ),
 ]
 RateOption = Annotated[
     float | None,
@@ -45,3 +62,15 @@ StartOption = Annotated[
 EndOption = Annotated[
     float | None, typer.Option(metavar="S", help="Second of the video to stop at. Default: its last.")
 ]
+
+
+def offset_of(text: str) -> float | Literal["auto"]:
+    """Seconds, or "auto", of --telemetry-offset."""
+    if text == "auto":
+        return "auto"
+    try:
+        return float(text)
+    except ValueError:
+        raise BadInput(
+            "--telemetry-offset", expected="a number of seconds, or auto", got=repr(text)
+        ) from None

@@ -14,14 +14,17 @@ from flightdepth.commands.flight_options import (
     EndOption,
     HfovOption,
     MaskOption,
+    MountPitchOption,
+    OffsetOption,
     RateOption,
     StartOption,
     TelemetryOption,
+    offset_of,
 )
 from flightdepth.commands.network_options import METHOD, AlignOption, NetworkOption, PrecisionOption
 from flightdepth.commands.ray_option import check_engine
 from flightdepth.commands.recorded_options import refuse_name
-from flightdepth.commands.run_settings import RunSettings, offset_of
+from flightdepth.commands.run_settings import RunSettings
 from flightdepth.commands.signals import stopped_as_by_ctrl_c
 from flightdepth.commands.single_flight import run_one
 from flightdepth.errors import BadInput, FlightDepthError
@@ -39,24 +42,11 @@ def run(
     ],
     *,
     telemetry: TelemetryOption = None,
-    telemetry_offset: Annotated[
-        str,
-        typer.Option(
-            metavar="S|auto",
-            help="Seconds to add to the log's times, so that the first picture is at 0. auto: as the pictures tell.",
-        ),
-    ] = "0",
+    telemetry_offset: OffsetOption = "0",
     camera: CameraOption = None,
     hfov: HfovOption = None,
     mask: MaskOption = None,
-    mount_pitch: Annotated[
-        float | None,
-        typer.Option(
-            metavar="DEG",
-            help="The camera is screwed to the drone and looks up by so many degrees (0 ahead, -90 down): "
-            "use the drone's attitude.",
-        ),
-    ] = None,
+    mount_pitch: MountPitchOption = None,
     speed: Annotated[
         float | None,
         typer.Option(metavar="M_S", help="Constant speed in m/s, any direction, where there is no log."),

@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 from flightdepth.commands.network_options import NetworkPrecision
 from flightdepth.commands.recorded_options import Recorded, recorded, refuse_names
-from flightdepth.errors import BadInput
 
 
 @dataclass(frozen=True)
@@ -59,15 +58,3 @@ class RunSettings:
     def for_record(self) -> Recorded:
         """As they stand in flight.json."""
         return recorded(asdict(self))
-
-
-def offset_of(text: str) -> float | Literal["auto"]:
-    """Seconds, or "auto", of --telemetry-offset."""
-    if text == "auto":
-        return "auto"
-    try:
-        return float(text)
-    except ValueError:
-        raise BadInput(
-            "--telemetry-offset", expected="a number of seconds, or auto", got=repr(text)
-        ) from None

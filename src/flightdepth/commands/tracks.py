@@ -11,9 +11,13 @@ from flightdepth.commands.flight_options import (
     CameraOption,
     EndOption,
     HfovOption,
+    MaskOption,
+    MountPitchOption,
+    OffsetOption,
     RateOption,
     StartOption,
     TelemetryOption,
+    offset_of,
 )
 from flightdepth.commands.terminal import counted, say
 from flightdepth.errors import BadInput
@@ -33,8 +37,11 @@ def tracks(
     ],
     *,
     telemetry: TelemetryOption = None,
+    telemetry_offset: OffsetOption = "0",
     camera: CameraOption = None,
     hfov: HfovOption = None,
+    mask: MaskOption = None,
+    mount_pitch: MountPitchOption = None,
     start: StartOption = None,
     end: EndOption = None,
     rate: RateOption = None,
@@ -65,10 +72,20 @@ def tracks(
         raise BadInput("--least-span", expected="0 m or more", got=f"{least_span:g}")
     points = TrackedPoints()
     with open_flight(
-        flight, telemetry, camera, hfov_deg=hfov, start_s=start, end_s=end, rate_hz=rate
+        flight,
+        telemetry,
+        camera,
+        telemetry_offset_s=offset_of(telemetry_offset),
+        hfov_deg=hfov,
+        mount_pitch_deg=mount_pitch,
+        start_s=start,
+        end_s=end,
+        mask=mask,
+        rate_hz=rate,
     ) as opened:
         chosen = load_network(network or nearest_network(opened.camera))
-        estimator = MultiRangeEstimator(chosen, opened.camera, ranges=ranges)
+        shown = None if opened.mask is None else opened.mask.shown
+        estimator = MultiRangeEstimator(chosen, opened.camera, ranges=ranges, mask=shown)
         _follow(opened, estimator, points)
     say(f"{flight.name}, {chosen.card.name}, {ranges} ranges; slope of depth per metre flown (ideal -1)")
     found = points.slopes(least_span_m=least_span)
