@@ -15,7 +15,9 @@ import cv2
 import numpy as np
 from contact_sheet import GAP, contact_sheet
 
+from flightdepth.evaluation.metrics import PERCENTILES
 from flightdepth.evaluation.provenance import source_commit
+from flightdepth.evaluation.table import ORIGINAL_M
 from flightdepth.files import write_atomic, write_json
 from flightdepth.levels import jpeg
 from flightdepth.outputs.encoding import rgb_png
@@ -24,17 +26,7 @@ from flightdepth.scenes import StillBoxConfig, Textures
 from flightdepth.stillbox.sets import SceneSet, named_set
 from flightdepth.stillbox.testset import SEED, test_textures
 
-SHARES = (5, 25, 50, 75, 95)
-# Five scenes of 256 px that were published with the original set, m.
-ORIGINAL = np.array(
-    [
-        [4.7, 7.8, 16, 20, 55],
-        [2.7, 4.3, 9.4, 24, 41],
-        [2.7, 4.7, 47, 56, 70],
-        [5.5, 9.4, 42, 59, 67],
-        [5.5, 6.7, 11, 65, 81],
-    ]
-)
+ORIGINAL = np.array(ORIGINAL_M)
 JPEG_QUALITY = 84
 # Width of the pictures, scenes in the row, first scene: every row is as wide as the others.
 SHEET_ROWS = ((64, 8, 0), (128, 4, 8), (256, 2, 12), (512, 1, 14))
@@ -59,9 +51,9 @@ def middle_depths(scene_set: SceneSet, scenes: int) -> np.ndarray:
 
 def table(depth_m: np.ndarray) -> dict[str, np.ndarray]:
     """Percentiles of each kind, m."""
-    each = np.percentile(depth_m, SHARES, axis=(1, 2)).T
+    each = np.percentile(depth_m, PERCENTILES, axis=(1, 2)).T
     return {
-        "all pixels together": np.percentile(depth_m, SHARES),
+        "all pixels together": np.percentile(depth_m, PERCENTILES),
         "median of the scenes": np.median(each, axis=0),
         "10 % of the scenes are nearer than": np.percentile(each, 10, axis=0),
         "10 % of the scenes are farther than": np.percentile(each, 90, axis=0),
@@ -172,13 +164,16 @@ def main() -> None:
     print(
         f"set {tested.version}, {VERSION}, {options.scenes} test scenes of {options.width} px: percentiles, m"
     )
-    print(line("percentile", np.array(SHARES)))
+    print(line("percentile", np.array(PERCENTILES)))
     for name, values in rows.items():
         print(line(name, values))
     outdoor, _ = named_set("outdoor")
     outdoor_m = middle_depths(replace(outdoor, width=outdoor.width // 4, height=outdoor.height // 4), 100)
     print(
-        line("outdoor, 100 scenes, without the sky", np.percentile(outdoor_m[np.isfinite(outdoor_m)], SHARES))
+        line(
+            "outdoor, 100 scenes, without the sky",
+            np.percentile(outdoor_m[np.isfinite(outdoor_m)], PERCENTILES),
+        )
     )
     print(f"share of sky outdoors: {np.isinf(outdoor_m).mean():.3f}")
     if options.sheet:

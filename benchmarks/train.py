@@ -40,7 +40,7 @@ def measured(recipe: Recipe, number: int, textures: Textures, rounds: int, threa
     learner, stage = Learner(recipe), recipe.stages[number]
     learner.prepare()
     learner.begin(stage)
-    drawn = stage_stream(recipe, learner.share.parts, number, 0, textures=textures, sets={}, threads=threads)
+    drawn = stage_stream(recipe, number, 0, textures=textures, sets={}, threads=threads)
     per_round = math.lcm(CHUNK * recipe.pairs_per_scene, stage.batch)
     feed = Feed(
         recipe, lambda _: replace(drawn, pool_scenes=POOL_SCENES), stage.batch, sweep_later=learner.on_gpu

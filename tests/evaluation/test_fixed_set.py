@@ -10,6 +10,7 @@ from flightdepth.evaluation.fixed_set import fixed_set, outdoor_set, set_name
 from flightdepth.evaluation.pairs import Task
 from flightdepth.scenes import StillBoxConfig, Textures
 from flightdepth.stillbox import Picture
+from flightdepth.weights.store import find_network, read_card, shipped_networks
 from tests_networks import difference_card
 from tests_textures import few_textures
 
@@ -54,6 +55,20 @@ def test_pairs_are_as_far_apart_as_in_training():
     assert set_name(own) == "Still Box 64 px, shift 3 of 0.5 m"
     usual = fixed_set(difference_card(D0_m=3 * 0.1), scenes=1)
     assert usual.config == StillBoxConfig()
+
+
+def test_pairs_for_any_lens_are_as_far_apart_as_in_training():
+    """One of a recipe with `speed_m_s = 5` was measured 0.3 m apart."""
+    own = fixed_set(any_lens(D0_m=0.75), scenes=1)  # 1.5 m at the set's 128 px
+    pair = replace(own, textures=few_textures()).pair(0)
+    assert np.linalg.norm(pair.displacement) == pytest.approx(1.5)
+    assert np.linalg.norm(Task.of(pair, any_lens(D0_m=0.75)).nominal - pair.displacement) < 1e-6
+    assert set_name(own) == "Still Box 256 px, shift 3 of 0.5 m"
+
+
+@pytest.mark.parametrize("name", shipped_networks())
+def test_the_sets_of_networks_that_ship_are_0_1_m_a_frame(name):
+    assert fixed_set(read_card(find_network(name)), scenes=1).config == StillBoxConfig()
 
 
 def test_pictures_as_large_as_flights_are_seen():

@@ -1,18 +1,20 @@
 """The multi-range study: real sequences and the real estimator, small; that it resumes; what it sums up."""
 
 import json
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from range_parts import FRAMES, MACHINE, Flown
+from range_parts import FRAMES, MACHINE, Flown, sequence
 
 from flightdepth.errors import BadInput
+from flightdepth.evaluation import ranges_flight, ranges_study
 from flightdepth.evaluation.ranges_claims import FAILS, HOLDS, LEAST_SCENES, OPEN, claims, verdict
-from flightdepth.evaluation.ranges_flight import fly
+from flightdepth.evaluation.ranges_flight import MEASURED_FROM, fly
 from flightdepth.evaluation.ranges_peers import FlowNetwork
 from flightdepth.evaluation.ranges_result import by_trial, result, shift_figures
 from flightdepth.evaluation.ranges_sequences import STEP_S, KeptSequences, Sequences
-from flightdepth.evaluation.ranges_study import Study
+from flightdepth.evaluation.ranges_study import Study, _refuse_unfit
 from flightdepth.evaluation.ranges_trials import (
     CONSTANT,
     DEPTHNET,
@@ -24,7 +26,9 @@ from flightdepth.evaluation.ranges_trials import (
     all_trials,
     trial_of,
 )
+from flightdepth.ranges import RangedDepth
 from flightdepth.scenes import Textures
+from tests_networks import difference_card
 
 SMALL = Sequences(FRAMES + 3)
 TRIALS = (
@@ -212,6 +216,46 @@ def test_a_stopped_study_goes_on(finished, textures):
 def test_other_frames_are_another_study(finished, textures):
     other = Study(finished.folder, 1, Sequences(FRAMES), trials=TRIALS, textures=textures)
     assert not {task.path for task in other.tasks} & {task.path for task in finished.tasks}
+
+
+@pytest.mark.parametrize(("name", "other"), [("__version__", "another"), ("MEASURED_FROM", 30)])
+def test_what_other_code_measured_is_measured_anew_on_the_same_pictures(
+    finished, textures, monkeypatch, name, other
+):
+    """A study went on beside the figures of older code, without a word."""
+    monkeypatch.setattr(ranges_study, name, other)
+    again = Study(finished.folder, 1, SMALL, trials=TRIALS, textures=textures)
+    assert again.left() == (len(TRIALS), 0)
+
+
+def test_a_network_whose_maps_are_of_another_size_is_refused(tmp_path):
+    """Every frame counted as one without depth: `tiny-clamped-512` sees 128 px of focal length at 256."""
+    with pytest.raises(BadInput, match=r"tiny-clamped-512: .* 128 px .*, got one that sees them at 256 px"):
+        Study(tmp_path, 1, SMALL, trials=(Trial("tiny-clamped-512", 1),))
+
+
+@pytest.mark.parametrize(("seen_px", "fits"), [(64.0, False), (128.0, True), (256.0, True)])
+def test_a_network_for_any_lens_flies_where_it_sees_every_pixel(seen_px, fits):
+    card = difference_card(architecture="MotionNet", any_lens=True, focal_px=seen_px)
+    with nullcontext() if fits else pytest.raises(BadInput, match="at 64 px"):
+        _refuse_unfit("mine", card, SMALL.focal_px)
+
+
+def test_a_frame_without_depth_is_one_that_says_so(monkeypatch):
+    """It was told by the size of its map, which another network's has as well."""
+
+    class Speechless:
+        def add_velocity(self, *_, **__):
+            pass
+
+        def add_frame(self, *_):
+            return RangedDepth.unknown(16, 16, "nothing flown", 0.0)
+
+    monkeypatch.setattr(ranges_flight, "_estimator", lambda *_: Speechless())
+    flown = sequence()
+    part = fly(Trial(FLOW, 1), FlowNetwork(flown.camera.fx), flown)
+    assert (part["without_depth"], part["shifts"]) == (FRAMES - MEASURED_FROM, [])
+    assert part["errors"]["all"]["known"] == 0
 
 
 def test_a_network_that_is_not_there_is_named(tmp_path):

@@ -8,10 +8,13 @@ import pytest
 from small_sets import TEXTURES, small_source
 
 from flightdepth.errors import BadInput, FlightDepthError
+from flightdepth.renderers import raycast
+from flightdepth.stillbox import engines
 from flightdepth.stillbox.encoding import Renderer
 from flightdepth.stillbox.engines import on_ray, on_threads
 
 SOURCE = small_source()
+SCENE_BYTES = 16 * 12 * (3 * 7 + 28)  # three frames
 NUMBERS = range(3, 20)
 
 
@@ -26,6 +29,18 @@ def test_threads_give_scenes_in_order(threads):
 
 def test_nothing_to_do():
     assert list(on_threads(SOURCE, TEXTURES, range(5, 5))) == []
+
+
+@pytest.mark.parametrize(("scenes", "threads"), [(0.5, 1), (5, 2), (100, 8)])
+def test_no_more_scenes_are_in_memory_than_have_room(monkeypatch, scenes, threads):
+    """Room for one was asked for, whatever the number of cores, each of which has one in work and one that waits."""
+    begun = []
+    monkeypatch.setattr(engines, "usable_cores", lambda: 8)
+    monkeypatch.setattr(raycast, "memory_bytes", lambda: scenes * SCENE_BYTES / raycast.MEMORY_SHARE)
+    monkeypatch.setattr(engines, "ThreadPoolExecutor", lambda count, **_: begun.append(count) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        list(on_threads(SOURCE, TEXTURES, NUMBERS))
+    assert begun == [threads]
 
 
 def with_renderer(render):

@@ -115,6 +115,15 @@ def test_a_set_without_a_scene_is_refused(stored):
         opened(replace(stored, entries=()))
 
 
+def test_a_scene_of_one_frame_has_no_pairs(stored):
+    """Nothing but "100 m everywhere" was learnt of it, and held out it ended in a traceback."""
+    place, facts = stored.entries[3]
+    single = facts | {key: facts[key][:1] for key in ("imgs", "depth")}
+    entries = (*stored.entries[:3], (place, single), *stored.entries[4:])
+    with pytest.raises(BadInput, match="expected 2 frames a scene, got 1"):
+        opened(replace(stored, entries=entries))
+
+
 @pytest.mark.parametrize(
     "odd",
     [{"speed": [0.0, 0.0, 2.0]}, {"position": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.1, 0.2]]}],

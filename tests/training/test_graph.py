@@ -53,9 +53,7 @@ def begun(recipe):
 
 
 def batches(recipe, count, sweep_later=False):
-    with small_stream(
-        recipe.scenes, small_textures(), recipe.stages[0].pictures[0], recipe.rule, 1
-    ) as stream:
+    with small_stream(recipe.scenes, small_textures(), recipe.stages[0].picture, recipe.rule, 1) as stream:
         pairs = [stream.batch(BATCH * each, BATCH) for each in range(count)]
     return [TensorBatch.of(recipe, each, sweep_later=sweep_later) for each in pairs]
 

@@ -6,7 +6,6 @@ import multiprocessing
 import os
 import shutil
 import signal
-import sys
 import time
 from dataclasses import replace
 from functools import cache
@@ -141,43 +140,6 @@ def test_a_run_goes_on_in_what_it_was_begun_in(tmp_path, monkeypatch, begun_in):
     monkeypatch.setattr(precision, "cpu_gains_by_bf16", lambda: begun_in != "bf16")
     assert run(tmp_path / "cut", recipe=recipe, resume=True) == losses
     assert checkpoint(tmp_path / "cut") == checkpoint(tmp_path / "whole")
-
-
-def any_lens_recipe(stages):
-    return small_recipe(architecture="MotionNet", reference_focal_px=32.0, stages=stages)
-
-
-@pytest.mark.parametrize("workers", [0, 1])
-def test_batches_take_pictures_in_turn_after_a_cut_too(tmp_path, monkeypatch, workers):
-    if workers and sys.platform != loop.FORKING:
-        pytest.skip("worker processes are forked")
-    shapes, step = [], Learner.step
-
-    def watched(self, batches, *rest):
-        shapes.append(tuple(batches[0].inputs[0].shape[1:3]))
-        return step(self, batches, *rest)
-
-    monkeypatch.setattr(Learner, "step", watched)
-    recipe = any_lens_recipe([stage("a", 5) | {"finer": [128, 64]}])
-    losses = run(tmp_path / "whole", recipe=recipe, workers=workers)
-    assert shapes == [(64, 64), (64, 128), (64, 64), (64, 128), (64, 64)]
-    run(tmp_path / "cut", recipe=recipe, workers=workers, cut_after=4)
-    shapes.clear()
-    assert run(tmp_path / "cut", recipe=recipe, workers=workers, resume=True) == losses[3:]
-    assert shapes == [(64, 128), (64, 64)]
-    assert checkpoint(tmp_path / "cut") == checkpoint(tmp_path / "whole")
-
-
-def test_each_of_two_pictures_has_scenes_of_its_own():
-    recipe = any_lens_recipe([stage("a", 5) | {"finer": [128, 64]}])
-    opened = [
-        loop.stage_stream(
-            recipe, 2, 0, stream, turn, textures=small_textures(), sets={}, threads=1, workers=workers
-        )
-        for workers, stream, turn in [(0, 0, 0), (0, 1, 0), (0, 0, 1), (0, 1, 1)]
-    ]
-    assert len({stream.seed for stream in opened}) == 4
-    assert [stream.picture.full_width for stream in opened] == [64, 64, 128, 128]
 
 
 def test_a_stop_saves_the_step_just_done(whole, tmp_path):
@@ -599,9 +561,7 @@ def seen_by_layers():
     learner.network.conv3[0].register_forward_hook(
         lambda layer, given, out: seen.append((layer, given[0], out))
     )
-    with small_stream(
-        recipe.scenes, small_textures(), recipe.stages[0].pictures[0], recipe.rule, 1
-    ) as stream:
+    with small_stream(recipe.scenes, small_textures(), recipe.stages[0].picture, recipe.rule, 1) as stream:
         learner.step([TensorBatch.of(recipe, stream.batch(0, BATCH))], recipe.stages[0], 0)
     return seen[0]
 

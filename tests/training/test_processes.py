@@ -218,13 +218,3 @@ def test_torchrun_trains_in_two_processes(tmp_path, recipe):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stderr
     check(tmp_path, done.stdout + done.stderr)
-
-
-def test_a_stage_s_finer_pictures_have_to_fit_too():
-    """Batch norm had one value at the second batch."""
-    pictures = {"full_width": 128, "width": 128, "height": 128, "finer": [64, 64]}
-    recipe = small_recipe(
-        reference_focal_px=32.0, stages=[stage("a", 4) | pictures | {"batch": 1, "samples": 4}]
-    )
-    with pytest.raises(BadInput, match="batch of stage a: expected at least 2: batch norm needs two values"):
-        Share.of(recipe, 0, 1)

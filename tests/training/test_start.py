@@ -8,12 +8,13 @@ from flightdepth.architectures.motionnet import RESIDUAL
 from flightdepth.commands.train import introduce
 from flightdepth.errors import BadInput
 from flightdepth.training import load_recipe
+from flightdepth.training.checkpoint import Progress
 from flightdepth.training.export import deployed, to_onnx
 from flightdepth.training.network import network_of
-from flightdepth.training.run_folder import card_stage
+from flightdepth.training.run_folder import Trained, card_stage
 from flightdepth.training.start import Start, start_of
 from flightdepth.weights.card import NetworkCard
-from flightdepth.weights.store import save_network
+from flightdepth.weights.store import read_network, save_network, shipped_networks
 
 DEEPER = {"looks": 2, "thorough_last_look": True, "residual_blocks": True}
 BLOCKS = {"conv4_1.3", "conv5_1.3", "conv6_1.3", "deconv5.4", "deconv4.4", "deconv3.4"}
@@ -67,6 +68,70 @@ def test_training_says_nothing_of_the_kind_where_all_is_taken_over(tmp_path, cap
     out = capsys.readouterr().out
     assert "goes on from tiny-clamped-256, which ships" in out
     assert "left behind" not in out
+
+
+FASTER = {"scenes": {"frames": 3, "speed_m_s": 5.0}}  # a step of 0.5 m
+
+
+def tiny_recipe(**changes):
+    facts = {"name": "mine", "starts_from": "motion-tiny", "base_width": 16, "nominal_shift": 6}
+    return motion_recipe(**facts | {"reference_focal_px": 64.0} | changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "factor", "lines"),
+    [
+        (FASTER, "0.2", "nominal_shift = 1 and reference_focal_px = 76.8"),
+        ({"reference_focal_px": 128.0}, "0.5", "nominal_shift = 3 and reference_focal_px = 128"),
+        ({"nominal_shift": 3}, "2", "nominal_shift = 6 and reference_focal_px = 64"),
+    ],
+    ids=["speed", "focal length", "shift"],
+)
+def test_a_network_for_any_lens_does_not_start_at_another_scale(tmp_path, changes, factor, lines):
+    """The documented recipe with a set's own speed began with depth five times too near, without a word."""
+    with pytest.raises(
+        BadInput, match=rf"expected 38\.4 m px, as motion-tiny, .* {factor} times .* {lines}\."
+    ):
+        start_of(tiny_recipe(**changes), tmp_path)
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, FASTER | {"nominal_shift": 1, "reference_focal_px": 76.8}, {"reference_focal_px": 64.5}]
+)
+def test_the_same_scale_at_another_speed_is_a_start(tmp_path, changes):
+    assert start_of(tiny_recipe(**changes), tmp_path).origin == "motion-tiny, which ships"
+
+
+@pytest.mark.parametrize("name", shipped_networks())
+def test_a_shipped_network_that_has_been_through_all_stages_has_nothing_to_learn(name, tmp_path):
+    """It ended well after no pair, with a loss of "nan m"."""
+    with pytest.raises(BadInput, match=f"stages beyond those that {name} has been through, got none"):
+        start_of(load_recipe(name), tmp_path, read_network(name))
+
+
+def test_the_shipped_network_does_not_go_on_at_another_scale(tmp_path):
+    shipped = read_network("motion-tiny")
+    recipe = load_recipe("motion-tiny")
+    more = recipe.stages[-1].model_copy(update={"name": "more"})
+    recipe = recipe.model_copy(update={"reference_focal_px": 128.0, "stages": (*recipe.stages, more)})
+    with pytest.raises(BadInput, match=r"where all would begin 0\.5 times"):
+        start_of(recipe, tmp_path, shipped)
+
+
+def test_a_run_does_not_start_from_one_of_another_scale(tmp_path, monkeypatch):
+    parent = Trained(
+        tmp_path, motion_recipe(), Progress("small", "", stage=1, sample=0, seen=8, loss_m=1.0), None
+    )
+    monkeypatch.setattr("flightdepth.training.start.read_trained", lambda _: parent)
+    (tmp_path / "small").mkdir()
+    (tmp_path / "small/checkpoint.safetensors").touch()
+    with pytest.raises(BadInput, match=r"expected 9\.6 m px, as small, got 48"):
+        start_of(motion_recipe(name="child", starts_from="small", **FASTER), tmp_path)
+
+
+def test_a_network_for_one_lens_may_start_at_another_shift(tmp_path):
+    """As `clamped-256` does, whose depth is metres at 0.5 m."""
+    assert start_of(load_recipe("clamped-256"), tmp_path).origin == "depthnet-256, which ships"
 
 
 @pytest.fixture

@@ -183,8 +183,7 @@ def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
     sets = {each.width: each for each in map(open_stored_set, folders)}
     if len(sets) < len(folders):
         raise BadInput("--set", expected="one set of each width", got=", ".join(map(str, folders)))
-    wanted = [(picture.full_width, stage.name) for stage in recipe.stages for picture in stage.pictures]
-    lacking = [each for each in wanted if each[0] not in sets]
+    lacking = [(stage.full_width, stage.name) for stage in recipe.stages if stage.full_width not in sets]
     if folders and lacking:
         raise BadInput(
             "--set",
@@ -198,9 +197,8 @@ def opened_sets(folders: list[Path], recipe: Recipe) -> dict[int, StoredSet]:
         )
     parts = {width: each.split() for width, each in sets.items()}  # to learn from, and held out
     for stage in recipe.stages if sets else ():
-        for picture in stage.pictures:
-            for part in parts[picture.full_width]:
-                refuse_unfit(part, recipe.scenes_in(stage), picture)
+        for part in parts[stage.full_width]:
+            refuse_unfit(part, recipe.scenes_in(stage), stage.picture)
     return sets
 
 
@@ -213,8 +211,7 @@ def introduce(
     from flightdepth.training.start import start_of
 
     stages = ", ".join(
-        f"{stage.name} ({' and '.join(f'{each.width}x{each.height}' for each in stage.pictures)} px, {stage.samples:,})"
-        for stage in recipe.stages
+        f"{stage.name} ({stage.width}x{stage.height} px, {stage.samples:,})" for stage in recipe.stages
     )
     say(f"{recipe.name}: {recipe.samples:,} pairs in stages {stages}")
     if (processes := this_process().num_processes) > 1:

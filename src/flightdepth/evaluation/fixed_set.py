@@ -41,8 +41,8 @@ def fixed_set(
 ) -> TestSet:
     """Nominal pairs, square, of pictures `full_width` wide or crops of them, clipped to the network's range.
 
-    Where that is narrow and no whole number of strides, of the nearest that is, through a lens that fits. A network for
-    one lens sees them the displacement of its own training apart.
+    Where that is narrow and no whole number of strides, of the nearest that is, through a lens that fits. Their
+    frames are the displacement of the network's own training apart.
 
     `textures` None takes the fixed set's own; others make a set of one's own, not to be compared, and so does
     another field of view, which a network for any lens alone can take. With `flight_size` pictures are as large as such
@@ -57,11 +57,12 @@ def fixed_set(
     full = full_width(card)
     if full <= MOST_PX:
         full, horizontal_fov_deg = _in_strides(card, full, horizontal_fov_deg)
+    config = StillBoxConfig()
+    # One for any lens: that of 90 degrees, whatever the field of view.
+    speed_m_s = card.at_focal(full / 2).D0_m / card.nominal_shift / config.time_step_s
     full *= detail
     width = full if card.any_lens else min(full, MOST_PX)
     rule = PairRule(card.nominal_shift, card.depth_min_m, card.depth_max_m)
-    config = StillBoxConfig()
-    speed_m_s = config.speed_m_s if card.any_lens else card.D0_m / card.nominal_shift / config.time_step_s
     # Rounded: the usual one is 1 to the bit.
     config = changed(
         config, {"horizontal_fov_deg": horizontal_fov_deg, "speed_m_s": round(speed_m_s / detail, 9)}

@@ -16,10 +16,10 @@ from flightdepth.evaluation.true_depth import at_centres
 from flightdepth.files import without_nan
 from flightdepth.outputs.encoding import UNIT_M
 from flightdepth.outputs.read import FlightFolder
+from flightdepth.ranges.fusion import RIGHT_WITHIN
 from flightdepth.runtimes.arrays import Flags, Maps
 
 DEPTH = "depth"
-RIGHT_WITHIN = 0.25  # what confidence is the chance of
 LEAST_SURE = (0.9, 0.75, 0.5)  # confidences
 QUARTILES = {"low": 0.25, "median": 0.5, "high": 0.75}
 

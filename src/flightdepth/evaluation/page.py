@@ -77,7 +77,7 @@ def page_text(card: NetworkCard, result: Mapping[str, Any], picture: str, given:
             [
                 (
                     s.name,
-                    f"{s.width}x{s.height}" + (", {}x{} in turn".format(*s.finer) if s.finer else ""),
+                    f"{s.width}x{s.height}",
                     f"{s.focal_px:g}",
                     f"{s.samples:,}",
                     s.batch,

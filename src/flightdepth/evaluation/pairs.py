@@ -55,7 +55,7 @@ class TruePair(Protocol):
 
     @property
     def focal_px(self) -> float:
-        """Focal length; the principal point is the middle."""
+        """Focal length; the principal point is the middle, or half a pixel off it."""
 
 
 @dataclass(frozen=True)

@@ -120,24 +120,27 @@ class Tally:
 
     def add(self, frame: int, depth_m: Maps, confidence: Maps, shifts: list[int]) -> None:
         """Depth and confidence [h, w] of a frame."""
-        truth_m = self._sequence.truth_m[frame]
-        if depth_m.shape != truth_m.shape:  # an estimator without a depth answers at the picture's size
-            depth_m = np.full_like(truth_m, np.nan)
-            self.without_depth += 1
-        else:
-            self._reliability.add(depth_m, confidence, truth_m)
-            self._shifts.append(shifts)
+        self._reliability.add(depth_m, confidence, self._sequence.truth_m[frame])
+        self._shifts.append(shifts)
+        self._add(frame, depth_m)
+
+    def add_unknown(self, frame: int) -> None:
+        """A frame of which there is no depth at all."""
+        self.without_depth += 1
+        self._add(frame, np.full_like(self._sequence.truth_m[frame], np.nan))
+
+    def _add(self, frame: int, depth_m: Maps) -> None:
         if self._before is not None:
             step_m = self._sequence.velocity[frame] * STEP_S
             self._flickers.append(flicker(self._before, depth_m, step_m, self._sequence.camera))
-        self._errors.add("", depth_m, truth_m)
+        self._errors.add("", depth_m, self._sequence.truth_m[frame])
         self._before = depth_m
 
     def add_ranges(self, frame: int, depth_m: Maps, range_depths_m: Maps, displacements_m: Vector) -> None:
         """What a frame's pairs [n] could see, and the errors of the best of them at each pixel, in hindsight."""
-        truth_m = self._sequence.truth_m[frame]
-        if not len(range_depths_m) or self._coverage is None or depth_m.shape != truth_m.shape:
+        if self._coverage is None:
             return
+        truth_m = self._sequence.truth_m[frame]
         self._coverage.add(depth_m, truth_m, displacements_m)
         best = np.abs(range_depths_m - truth_m).argmin(axis=0)
         self._errors.add("best", np.take_along_axis(range_depths_m, best[None], axis=0)[0], truth_m)
@@ -176,7 +179,11 @@ def fly(trial: Trial, network: DepthNetwork | None, sequence: Sequence) -> dict[
         started = time.process_time()
         found = estimator.add_frame(stamp_ns, sequence.images[frame])
         whole_ms.append((time.process_time() - started) * 1e3)
-        if frame >= MEASURED_FROM:
+        if frame < MEASURED_FROM:
+            continue
+        if found.reason is not None:
+            tally.add_unknown(frame)
+        else:
             tally.add(frame, found.depth_m, found.confidence, found.shifts.tolist())
             tally.add_ranges(frame, found.depth_m, found.range_depths_m, found.displacements_m)
     return tally.result() | {

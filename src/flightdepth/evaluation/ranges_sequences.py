@@ -79,6 +79,11 @@ class Sequences:
             "config": self.config(0.0).model_dump(mode="json"),
         }
 
+    @property
+    def focal_px(self) -> float:
+        """Of the pictures."""
+        return self.config(0.0).focal_px(self.width)
+
     def sequence(self, number: int, noise_rad: float, images: Image, truth_m: Maps) -> Sequence:
         """The sequence of which these are the pictures and depths."""
         drawn = SceneSet(self.config(noise_rad), self.width, self.width, SEED)

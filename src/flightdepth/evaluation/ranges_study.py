@@ -9,7 +9,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from flightdepth import __version__
 from flightdepth.errors import BadInput
+from flightdepth.evaluation.pairs import SAME_FOCAL
 from flightdepth.evaluation.provenance import source_commit
 from flightdepth.evaluation.ranges_flight import MEASURED_FROM, fly
 from flightdepth.evaluation.ranges_peers import FLOW_D0_M, FlowNetwork
@@ -22,6 +24,7 @@ from flightdepth.runtimes.judge import judge_sha256
 from flightdepth.runtimes.network import load_network, networks
 from flightdepth.scenes import Textures
 from flightdepth.stillbox.testset import test_textures
+from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.store import find_network, read_card
 
 PARTS, PICTURES = "parts", "sequences"
@@ -62,6 +65,8 @@ class Study:
         self._digest = "" if textures is None else textures.digest
         worn = test_textures if textures is None else lambda: textures
         self._kept = KeptSequences(folder / PICTURES, sequences, worn, self._digest)
+        for name, card in self._cards.items():
+            _refuse_unfit(name, card, sequences.focal_px)
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -79,18 +84,22 @@ class Study:
     @property
     def weights(self) -> dict[str, str]:
         """SHA-256 of the networks that fly, by name; of those that know the direction, with that of their judge."""
-        names = dict.fromkeys(trial.method for trial in self.trials)
-        cards = {name: read_card(find_network(name)) for name in names if name not in (FLOW, CONSTANT)}
         return {
             name: f"{card.sha256}, aligned {judge_sha256()}" if card.knows_direction else card.sha256
-            for name, card in cards.items()
+            for name, card in self._cards.items()
         }
+
+    @property
+    def _cards(self) -> dict[str, NetworkCard]:
+        names = dict.fromkeys(trial.method for trial in self.trials)
+        return {name: read_card(find_network(name)) for name in names if name not in (FLOW, CONSTANT)}
 
     @cached_property
     def tasks(self) -> tuple[Task, ...]:
         """All there is to do, trial by trial, so that what comes first is whole when a study is stopped."""
         weights = self.weights
         told = self.sequences.facts | {"textures": self._digest}
+        told |= {"flightdepth": __version__, "measured_from": MEASURED_FROM}  # other code measures anew
         weights[FLOW] = f"D0 {FLOW_D0_M} m"
         names = {
             trial: trial.digest(told | {"weights": weights.get(trial.method, "")}) for trial in self.trials
@@ -137,3 +146,14 @@ class Study:
             flow = method == FLOW
             self._opened[method] = FlowNetwork(focal_px) if flow else load_network(method, threads=1)
         return self._opened[method]
+
+
+def _refuse_unfit(name: str, card: NetworkCard, focal_px: float) -> None:
+    """Maps are compared pixel by pixel with the truth, at a quarter of the pictures' size."""
+    seen_px = min(card.focal_px, focal_px) if card.any_lens else card.focal_px
+    if abs(seen_px / focal_px - 1) > SAME_FOCAL:
+        raise BadInput(
+            f"network {name}",
+            expected=f"one that sees pictures of {focal_px:g} px of focal length as they are",
+            got=f"one that sees them at {seen_px:g} px",
+        )

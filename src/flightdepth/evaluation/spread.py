@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flightdepth.weights.card import INSIDE_ONE
+
 Values = NDArray[np.float64]
 
-INSIDE_ONE = 0.6827  # share of normal errors within one standard deviation
 GROWTHS = tuple(step / 20 for step in range(31))  # the least of those that fit as well
 LEAST = 1e-9
 LEFT_OUT = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # shares of a sparsification curve

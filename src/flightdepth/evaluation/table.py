@@ -16,6 +16,7 @@ from rich.table import Table
 
 from flightdepth import architectures
 from flightdepth.camera import Camera
+from flightdepth.evaluation.metrics import PERCENTILES
 from flightdepth.evaluation.network_tables import number
 from flightdepth.runtimes.network import Network
 from flightdepth.scenes import Textures
@@ -29,8 +30,15 @@ UNTRAINED = "untrained"
 NAME_WIDTH = 24  # of "DepthNet 64-128-256-512"
 PAIRS_A_SIZE = 240_000  # of each size of the recipes, but for what 512 px go on with alone
 RECIPES = ("table-depthnet", "table-depthnet-64-512", "table-depthnet-512", "table-flownets")
-# Depth percentiles of five scenes of the original at 256 px: a set outside their span is nearer or farther.
-ORIGINAL_SPAN_M = {"5": (2.7, 5.5), "25": (4.3, 9.4), "50": (9.4, 47), "75": (20, 65), "95": (41, 81)}
+# Depth at PERCENTILES of five scenes of 256 px that were published with the original set: a set outside their span is
+# nearer or farther.
+ORIGINAL_M = (
+    (4.7, 7.8, 16, 20, 55),
+    (2.7, 4.3, 9.4, 24, 41),
+    (2.7, 4.7, 47, 56, 70),
+    (5.5, 9.4, 42, 59, 67),
+    (5.5, 6.7, 11, 65, 81),
+)
 
 
 @dataclass(frozen=True)
@@ -161,7 +169,8 @@ def median_ms(network: Network, calls: int) -> float:
 
 def inside_original(percentiles_m: Mapping[str, float]) -> bool:
     """Whether a set is as deep as the original's scenes are, so that metres can be compared."""
-    return all(low <= percentiles_m[share] <= high for share, (low, high) in ORIGINAL_SPAN_M.items())
+    spans = zip(PERCENTILES, zip(*ORIGINAL_M, strict=True), strict=True)
+    return all(min(span) <= percentiles_m[str(share)] <= max(span) for share, span in spans)
 
 
 def tables(rows: Sequence[tuple[Row, Mapping[str, Any] | None]]) -> list[Table]:

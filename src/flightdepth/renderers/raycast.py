@@ -56,8 +56,7 @@ def check_textures(scene: Scene, textures: Textures) -> None:
 
 def check_memory(camera: Camera, frames: int) -> None:
     """Refuse pictures of `camera`, of so many frames at once, that this machine has not the memory for."""
-    needed = camera.width * camera.height * (frames * DONE_BYTES + WORKED_BYTES)
-    most = MEMORY_SHARE * memory_bytes()
+    needed, most = _bytes(camera, frames), MEMORY_SHARE * memory_bytes()
     if needed > most:
         raise BadInput(
             "pictures of a scene",
@@ -65,6 +64,15 @@ def check_memory(camera: Camera, frames: int) -> None:
             got=f"{needed / 1e9:.1f} GB, for {frames} of {camera.width}x{camera.height} px",
             mend="Smaller pictures, or fewer frames.",
         )
+
+
+def scenes_in_memory(camera: Camera, frames: int) -> float:
+    """How many scenes of so many frames, pictures of `camera`, this machine has the memory for at a time."""
+    return MEMORY_SHARE * memory_bytes() / _bytes(camera, frames)
+
+
+def _bytes(camera: Camera, frames: int) -> int:
+    return camera.width * camera.height * (frames * DONE_BYTES + WORKED_BYTES)
 
 
 def render(

@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 from flightdepth.cluster import ahead, cluster, failed
 from flightdepth.machine import usable_cores
+from flightdepth.renderers.raycast import scenes_in_memory
 from flightdepth.scenes import Textures
 from flightdepth.stillbox.encoding import EncodedScene, Source
 
@@ -19,8 +20,10 @@ SCENES_PER_TASK = 4
 def on_threads(
     source: Source, textures: Textures, numbers: range, threads: int | None = None
 ) -> Generator[EncodedScene]:
-    """Scenes `numbers`, a core each; only a few wait to be taken."""
-    count = threads or usable_cores()
+    """Scenes `numbers`, a core each where memory allows; only a few wait to be taken."""
+    drawn = source.scenes
+    room = scenes_in_memory(drawn.camera, drawn.config.frames) / 2  # as many again wait, encoded
+    count = threads or int(max(1, min(usable_cores(), room)))
     with ThreadPoolExecutor(count, thread_name_prefix="render") as executor:
         try:
             waiting = ahead(

@@ -53,14 +53,15 @@ def refuse_unfit(stored: StoredSet, config: StillBoxConfig, picture: Picture) ->
     """Refuse a set that a stage with such scenes and pictures can't learn from.
 
     Raises:
-        BadInput: its pictures, lens or speed are not those that are asked for, or what is asked for only scenes that
-            are drawn have: many lenses, scenes in the open.
+        BadInput: its pictures, lens or speed are not those that are asked for, a scene has one frame, or what is asked
+            for only scenes that are drawn have: many lenses, scenes in the open.
     """
     fov_deg, least_px, may_turn = config.horizontal_fov_deg, picture.height, config.orientation_noise_rad
     own_fov_deg, name = stored.horizontal_fov_deg, f"set {stored.folder}"
     with_own = IN_RECIPE.format("horizontal_fov_deg", own_fov_deg)
     for what, fits, expected, got, mend in (
         ("", stored.entries, "a scene to learn from", "none", ""),
+        ("", all(len(facts["imgs"]) > 1 for _, facts in stored.entries), "2 frames a scene", "1", ""),
         (", width", stored.width == picture.full_width, f"{picture.full_width} px", f"{stored.width} px", ""),
         (", field of view", fov_deg == own_fov_deg, fov_deg, own_fov_deg, with_own),
         ("", not picture.fov_deg, "a stage of one field of view", picture.fov_deg, ""),

@@ -17,7 +17,8 @@ from flightdepth.stillbox.testset import TestPair
 
 @dataclass(frozen=True)
 class StoredTestSet:
-    """A pair of each scene of `stored`, its pictures cut to sides of multiples of `stride` around the middle.
+    """A pair of each scene of `stored`, its pictures cut to sides of multiples of `stride` around the middle, of odd
+    sides half a pixel off it.
 
     D0_m      metres between the two frames, or as near to it as the scene's frames come
     held_out  whether the scenes are those that training on the set leaves out

@@ -26,7 +26,7 @@ SEED = LAST_SEED  # of their scenes: no stage's (`loop.stream_seed`)
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Such pairs for each stage of a recipe, of its first size: its crops and lenses, without camera effects or wrong
+    """Such pairs for each stage of a recipe, its crops and lenses, without camera effects or wrong
     motion.
 
     Their scenes are drawn, in `textures`, from a seed of their own, or read from `sets`, by width, which hold none that
@@ -53,7 +53,7 @@ class HeldOut:
 
     def _stream(self, number: int, _: int) -> PairStream:
         stage = self.recipe.stages[number]
-        picture = stage.pictures[0]
+        picture = stage.picture
         opened = partial(StoredPairs, stored=self.sets[picture.full_width]) if self.sets else PairStream
         return opened(
             config=self.recipe.scenes_in(stage),

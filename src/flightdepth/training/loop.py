@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, nullcontext
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count
 from pathlib import Path
 
 from torch.utils.tensorboard import SummaryWriter
@@ -24,7 +23,6 @@ from flightdepth.stillbox.stream import CHUNK, POOL_SCENES
 from flightdepth.training.checkpoint import Progress, read_progress
 from flightdepth.training.feed import Feed
 from flightdepth.training.held_out import HeldOut, StageTest
-from flightdepth.training.inputs import TensorBatch
 from flightdepth.training.learner import Learner
 from flightdepth.training.processes import without_gpu
 from flightdepth.training.recipe import Recipe, Stage
@@ -88,7 +86,6 @@ def train(
     streamed = partial(
         stage_stream,
         recipe,
-        learner.share.parts,
         textures=textures,
         sets=sets or {},
         threads=threads,
@@ -123,14 +120,11 @@ def _workers(learner: Learner, progress: Progress, threads: int) -> int:
     return progress.workers if known else usual_workers(learner, threads)
 
 
-def _open_each(
-    recipe: Recipe, streamed: Callable[[int, int, int], PairStream], first: int, part: int
-) -> None:
+def _open_each(recipe: Recipe, streamed: Callable[[int, int], PairStream], first: int, part: int) -> None:
     """What a stage can't learn from, of stage `first` and later ones, is told before the stages that come first."""
-    for number, stage in enumerate(recipe.stages[first:], start=first):
-        for turn in range(len(stage.pictures)):
-            with streamed(number, part, turn):
-                pass
+    for number in range(first, len(recipe.stages)):
+        with streamed(number, part):
+            pass
 
 
 def _board(folder: Path, seen: int) -> SummaryWriter:
@@ -144,7 +138,7 @@ class _Run:
 
     learner: Learner
     number: int
-    stream: Callable[[int, int], PairStream]
+    stream: Callable[[int], PairStream]
     workers: int
     board: SummaryWriter | None
     held_out: HeldOut | None
@@ -177,7 +171,8 @@ class _Run:
         began_at, total = progress.seen, self._total(progress)
         with ExitStack() as stack:
             first = progress.sample // self.stage.batch
-            feeds = [stack.enter_context(self._batches(part, first)) for part in self.learner.share.mine]
+            mine = self.learner.share.mine
+            feeds = [stack.enter_context(self._feed(part).batches(first)) for part in mine]
             while progress.sample < self.stage.samples and not self.learner.agreed(self.stop()):
                 loss_m = self.learner.step([next(feed) for feed in feeds], self.stage, progress.sample)
                 progress = self._advanced(progress, loss_m)
@@ -192,23 +187,12 @@ class _Run:
                     saved = self.clock()
         return progress
 
-    @contextmanager
-    def _batches(self, part: int, first: int) -> Generator[Iterator[TensorBatch]]:
-        """One part of batches number `first`, `first` + 1 ...: each of the next of the stage's pictures, in turn."""
-        turns = len(self.stage.pictures)
-        with ExitStack() as stack:
-            feeds = [
-                stack.enter_context(self._feed(part, turn).batches((first - turn + turns - 1) // turns))
-                for turn in range(turns)
-            ]
-            yield (next(feeds[number % turns]) for number in count(first))
-
-    def _feed(self, part: int, turn: int) -> Feed:
-        """What one part of each batch that is of picture number `turn` is made by."""
+    def _feed(self, part: int) -> Feed:
+        """What one part of each batch is made by."""
         size, each = self.stage.batch // self.learner.share.parts, max(self.workers, 1)
         return Feed(
             self.recipe,
-            lambda number: self.stream(part * each + number, turn),
+            lambda number: self.stream(part * each + number),
             size,
             self.workers,
             sweep_later=self.learner.on_gpu,
@@ -243,33 +227,30 @@ class _Run:
 
 def stage_stream(
     recipe: Recipe,
-    parts: int,
     number: int,
     stream: int,
-    turn: int = 0,
     *,
     textures: Textures,
     sets: Mapping[int, StoredSet],
     threads: int,
     workers: int = 0,
 ) -> PairStream:
-    """Pairs of stage `number` from stream number `stream` of its picture number `turn`, of drawn scenes or of the set
-    as wide as the full picture. A batch is made in `parts` parts, each of which has a stream.
+    """Pairs of a stage from its stream number `stream`, of drawn scenes or of the set as wide as the full picture.
 
-    Of several workers each has a thread, and of several streams each a smaller pool of scenes.
+    Of several workers each has a thread, and a smaller pool of scenes.
 
     Raises:
         BadInput: the set is not one that the stage can learn from.
     """
     stage = recipe.stages[number]
-    picture, each = stage.pictures[turn], max(workers, 1)
+    picture = stage.picture
     opened = partial(StoredPairs, stored=sets[picture.full_width]) if sets else PairStream
     return opened(
         config=recipe.scenes_in(stage),
         textures=textures,
         picture=picture,
         rule=replace(recipe.rule, wide_share=stage.wide_share),
-        seed=stream_seed(recipe, number, turn * parts * each + stream),
+        seed=stream_seed(recipe, number, stream),
         photometric_share=stage.photometric_share if stage.photometric else 0.0,
         h264_share=stage.h264_share,
         noise=stage.noise,
@@ -277,7 +258,7 @@ def stage_stream(
         objects_for_lens=stage.objects_for_lens,
         pairs_per_scene=recipe.pairs_per_scene,
         threads=1 if workers else threads,
-        pool_scenes=pool_scenes(each * len(stage.pictures)),
+        pool_scenes=pool_scenes(workers),
     )
 
 

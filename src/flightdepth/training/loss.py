@@ -9,9 +9,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from flightdepth.training.recipe import Recipe
+from flightdepth.weights.card import INSIDE_ONE
 
 SCALE_WEIGHTS = (0.32, 0.08, 0.02, 0.01, 0.005)  # finest first, as in the authors' code
-INSIDE_ONE_SIGMA = 0.6827
 SPREAD_WEIGHT = 0.05
 UNIT_DEPTH_M = 10.0  # where an error of inverse depth counts as one of depth
 
@@ -33,7 +33,7 @@ def loss_m(recipe: Recipe, output: list[Tensor] | tuple[list[Tensor], Tensor], t
         return total
     answer_m = depths[0].detach().clamp(recipe.depth_min_m, recipe.depth_max_m)
     error_m = (answer_m - _pooled(target_m, answer_m)).abs()
-    return total + SPREAD_WEIGHT * pinball(spread_m, error_m, INSIDE_ONE_SIGMA)
+    return total + SPREAD_WEIGHT * pinball(spread_m, error_m, INSIDE_ONE)
 
 
 def l1_m(recipe: Recipe, output: list[Tensor] | tuple[list[Tensor], Tensor], target_m: Tensor) -> Tensor:

@@ -23,10 +23,10 @@ def network_of(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
 def _as_published(recipe: Recipe) -> DepthNet | FlowNetS | MotionNet:
     """The architecture in the recipe's size, before its knobs of layers are turned."""
     if recipe.architecture == "MotionNet":
-        assert recipe.reference_focal_px is not None  # the recipe sees to it
+        assert recipe.shift_px_m is not None  # the recipe sees to it
         return MotionNet(
             recipe.base_width,
-            shift_px_m=recipe.nominal_shift * recipe.scenes.step_m * recipe.reference_focal_px,
+            shift_px_m=recipe.shift_px_m,
             largest_m=recipe.depth_max_m,
             looks=recipe.looks,
             thorough_last_look=recipe.thorough_last_look,

@@ -51,8 +51,7 @@ class Share:
                     f"recipe {recipe.name}, {what}", expected=f"a multiple of {share}", got=str(whole)
                 )
         for stage in recipe.stages:
-            smallest = min(each.width // STRIDE * (each.height // STRIDE) for each in stage.pictures)
-            places = stage.batch // parts * smallest
+            places = stage.batch // parts * (stage.width // STRIDE) * (stage.height // STRIDE)
             if places < 2 and recipe.architecture != "FlowNetS":
                 raise BadInput(
                     f"recipe {recipe.name}, batch of stage {stage.name}",

@@ -12,6 +12,7 @@ from flightdepth.scenes import StillBoxConfig
 from flightdepth.stillbox import PairRule, Picture
 from flightdepth.stillbox.motion_noise import MotionNoise
 from flightdepth.stillbox.photometric import LARGEST_PX
+from flightdepth.weights.card import without_finer
 
 STRIDE = 64  # the deepest feature map is at 1/64 of a picture's size
 FILE_NAME = r"^[^\s./\\][^/\\]*$"  # of what names a file or a folder of a run
@@ -41,9 +42,6 @@ class Stage(_Strict):
     full_width: int = Field(gt=0)
     width: Blocks
     height: Blocks
-    finer: tuple[Blocks, Blocks] | None = Field(
-        default=None, description="width and height in every second batch, whose full pictures are as wide"
-    )
     samples: int = Field(gt=0, description="pairs")
     batch: int = Field(gt=0)
     learning_rate: float = Field(gt=0, description="peak, after the warm-up")
@@ -64,16 +62,15 @@ class Stage(_Strict):
     rotation_noise_deg: float = Field(default=0.0, ge=0, description="largest rotation that is not reported")
     optimizer: OptimizerName | None = Field(default=None, description="instead of the recipe's")
 
+    _of_old_runs = model_validator(mode="before")(without_finer)
+
     @model_validator(mode="after")
     def _fits(self) -> Stage:
         if self.full_width < self.width:
             raise ValueError(f"full_width of at least the width, {self.width}")
         if self.full_width < self.height:
             raise ValueError(f"full_width of at least the height, {self.height}: full pictures are square")
-        if self.finer is not None and self.finer[0] < self.finer[1]:
-            raise ValueError("finer no higher than wide: full pictures are square")
-        largest_px = max(max(picture.width, picture.height) for picture in self.pictures)
-        if self.photometric and largest_px > LARGEST_PX:
+        if self.photometric and max(self.width, self.height) > LARGEST_PX:
             raise ValueError(f"pictures of at most {LARGEST_PX} px where there are camera effects")
         if self.photometric_share < 1 and not self.photometric:
             raise ValueError("photometric = true, of which photometric_share is a share")
@@ -86,10 +83,9 @@ class Stage(_Strict):
         return self
 
     @property
-    def pictures(self) -> tuple[Picture, ...]:
-        """The stage's crop; with `finer` two, which batches take in turn."""
-        own = Picture(self.width, self.height, self.full_width, self.fov_deg)
-        return (own,) if self.finer is None else (own, Picture(*self.finer, self.finer[0], self.fov_deg))
+    def picture(self) -> Picture:
+        """The stage's crop."""
+        return Picture(self.width, self.height, self.full_width, self.fov_deg)
 
     @property
     def noise(self) -> MotionNoise | None:
@@ -165,8 +161,6 @@ class Recipe(_Strict):
             raise ValueError("reference_focal_px, since a MotionNet is for any lens")
         if self.reference_focal_px is None and any(stage.fov_deg for stage in self.stages):
             raise ValueError("reference_focal_px, since a stage has many lenses (fov_deg)")
-        if self.reference_focal_px is None and any(stage.finer for stage in self.stages):
-            raise ValueError("reference_focal_px, since a stage has two focal lengths (finer)")
         if self.loss_space == "inverse-depth" and self.activation == "none":
             raise ValueError(
                 'activation = "elu+1", since with loss_space = "inverse-depth" an answer below 0 m never learns'
@@ -218,6 +212,12 @@ class Recipe(_Strict):
             backward=self.backward_pairs,
             still=self.still_pairs,
         )
+
+    @property
+    def shift_px_m(self) -> float | None:
+        """Pixels that a point at 1 m moves by where a network for any lens says metres: D0 * focal; else None."""
+        focal_px = self.reference_focal_px
+        return None if focal_px is None else self.nominal_shift * self.scenes.step_m * focal_px
 
     @property
     def samples(self) -> int:

@@ -18,6 +18,8 @@ from flightdepth.training.run_folder import CHECKPOINT, Parent, parent_checkpoin
 from flightdepth.weights.card import NetworkCard
 from flightdepth.weights.store import StoredNetwork, read_network, shipped_networks
 
+SAME_SCALE = 0.01  # by which share its unit may be another
+
 
 @dataclass(frozen=True)
 class Start:
@@ -81,6 +83,7 @@ def _run(recipe: Recipe, checkpoint: Path) -> Start:
     run = read_trained(checkpoint)
     before, seen = run.recipe, run.progress.seen
     _check_same_size(recipe, before.name, before.architecture, before.base_width)
+    _check_same_scale(recipe, before.name, before.shift_px_m)
     if not seen:
         raise BadInput(
             f"recipe {recipe.name}",
@@ -105,12 +108,20 @@ def _shipped_after_its_stages(recipe: Recipe, shipped: StoredNetwork) -> Start:
             got=", ".join(f"{stage.name} ({stage.samples:,})" for stage in recipe.stages),
             mend="Append your stages to the recipe that the network was trained with, and give no --samples.",
         )
+    if behind == len(recipe.stages):
+        raise BadInput(
+            f"recipe {recipe.name}",
+            expected=f"stages beyond those that {card.name} has been through",
+            got="none",
+            mend="Append your stages to a copy of the recipe.",
+        )
     return _shipped(recipe, shipped, stage=behind)
 
 
 def _shipped(recipe: Recipe, shipped: StoredNetwork, *, stage: int) -> Start:
     card = shipped.card
     _check_same_size(recipe, card.name, card.architecture, card.base_width)
+    _check_same_scale(recipe, card.name, card.D0_m * card.focal_px if card.any_lens else None)
     return Start(f"{card.name}, which ships", weights_of(shipped.onnx), card.samples, stage, card)
 
 
@@ -134,6 +145,20 @@ def _check_same_size(recipe: Recipe, name: str, architecture: str, base_width: i
             expected=f"a {architecture} of base width {base_width}, as {name}",
             got=f"a {recipe.architecture} of {recipe.base_width}",
         )
+
+
+def _check_same_scale(recipe: Recipe, name: str, shift_px_m: float | None) -> None:
+    """Where both know any lens, what the weights say is metres at the recipe's nominal displacement, too."""
+    own = recipe.shift_px_m
+    if own is None or shift_px_m is None or abs(own / shift_px_m - 1) <= SAME_SCALE:
+        return
+    shift = max(1, round(recipe.nominal_shift * shift_px_m / own))
+    raise BadInput(
+        f"recipe {recipe.name}, nominal_shift * step * reference_focal_px",
+        expected=f"{shift_px_m:g} m px, as {name}",
+        got=f"{own:g}, where all would begin {shift_px_m / own:.3g} times as far away as it is",
+        mend=f"Write nominal_shift = {shift} and reference_focal_px = {shift_px_m / shift / recipe.scenes.step_m:.6g}.",
+    )
 
 
 def _prefixes(key: str) -> list[str]:

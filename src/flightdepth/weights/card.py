@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+INSIDE_ONE = 0.6827  # share of normal errors within one standard deviation
 # A network for any lens sees flights that much finer than at its recipe's reference focal length.
 FLIGHT_DETAIL = 2
+
+
+def without_finer(facts: Any) -> Any:
+    """Facts of a stage without a second size of pictures, which earlier versions told of as none."""
+    if not isinstance(facts, dict):
+        return facts
+    return {key: value for key, value in facts.items() if (key, value) != ("finer", None)}
 
 
 class Stage(BaseModel):
@@ -18,9 +26,6 @@ class Stage(BaseModel):
     name: str
     width: int
     height: int
-    finer: tuple[int, int] | None = Field(
-        default=None, description="width and height of every second batch, as fine as they are wider"
-    )
     focal_px: float
     samples: int
     batch: int
@@ -41,6 +46,8 @@ class Stage(BaseModel):
     )
     rotation_noise_deg: float = Field(default=0.0, ge=0, description="largest rotation that was not reported")
     optimizer: str = "adamw"
+
+    _of_old_cards = model_validator(mode="before")(without_finer)
 
 
 class Predecessor(BaseModel):
