@@ -496,3 +496,12 @@ def test_of_two_witnesses_the_one_with_the_narrower_peak_decides(narrower):
     found = estimate_offset(pictures((at_s, 0.1 * turn), (at_s, speed / 20), 0.03), log, 1.0)
     assert found.witness == narrower
     assert found.offset_s == pytest.approx(0 if narrower == "turn rate" else -0.1, abs=0.03)
+
+
+def test_a_fit_that_still_rises_where_nothing_more_is_known_is_none():
+    """Between two parts of a log; the unknown counted for a deep valley, so that the fit was sure within 0.01 s."""
+    (at_s, turn), (_, other) = wandering(1, cut_hz=0.3), wandering(2, cut_hz=0.3)
+    late = at_s > VIDEO_S / 2 + 0.2  # the other half of the video is what it has in common at least
+    told = np.concatenate([other, turn[late]])
+    log = gyroscope(np.concatenate([at_s - 160, at_s[late]]), 0.1 * told)
+    assert estimate_offset(pictures((at_s, 0.1 * turn), EVEN), log).offset_s is None

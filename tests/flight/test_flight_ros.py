@@ -82,6 +82,26 @@ def test_a_word_that_ends_like_ned_is_not_ned(tmp_path, frame, axes):
     assert np.allclose(samples(path)[0].velocity, (1, 4, -2))
 
 
+@pytest.mark.parametrize(
+    "frame", ["uav1_odom", "drone_map", "base_odom", "uav0_world", "fcu_map", "drone_0_local_origin"]
+)
+def test_a_map_that_a_vehicle_names_is_a_map(tmp_path, frame):
+    """It was taken for a body, and what was seen from there for nothing that tells where the drone is."""
+    path = recorded(tmp_path, ("/twist", MADE.twist_stamped(0, (4, 1, -2), frame)))
+    assert samples(path)[0].frame == "world"
+    assert np.allclose(samples(path)[0].velocity, (1, 4, 2))
+
+
+@pytest.mark.parametrize("frame", ["imu_enu", "uav1/base_link", "base_link_frd"])
+def test_a_body_is_no_map(frame):
+    assert axes_of(frame) == "body"
+
+
+def test_a_map_whose_z_points_down_stays(tmp_path):
+    path = recorded(tmp_path, ("/twist", MADE.twist_stamped(0, (4, 1, -2), "odom_frd")))
+    assert np.allclose(samples(path)[0].velocity, (4, 1, -2))
+
+
 @pytest.mark.parametrize("frame", ["map", "odom", "world", "/local_origin"])
 def test_a_twist_in_a_map_is_enu(tmp_path, frame):
     path = recorded(
@@ -409,6 +429,18 @@ def test_an_imu_alone_tells_how_the_body_is_turned(tmp_path):
     path = recorded(
         tmp_path,
         ("/imu", MADE.imu(0.0, YAW_90)),
+        ("/velocity", MADE.twist_stamped(0.05, (4, 1, 0), "base_link")),
+    )
+    assert np.allclose(samples(path)[0].velocity, (4, -1, 0))
+
+
+@pytest.mark.parametrize("frame", ["camera_optical_frame", "base_link"])
+def test_the_pose_of_a_marker_that_the_drone_sees_does_not_turn_it(tmp_path, frame):
+    """It comes before a mere gyroscope: the velocity was turned by how a landing pad lies."""
+    path = recorded(
+        tmp_path,
+        ("/imu", MADE.imu(0.0, YAW_90)),
+        *(("/tag_pose", MADE.pose_stamped(k / 100, (0, 1, 0, 0), frame)) for k in range(5)),
         ("/velocity", MADE.twist_stamped(0.05, (4, 1, 0), "base_link")),
     )
     assert np.allclose(samples(path)[0].velocity, (4, -1, 0))

@@ -140,7 +140,8 @@ def _judged(witness: Witness, curve: Curve, video: Vector) -> ClockOffset:
     values = np.where(np.isfinite(curve.values), curve.values, -1.0)
     top = int(values.argmax())
     peak = float(values[top])
-    if top in (0, len(values) - 1) or peak < LEAST_CORRELATION:
+    inside = np.isfinite(curve.values[max(top - 1, 0) : top + 2]).sum() == 3  # else it may rise further
+    if not inside or peak < LEAST_CORRELATION:
         return ClockOffset(None, None, peak, None, witness, f"no fit (correlation {peak:.2f} at best)")
     before, after = values[top - 1], values[top + 1]
     bend = max(2 * peak - before - after, 1e-12)

@@ -55,7 +55,7 @@ DEPTH_ENCODINGS = ("16UC1", "32FC1")
 
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
 OPTICAL_FROM_FRD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-MAP_NAMES = ("map", "odom", "world", "earth", "enu", "local_origin")
+MAP_NAMES = ("map", "odom", "world", "earth", "local_origin")
 NED_NAME = re.compile(r"(?:^|[^A-Za-z])[Nn][Ee][Dd]$|[a-z]NED$")  # not as in "odom_combined"
 # MAVROS turns these two to the map, and names the body over them. The second has the vertical velocity downward (its
 # versions before the middle of 2026; upward since, which no message tells).
@@ -142,14 +142,17 @@ def axes_of(frame_id: str) -> str:
     name = tail.lower()
     if "optical" in name:
         return "camera"
+    if any(part in name for part in MAP_NAMES):  # of one vehicle too: "uav1_odom"
+        return "world"
     if any(part in name for part in BODY_NAMES):
         return "body"
-    return "world" if NED_NAME.search(tail) or any(part in name for part in MAP_NAMES) else ""
+    return "world" if NED_NAME.search(tail) or "enu" in name else ""
 
 
 def ned_from_map(frame_id: str) -> Vector:
     """Rotation from a map frame."""
-    return np.eye(3) if NED_NAME.search(frame_id) else NED_FROM_ENU
+    downward = NED_NAME.search(frame_id) or frame_id.lower().endswith("frd")
+    return np.eye(3) if downward else NED_FROM_ENU
 
 
 def frd_from_body(frame_id: str) -> Vector:
@@ -212,9 +215,9 @@ def sigma_of(covariance: Any) -> float | None:
 
 
 def orientation_of(message: RosMessage, content: Any) -> AttitudeSample | BodyAttitudeSample | None:
-    """The attitude in a message, of a camera if its frame is an optical one; None where an Imu has none.
+    """The attitude in a message, of a camera if its frame is an optical one; None where it tells none of the drone.
 
-    It says so by a covariance of -1; many drivers leave all of it 0 instead, the quaternion at "not turned".
+    An Imu says so by a covariance of -1; many drivers leave all of it 0 instead, the quaternion at "not turned".
     """
     frame = content.header.frame_id
     if message.kind == IMU:
@@ -222,6 +225,8 @@ def orientation_of(message: RosMessage, content: Any) -> AttitudeSample | BodyAt
         if covariance[0] == -1 or not (np.any(covariance) or given.x or given.y or given.z):
             return None
         quaternion, body, turn = content.orientation, frame, NED_FROM_ENU
+    elif axes_of(frame) in ("body", "camera"):  # of what the drone itself sees
+        return None
     else:
         pose = content.pose if message.kind == POSE else content.pose.pose
         body = content.child_frame_id if message.kind == ODOMETRY else "base_link"
