@@ -32,7 +32,9 @@ class Source(BaseModel):
     flight: str = Field(description="name of the video")
     video_bytes: int | None = Field(default=None, description="size of the video's file")
     telemetry: str = Field(description="where the velocity comes from")
-    telemetry_digest: str | None = Field(default=None, description="of what results come from: another log has another")
+    telemetry_digest: str | None = Field(
+        default=None, description="of what results come from: another log has another"
+    )
     altitude_above: AltitudeAbove | None = Field(
         default=None, description="what altitude_m in poses.csv counts from; None where the log tells none"
     )
