@@ -136,6 +136,18 @@ def test_a_position_that_jumps_is_counted(tmp_path):
     assert log.counts == {"positions that jump": 1}
 
 
+def test_so_is_one_in_metres(tmp_path):
+    """A pose of motion capture that lost its marker for a moment; it was left out without a word."""
+    east_m_s = 2.0
+    poses = [
+        (t, MADE.pose_stamped(t, (1, 0, 0, 0), place=(5000.0 if k == 25 else east_m_s * t, 0, 0)))
+        for k, t in enumerate(TIMES_S)
+    ]
+    log = read_ros(write_mcap(tmp_path / "flight.mcap", [("/pose", t, pose) for t, pose in poses]))
+    assert np.allclose([sample.velocity for sample in log.velocities], (0, east_m_s, 0), atol=1e-3)
+    assert log.counts == {"positions that jump": 1}
+
+
 YEARS_S = 50 * 365.25 * 86400
 
 

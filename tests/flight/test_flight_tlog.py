@@ -187,6 +187,28 @@ def test_who_tells_the_same_velocity_twice_is_not_the_most_talkative(tmp_path):
     assert telemetry.counts == {"velocities of other senders": 8}
 
 
+def test_a_better_message_that_comes_once_does_not_cost_all_others(tmp_path):
+    """One that was asked for in flight: all of the lesser kind was dropped, and a velocity was left."""
+    parts = [tlog_part(RECEIVED_US + i * 1000, global_message(i), AUTOPILOT) for i in range(40)]
+    late = RECEIVED_US + 40_000
+    parts += [tlog_part(late, message, AUTOPILOT) for message in (ned_message(40, velocity(40)), heartbeat())]
+    telemetry = read(tmp_path, *parts)
+    np.testing.assert_allclose(velocities(telemetry), [velocity(i) for i in range(40)], atol=0.006)
+    assert "GLOBAL_POSITION_INT of vehicle 1" in telemetry.name
+
+
+@pytest.mark.parametrize(("better", "told"), [(19, "GLOBAL_POSITION_INT"), (20, "LOCAL_POSITION_NED")])
+def test_a_better_message_is_taken_that_comes_half_as_often(tmp_path, better, told):
+    parts = []
+    for i in range(40):
+        now = RECEIVED_US + i * 1000
+        parts.append(tlog_part(now, global_message(i), AUTOPILOT))
+        parts += [tlog_part(now, ned_message(i, velocity(i)), AUTOPILOT)] if i < better else []
+    telemetry = read(tmp_path, *parts)
+    assert f"{told} of vehicle 1" in telemetry.name
+    assert len(telemetry.velocities) == (better if told.startswith("LOCAL") else 40)
+
+
 def odometry(i, *, frame=mavlink.MAV_FRAME_LOCAL_NED, child=mavlink.MAV_FRAME_BODY_FRD, usec=None):
     # The drone heads east; its velocity is forward, right, down.
     half = math.pi / 4

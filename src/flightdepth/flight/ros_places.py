@@ -12,6 +12,7 @@ import numpy as np
 from flightdepth.flight.metric_positions import FARTHEST_M
 from flightdepth.flight.places import AltitudeAbove, PlaceTrack
 from flightdepth.flight.positions import (
+    JUMPING,
     Velocities,
     place_track,
     velocities,
@@ -81,14 +82,15 @@ def fix_of(message: RosMessage, content: Any) -> Fix | None:
     return Fix(stamp_of(content.header, message.log_ns), latitude_deg, longitude_deg, altitude_m)
 
 
-def velocities_of_places(places: Sequence[Place]) -> Velocities:
-    """Slopes of positions in any order; none where there are too few."""
+def velocities_of_places(places: Sequence[Place], counts: Counter[str]) -> Velocities:
+    """Slopes of positions in any order; none where there are too few. Those that jump are left out and counted."""
     placed = {place.stamp_ns: place.ned for place in places}
     if len(placed) < LEAST_PLACES:
         return Velocities.none()
     stamps_ns = np.array(sorted(placed), dtype=np.int64)
     ned = np.stack([placed[stamp_ns] for stamp_ns in stamps_ns.tolist()])
     kept = without_jumps(ned)
+    counts[JUMPING] += int((~kept).sum())
     return velocities(stamps_ns[kept], ned[kept], steps_m=(FINEST_M, FINEST_M))
 
 

@@ -96,7 +96,7 @@ class Topic:
         if self.kind == NAV_SAT_FIX:
             found = velocities_of_fixes(self.fixes, self.unsound)
         else:
-            found = velocities_of_places(self.places)
+            found = velocities_of_places(self.places, self.unsound)
         if np.any(found.velocity_ned):
             self.by_places = True
             self.twists = [

@@ -47,29 +47,25 @@ SIGNED = 1  # bit of MAVLink 2's incompatibility flags; a signature makes the me
 
 @dataclass
 class Sender:
-    """The records of one source, in the order of the log; `best` is the message that tells each kind of value best.
+    """The records of one source, each with the message that told it, in the order of the log."""
 
-    Of two messages that tell the same only the records of the better one are kept.
-    """
+    told: list[tuple[str, Record]] = field(default_factory=list)
 
-    records: list[Record] = field(default_factory=list)
-    best: dict[type, str] = field(default_factory=dict)
+    def best(self, kind: type) -> str:
+        """The message that tells a kind of value best, of those that come at least half as often as the most frequent.
 
-    def take(self, name: str, record: Record) -> None:
-        """Keep the record of a message, if no better one has told the same."""
-        kind = type(record.value)
-        best = self.best.setdefault(kind, name)
-        if name != best:
-            ranks = RANKS[kind]
-            if ranks.index(name) > ranks.index(best):
-                return
-            self.best[kind] = name
-            self.records = [other for other in self.records if type(other.value) is not kind]
-        self.records.append(record)
+        A single better one, asked for in flight, tells little.
+        """
+        often = Counter(name for name, record in self.told if type(record.value) is kind)
+        ranks = RANKS.get(kind, tuple(often))
+        return min(
+            (name for name in often if 2 * often[name] >= max(often.values())), key=ranks.index, default=""
+        )
 
     def of(self, *kinds: type) -> list[Record]:
-        """Those with a value of one of these kinds."""
-        return [record for record in self.records if type(record.value) in kinds]
+        """Those with a value of one of these kinds, as the best message tells it."""
+        best = {kind: self.best(kind) for kind in kinds}
+        return [record for name, record in self.told if best.get(type(record.value)) == name]
 
 
 def looks_like_tlog(head: bytes, path: Path) -> bool:
@@ -89,7 +85,7 @@ def read_tlog(path: Path) -> Telemetry:
             autopilots |= {source} if message.autopilot != NO_AUTOPILOT else set()
             continue
         for stamp_ns, value in KINDS[name](message, counts):
-            found[source].take(name, Record(stamp_ns, value, received_us * 1000))
+            found[source].told.append((name, Record(stamp_ns, value, received_us * 1000)))
     chosen = the_autopilot(found, autopilots, counts)
     if chosen is None:
         got = "none of a vehicle's" + (f" ({sum(counts.values())} damaged)" if counts else "")
@@ -118,16 +114,15 @@ def telemetry_of(name: str, source: Source, found: dict[Source, Sender], counts:
         records += [record._replace(value=Moment(record.stamp_ns)) for record in records[:1]]
     gimbals: dict[tuple[Source, int], list[Record]] = defaultdict(list)
     for sender in sorted(sender for sender in found if sender.system == source.system):
-        for record in found[sender].records:
-            if isinstance(record.value, GimbalAttitude):
-                gimbals[sender, record.value.device].append(record)
+        for record in found[sender].of(GimbalAttitude):
+            gimbals[sender, record.value.device].append(record)
     if gimbals:
         first, *others = gimbals.values()  # the first one carries the camera
         counts[OTHER_GIMBALS] += sum(map(len, others))
         if not any(record.stamp_ns for record in first):  # it has no clock
             first = [record._replace(stamp_ns=record.received_ns) for record in first]
         records += placed_boots(first, counts)
-    what = f"tlog {name}, {found[source].best[Velocity]} of vehicle {source.system}"
+    what = f"tlog {name}, {found[source].best(Velocity)} of vehicle {source.system}"
     return autopilot_telemetry(what, records, counts, told_by=VELOCITIES, clock=clock)
 
 
