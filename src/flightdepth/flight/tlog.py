@@ -115,6 +115,7 @@ def telemetry_of(name: str, source: Source, found: dict[Source, Sender], counts:
     gimbals: dict[tuple[Source, int], list[Record]] = defaultdict(list)
     for sender in sorted(sender for sender in found if sender.system == source.system):
         for record in found[sender].of(GimbalAttitude):
+            assert isinstance(record.value, GimbalAttitude)
             gimbals[sender, record.value.device].append(record)
     if gimbals:
         first, *others = gimbals.values()  # the first one carries the camera
