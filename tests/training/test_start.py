@@ -122,7 +122,7 @@ def test_a_run_does_not_start_from_one_of_another_scale(tmp_path, monkeypatch):
     parent = Trained(
         tmp_path, motion_recipe(), Progress("small", "", stage=1, sample=0, seen=8, loss_m=1.0), None
     )
-    monkeypatch.setattr("flightdepth.training.start.read_trained", lambda _: parent)
+    monkeypatch.setitem(start_of.__globals__, "read_trained", lambda _: parent)
     (tmp_path / "small").mkdir()
     (tmp_path / "small/checkpoint.safetensors").touch()
     with pytest.raises(BadInput, match=r"expected 9\.6 m px, as small, got 48"):
