@@ -444,3 +444,38 @@ def test_the_pose_of_a_marker_that_the_drone_sees_does_not_turn_it(tmp_path, fra
         ("/velocity", MADE.twist_stamped(0.05, (4, 1, 0), "base_link")),
     )
     assert np.allclose(samples(path)[0].velocity, (4, -1, 0))
+
+
+def of_vehicle(name, velocity, count, *, pictures=0):
+    """Odometry and pictures of one of several, 20 a second."""
+    black = np.zeros((4, 4, 3), np.uint8)
+    told = [
+        (f"/{name}/odom", k / 20, MADE.odometry(k / 20, velocity, child="base_link")) for k in range(count)
+    ]
+    return told + [(f"/{name}/image_raw", k / 20, MADE.image(k / 20, black, "rgb8")) for k in range(pictures)]
+
+
+def test_the_velocity_is_that_of_the_vehicle_whose_pictures_are_shown(tmp_path):
+    """That of whoever told most was taken."""
+    messages = of_vehicle("uav1", (4, 0, 0), 20, pictures=20) + of_vehicle("uav2", (0, 7, 0), 25)
+    log = read_ros(write_mcap(tmp_path / "flight.mcap", messages))
+    assert np.linalg.norm(log.velocities[0].velocity) == pytest.approx(4)
+    assert (len(log.velocities), len(log.body_attitudes)) == (20, 20)
+    assert log.counts == {"messages of other vehicles": 25}
+
+
+def test_a_velocity_is_not_turned_by_another_vehicle(tmp_path):
+    """A pose comes before a mere gyroscope's: the other vehicle's had turned it."""
+    path = recorded(
+        tmp_path,
+        ("/uav1/imu", MADE.imu(0.0, YAW_90)),
+        ("/uav1/velocity", MADE.twist_stamped(0.05, (4, 1, 0), "base_link")),
+        *(("/uav2/pose", MADE.pose_stamped(k / 100, (1, 0, 0, 0))) for k in range(5)),
+    )
+    assert np.allclose(samples(path)[0].velocity, (4, -1, 0))
+
+
+def test_of_two_cameras_one_may_tell_how_the_other_moves(tmp_path):
+    messages = of_vehicle("camera2", (4, 0, 0), 20) + of_vehicle("camera1", (0, 0, 0), 0, pictures=20)
+    log = read_ros(write_mcap(tmp_path / "flight.mcap", messages))
+    assert (len(log.velocities), log.counts) == (20, {})

@@ -15,6 +15,7 @@ pictures.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -55,6 +56,7 @@ from flightdepth.motion import (
 
 NEAR_NS = 100_000_000  # an orientation farther away says nothing of a velocity
 TOLD_KINDS = (*PX4_VELOCITY_KINDS, *VELOCITY_KINDS)  # PX4's are fused, and say when they are not valid
+OTHER_VEHICLES = "messages of other vehicles"
 MAVROS = "mavros"  # in the name of its topics, whose map is east-north-up
 # Others begin their map in any direction.
 NORTHWARD_KINDS = (PX4_POSITION, VECTOR, NAV_SAT_FIX)
@@ -70,9 +72,14 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     """Read a recording; `topic` chooses the velocity where the best guess is not the right one."""
     counts: Counter[str] = Counter()
     topics, kinds = topics_of(path, counts)
-    chosen = _choose(path, topics, kinds, topic, counts)
-    oriented = max(topics, key=lambda known: _knows_turns(known, chosen))
     picture = first_picture(topics)
+    shown = picture if topic is None else None
+    if shown is not None:
+        topics = _of_vehicle(topics, shown, counts)
+    chosen = _choose(path, topics, kinds, topic, counts)
+    if shown is None:
+        topics = _of_vehicle(topics, chosen, counts)
+    oriented = max(topics, key=lambda known: _knows_turns(known, chosen))
     first_ns = None if picture is None else picture.first_ns
     zero_ns = chosen.twists[0].stamp_ns if first_ns is None else first_ns
     samples = in_time_order(_velocities(chosen.twists, oriented.bodies, zero_ns, counts), counts)
@@ -100,6 +107,23 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
         time_0_told=first_ns is not None,
         utc=UniversalTime.of(zero_ns, "computer"),  # stamps of a simulation begin at 0
     )
+
+
+def _of_vehicle(topics: Sequence[Topic], one: Topic, counts: Counter[str]) -> list[Topic]:
+    """Without topics of vehicles named as that of `one` but for a number (/uav1/..., /uav2/...), if others tell motion.
+
+    Two cameras of a drone may be named so too, of which one tells it.
+    """
+
+    def is_other(topic: Topic) -> bool:
+        unnumbered = (re.sub(r"\d+", "", each.root) for each in (topic, one))
+        return topic.root != one.root and len(set(unnumbered)) == 1
+
+    own = [each for each in topics if not is_other(each)]
+    if not any(each.twists or each.places or each.fixes for each in own):
+        return list(topics)
+    counts[OTHER_VEHICLES] += sum(each.messages for each in topics if is_other(each))
+    return own
 
 
 def _places(topics: Sequence[Topic], zero_ns: int, chosen: Topic, counts: Counter[str]) -> PlaceTrack | None:

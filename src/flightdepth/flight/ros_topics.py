@@ -75,6 +75,12 @@ class Topic:
     by_places: bool = False  # whether the twists are those of the places
 
     @property
+    def root(self) -> str:
+        """The first part of its name, where recordings of several vehicles tell these apart; empty of a lone one."""
+        first, _, rest = self.name.removeprefix("/").partition("/")
+        return first if rest else ""
+
+    @property
     def folder(self) -> str:
         """What a topic has in common with those of the same source: "/fmu/out"."""
         return self.name.rpartition("/")[0]
