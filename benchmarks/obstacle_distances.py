@@ -26,7 +26,7 @@ from flightdepth.evaluation.provenance import network_facts, source_commit
 from flightdepth.files import file_in_progress, without_nan, write_json
 from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import UNKNOWN, distances_cm
-from flightdepth.live.obstacle_rays import sectors_of
+from flightdepth.live.obstacle_rays import rays_of, sectors_of
 from flightdepth.live.obstacles import ObstacleSettings, Pose, Sectors, Sight
 from flightdepth.machine import usable_cores
 from flightdepth.motion import NED_FROM_CAMERA, Vector, quaternion_from_rotation
@@ -116,7 +116,7 @@ def compared(number: int) -> list[Compared]:
     found = []
     for way in WAYS:
         told = {
-            frame + AGE_FRAMES: distances_cm(sectors, AGE_FRAMES / CONFIG.rate_hz, SETTINGS)
+            frame + AGE_FRAMES: distances_cm(sectors, SETTINGS)
             for frame, sectors in fly(way, images, velocity_ned + noise, attitude)
         }
         found.append(against(told, truths, abs(velocity_ned[:, 0]) > abs(velocity_ned[:, 1])))
@@ -126,7 +126,7 @@ def compared(number: int) -> list[Compared]:
 def fly(
     way: Way, images: list[NDArray[np.uint8]], velocity_ned: Vector, attitude: Vector
 ) -> Iterator[tuple[int, Sectors]]:
-    """The sectors after each frame."""
+    """The sectors AGE_FRAMES after each frame, by what was known with it."""
     network = load_network(nearest_network(CAMERA))
     estimator = MultiRangeEstimator(network, CAMERA, ranges=way.ranges, turns=way.turns)
     obstacles = ObstacleMap(lambda camera: Sight.of(network.card, network.focal_px(camera)), SETTINGS)
@@ -134,17 +134,15 @@ def fly(
         stamp_ns = round(frame / CONFIG.rate_hz * 1e9)
         estimator.add_velocity(stamp_ns, velocity_ned[frame])
         estimator.add_attitude(stamp_ns, attitude)
-        yield (
-            frame,
-            obstacles.add(
-                stamp_ns,
-                estimator.add_frame(stamp_ns, image),
-                CAMERA,
-                world_from_camera=attitude,
-                heading_rad=HEADING_RAD,
-                velocity_ned=velocity_ned[frame],
-            ),
+        obstacles.add(
+            stamp_ns,
+            estimator.add_frame(stamp_ns, image),
+            CAMERA,
+            world_from_camera=attitude,
+            heading_rad=HEADING_RAD,
+            velocity_ned=velocity_ned[frame],
         )
+        yield frame, obstacles.at(stamp_ns + round(AGE_FRAMES / CONFIG.rate_hz * 1e9))
 
 
 def true_sectors(depth_m: NDArray[np.float32], pose: Pose) -> Sectors:
@@ -162,7 +160,7 @@ def true_sectors(depth_m: NDArray[np.float32], pose: Pose) -> Sectors:
         # Upwards and very far: every ray that matters sees it.
         moved_m=np.array([[0.0, 1e9, 0.0]]),
     )
-    return sectors_of(told, CAMERA, pose, Sight(1e6), SETTINGS)
+    return sectors_of(rays_of(told, CAMERA, pose, Sight(1e6), SETTINGS), SETTINGS)
 
 
 def against(

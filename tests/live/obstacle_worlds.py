@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from flightdepth.camera import Camera
-from flightdepth.live.obstacle_rays import sectors_of
+from flightdepth.live.obstacle_rays import rays_of, sectors_of
 from flightdepth.live.obstacles import LEAST_PARALLAX_PX, ObstacleSettings, Pose, Sectors, Sight
 from flightdepth.motion import (
     NED_FROM_CAMERA,
@@ -97,4 +97,4 @@ def looked(
     """The sectors of one depth map."""
     towards = camera_attitude() if attitude is None else attitude
     pose = Pose.of(towards, math.radians(heading_deg), np.array(velocity))
-    return sectors_of(depth, camera, pose, sight, settings)
+    return sectors_of(rays_of(depth, camera, pose, sight, settings), settings)

@@ -10,7 +10,7 @@ from flightdepth.flight.camera_file import read_camera
 from flightdepth.flight.mask import PictureMask
 from flightdepth.live.depth_stage import DepthStage, Lens, NoCalibration
 from flightdepth.live.motion_store import MotionStore
-from flightdepth.live.obstacle_rays import sectors_of
+from flightdepth.live.obstacle_rays import rays_of, sectors_of
 from flightdepth.live.obstacles import ObstacleSettings, Pose, Sight
 from flightdepth.runtimes.network import load_network
 
@@ -52,7 +52,8 @@ def seen(network, *, leg, mask, folder):
                     attitude = event.world_from_camera
     sight = Sight.of(network.card, network.focal_px(CAMERA))
     pose = Pose.of(attitude, 0.0, velocity_ned)  # the camera looks north, and so does the nose
-    return staged.depth, sectors_of(staged.depth, CAMERA, pose, sight, ObstacleSettings())
+    settings = ObstacleSettings()
+    return staged.depth, sectors_of(rays_of(staged.depth, CAMERA, pose, sight, settings), settings)
 
 
 @pytest.fixture(scope="module")

@@ -19,18 +19,21 @@ NONE = RangedDepth.unknown(CAMERA.height, CAMERA.width, "hovering", 1.0)
 
 
 def added(obstacles, time_s, depth, velocity, *, yaw=0.0, heading=None):
-    return obstacles.add(
-        round(time_s * NS_PER_S),
+    """What is known just after a result."""
+    stamp_ns = round(time_s * NS_PER_S)
+    obstacles.add(
+        stamp_ns,
         depth,
         CAMERA,
         world_from_camera=camera_attitude(yaw=yaw),
         heading_rad=math.radians(yaw if heading is None else heading),
         velocity_ned=None if velocity is None else np.array(velocity, float),
     )
+    return obstacles.at(stamp_ns)
 
 
 def cm(sectors):
-    return distances_cm(sectors, 0.0, SETTINGS).astype(int)
+    return distances_cm(sectors, SETTINGS).astype(int)
 
 
 def test_a_wall_comes_nearer_in_the_dark():
@@ -129,7 +132,7 @@ def test_nothing_is_remembered_across_what_nobody_knows(lacking):
 def test_without_attitude_or_heading_all_is_unknown():
     obstacles = ObstacleMap(lambda _: SIGHT)
     for attitude, heading in ((None, 0.0), (camera_attitude(), None)):
-        found = obstacles.add(
+        obstacles.add(
             1,
             nothing(90.0),
             CAMERA,
@@ -137,7 +140,7 @@ def test_without_attitude_or_heading_all_is_unknown():
             heading_rad=heading,
             velocity_ned=np.array([0.0, 3.0, 0.0]),
         )
-        assert (cm(found) == UNKNOWN).all()
+        assert (cm(obstacles.at(1)) == UNKNOWN).all()
 
 
 SLOWLY = (0.0, 0.5, 0.0)  # so that sideways nothing moves to another sector
@@ -282,28 +285,28 @@ def test_a_sector_is_clear_as_far_as_all_its_width_was():
     obstacles = ObstacleMap(lambda _: SIGHT)
     seen = added(obstacles, 0.0, nothing(90.0), SLOWLY)
     assert cm(seen)[7] == FREE and cm(seen)[8] == UNKNOWN
-    found = cm(added(obstacles, 0.01, NONE, (0.0, 0.0, 0.0), yaw=2))
+    found = cm(added(obstacles, 0.3, NONE, (0.0, 0.0, 0.0), yaw=2))
     assert found[6] == FREE and found[7] == UNKNOWN
 
 
 @pytest.mark.parametrize(("bound_m", "told"), [(20.5, 2000), (19.5, UNKNOWN)])
 def test_clear_for_less_than_half_of_the_reach_is_not_remembered(bound_m, told):
     obstacles = ObstacleMap(lambda _: SIGHT)
-    added(obstacles, 0.0, nothing(bound_m), (0.0, 3.0, 0.0))
-    assert cm(added(obstacles, 0.01, NONE, (0.0, 0.0, 0.0)))[0] == told
+    added(obstacles, 0.0, nothing(bound_m), SLOWLY)
+    assert cm(added(obstacles, 0.3, NONE, (0.0, 0.0, 0.0)))[0] == told
 
 
 def test_clear_is_remembered_in_steps_of_a_metre_never_farther_than_it_was():
     obstacles = ObstacleMap(lambda _: SIGHT)
-    added(obstacles, 0.0, nothing(25.5), (0.0, 3.0, 0.0))
-    assert cm(added(obstacles, 0.01, NONE, (0.0, 0.0, 0.0)))[0] == 2500
+    added(obstacles, 0.0, nothing(25.5), SLOWLY)
+    assert cm(added(obstacles, 0.3, NONE, (0.0, 0.0, 0.0)))[0] == 2500
 
 
 def test_what_is_remembered_as_free_is_free_until_the_result_is_old():
     obstacles = ObstacleMap(lambda _: SIGHT)
     added(obstacles, 0.0, nothing(90.0), (0.0, 4.0, 0.0))
-    found = added(obstacles, 0.02, NONE, (0.0, 4.0, 0.0))
-    assert distances_cm(found, 0.2, SETTINGS)[0] == FREE
+    added(obstacles, 0.02, NONE, (0.0, 4.0, 0.0))
+    assert cm(obstacles.at(NS_PER_S // 5))[0] == FREE
 
 
 @pytest.mark.parametrize(("back_m", "free"), [(1.5, True), (2.2, False)])
@@ -320,8 +323,8 @@ def test_flying_backwards_only_the_drones_own_place_counts_as_seen(back_m, free)
 def test_what_was_clear_is_not_where_the_corridor_left_the_old_one(sunk_m, free):
     """It may move by half of its lesser half: here 0.5 m, up or down."""
     obstacles = ObstacleMap(lambda _: SIGHT, ObstacleSettings(above_m=1.0, below_m=1.5))
-    added(obstacles, 0.0, nothing(90.0), (0.0, 3.0, 10 * sunk_m))
-    found = added(obstacles, 0.1, NONE, (0.0, 0.0, 10 * sunk_m))
+    added(obstacles, 0.0, nothing(90.0), (0.0, 0.5, 2.5 * sunk_m))
+    found = added(obstacles, 0.4, NONE, (0.0, 0.0, 2.5 * sunk_m))
     assert (cm(found)[0] == FREE) == free
 
 
@@ -342,7 +345,6 @@ def test_an_obstacle_that_left_the_corridor_is_forgotten(sunk_m, kept):
 
 
 def test_a_remembered_obstacles_point_moves_as_well():
-    """OBSTACLE_DISTANCE_3D tells the point."""
     obstacles = ObstacleMap(lambda _: SIGHT)
     added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (2.0, 3.0, 0.0))
     found = added(obstacles, 0.4, NONE, (2.0, -3.0, 0.0))
@@ -356,7 +358,8 @@ def test_near_the_ground_the_corridor_of_a_result_ends_above_it():
     """The foot of the view meets the ground 1.2 m below: no obstacle where somebody tells that height."""
     attitude = camera_attitude(pitch=-10)
     for height_m, seen in ((None, True), (math.nan, True), (1.2, False)):
-        found = ObstacleMap(lambda _: SIGHT).add(
+        obstacles = ObstacleMap(lambda _: SIGHT)
+        obstacles.add(
             0,
             result(ground(attitude, 1.2), farther_m=60.0),
             CAMERA,
@@ -365,7 +368,7 @@ def test_near_the_ground_the_corridor_of_a_result_ends_above_it():
             velocity_ned=np.array([0.0, 3.0, 0.0]),
             height_m=height_m,
         )
-        assert np.isfinite(found.obstacle_m).any() == seen
+        assert np.isfinite(obstacles.at(0).obstacle_m).any() == seen
 
 
 def test_few_snapshots_are_kept_however_many_results_come():
@@ -373,12 +376,61 @@ def test_few_snapshots_are_kept_however_many_results_come():
     obstacles = ObstacleMap(lambda _: SIGHT)
     for step in range(45):
         added(obstacles, step / 30, nothing(90.0), SLOWLY)
-    assert len(obstacles._snapshots) <= 7
+    assert len(obstacles._kept) <= 7
 
 
-def test_what_is_remembered_comes_nearer_with_its_age_too():
+def test_what_is_remembered_comes_nearer_as_the_drone_flies_on():
     """Hovering pictures show nothing, but the drone flies on at 2 m/s."""
     obstacles = ObstacleMap(lambda _: SIGHT)
-    added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (0.0, 2.0, 0.0))
-    found = added(obstacles, 0.1, NONE, (0.0, 2.0, 0.0))
-    assert distances_cm(found, 0.25, SETTINGS)[0] == pytest.approx(cm(found)[0] - 50, abs=1)
+    added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (2.0, 3.0, 0.0))
+    found = added(obstacles, 0.1, NONE, (2.0, 0.0, 0.0))
+    assert cm(found)[0] - cm(obstacles.at(350_000_000))[0] == pytest.approx(50, abs=1)
+
+
+# At a time after the newest result
+
+
+def test_the_newest_result_moves_with_the_velocity_it_had():
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 1.0, result(wall(camera_attitude(), 10.0)), (3.0, 3.0, 0.0))
+    told = [cm(obstacles.at(1_000_000_000 + late_ms * 1_000_000))[0] for late_ms in (0, 100, 300)]
+    assert told[0] == pytest.approx(1000, abs=2) and np.diff(told) == pytest.approx([-30, -60], abs=2)
+
+
+def test_a_drone_that_brakes_is_told_the_way_that_it_flew():
+    """From 4 m/s to 0 in 0.4 s it flies 0.8 m."""
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (4.0, 3.0, 0.0))
+    found = obstacles.at(400_000_000, velocity_ned=np.zeros(3))
+    assert found.obstacle_m[0] == pytest.approx(9.2, abs=0.02)
+
+
+def test_a_nose_that_turned_meanwhile_turns_the_sectors():
+    """A wall to the north of a drone that flies east, with its nose first north, then 20 degrees to the right of it."""
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (0.0, 3.0, 0.0))
+    found = obstacles.at(100_000_000, heading_rad=math.radians(20))
+    assert np.nanargmin(found.obstacle_m) == 72 - 4
+    assert found.obstacle_m[-4] == pytest.approx(10.0, rel=0.01)
+
+
+def test_both_of_two_results_move():
+    """The one before saw a post 8 m ahead, the newest the wall behind it; half a metre to the left of both it stands
+    to the right."""
+    post = np.full((CAMERA.height, CAMERA.width), 30.0)
+    post[:, 155:165] = 8.0
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 0.0, result(post), (0.0, -2.5, 0.0))
+    added(obstacles, 0.1, result(np.full_like(post, 30.0)), (0.0, -2.5, 0.0))
+    found = cm(obstacles.at(300_000_000))  # 0.75 m to the left by now: 5.4 degrees
+    assert found[1] == pytest.approx(800, rel=0.02) and found[-1] > 2900
+
+
+def test_a_time_before_the_newest_result_is_taken_for_its_own():
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    added(obstacles, 1.0, result(wall(camera_attitude(), 10.0)), (3.0, 3.0, 0.0))
+    assert obstacles.at(960_000_000).obstacle_m[0] == obstacles.at(1_000_000_000).obstacle_m[0]
+
+
+def test_before_the_first_result_all_is_unknown():
+    assert (cm(ObstacleMap(lambda _: SIGHT).at(0)) == UNKNOWN).all()

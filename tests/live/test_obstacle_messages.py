@@ -41,7 +41,7 @@ mavutil = pytest.importorskip("pymavlink.mavutil")
 from pymavlink.dialects.v20 import ardupilotmega as dialect  # noqa: E402
 
 FREE = 4001
-DISTANCE, DISTANCE_3D, HEARTBEAT = "OBSTACLE_DISTANCE", "OBSTACLE_DISTANCE_3D", "HEARTBEAT"
+DISTANCE, HEARTBEAT = "OBSTACLE_DISTANCE", "HEARTBEAT"
 
 
 def live_result(
@@ -62,6 +62,15 @@ def live_result(
     )
 
 
+def of(result_: LiveResult, **motion) -> LiveResult:
+    """The same with another motion."""
+    return replace(result_, motion=replace(result_.motion, **motion))
+
+
+def yawed(degrees: float) -> np.ndarray:
+    return quaternion_from_rotation(rotation_from_euler(0, 0, math.radians(degrees)))
+
+
 def feed(**options) -> ObstacleFeed:
     return ObstacleFeed(ObstacleMap(lambda _: SIGHT), ObstaclePacker(SETTINGS, system=lambda: 7), **options)
 
@@ -75,18 +84,17 @@ def decoded(messages: Iterable[bytes]) -> list:
 def test_the_numbers_are_those_of_mavlink():
     assert dialect.MAV_COMP_ID_OBSTACLE_AVOIDANCE == COMPONENT
     assert dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE == 330
-    assert dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE_3D == 11037
 
 
 def test_every_field_of_a_message():
     sectors = looked(result(wall(camera_attitude(), 10.0)))
-    message = decoded([ObstaclePacker(SETTINGS, system=lambda: 7).distances(sectors, 123_456, 0.0)])[0]
+    message = decoded([ObstaclePacker(SETTINGS, system=lambda: 7).distances(sectors, 123_456)])[0]
     assert message.get_type() == DISTANCE and message.get_srcSystem() == 7
     assert message.get_srcComponent() == COMPONENT
     assert message.time_usec == 123_456 and message.frame == 12
     assert (message.increment, message.increment_f, message.angle_offset) == (5, 0.0, 0.0)
     assert (message.min_distance, message.max_distance) == (100, 4000)
-    assert message.distances == distances_cm(sectors, 0.0, SETTINGS).tolist()
+    assert message.distances == distances_cm(sectors, SETTINGS).tolist()
     assert len(message.distances) == SECTORS
 
 
@@ -96,9 +104,7 @@ def test_the_sender_takes_the_vehicles_number_once_it_is_heard():
     packer = ObstaclePacker(SETTINGS, system=lambda: heard[0] if heard else None)
     before = packer.heartbeat(usable=True)
     heard.append(42)
-    messages = decoded(
-        [before, packer.heartbeat(usable=True), packer.distances(looked(nothing(60.0)), 1, 0.0)]
-    )
+    messages = decoded([before, packer.heartbeat(usable=True), packer.distances(looked(nothing(60.0)), 1)])
     assert [message.get_srcSystem() for message in messages] == [1, 42, 42]
     assert {message.get_srcComponent() for message in messages} == {COMPONENT}
 
@@ -106,7 +112,7 @@ def test_the_sender_takes_the_vehicles_number_once_it_is_heard():
 def test_what_ardupilot_and_px4_make_of_it():
     """Both index by angle: ArduPilot index to angle (j * increment), PX4 angle to index (ceil of angle / increment)."""
     sectors = looked(result(wall(camera_attitude(), 10.0)))
-    message = decoded([ObstaclePacker(SETTINGS).distances(sectors, 1, 0.0)])[0]
+    message = decoded([ObstaclePacker(SETTINGS).distances(sectors, 1)])[0]
     for index, distance in enumerate(message.distances):
         angle = index * message.increment + message.angle_offset
         assert math.ceil((angle - message.angle_offset) % 360 / message.increment) == index
@@ -115,23 +121,6 @@ def test_what_ardupilot_and_px4_make_of_it():
             side = min(angle, 360 - angle)
             low, high = (1000 / math.cos(math.radians(edge)) for edge in (max(side - 2.5, 0), side))
             assert low * 0.98 <= distance <= high + 1
-
-
-def test_points_lie_on_the_wall_in_the_body_frame():
-    sectors = looked(result(wall(camera_attitude(), 10.0)))
-    points = decoded(ObstaclePacker(SETTINGS).points(sectors, 5000, 0.0))
-    assert 10 < len(points) <= 24
-    for point in points:
-        assert point.get_type() == DISTANCE_3D and point.frame == 12 and point.time_boot_ms == 5000
-        assert point.x == pytest.approx(10.0, rel=1e-3) and abs(point.z) <= 1.5
-    banked = feed(points=True)
-    banked.take(live_result(0, result(wall(camera_attitude(), 10.0)), body=(20, 0, 0)))
-    tilted = [m for m in decoded(banked.due(0)) if m.get_type() == DISTANCE_3D]
-    turn = rotation_from_euler(math.radians(20), 0, 0)
-    assert len(tilted) == len(points)
-    for point in tilted:
-        level = turn @ (point.x, point.y, point.z)
-        assert level[0] == pytest.approx(10.0, rel=1e-3) and abs(level[2]) <= 1.5
 
 
 def test_fifteen_a_second_and_a_heartbeat_each_second():
@@ -171,12 +160,35 @@ def test_a_result_that_is_old_or_from_the_future_is_not_sent(age_ms, sent):
     assert len(distances) == sent
 
 
-def test_the_same_result_comes_nearer_with_its_age():
+def test_the_same_result_comes_nearer_as_the_drone_flies_on():
     aging = feed()
-    aging.take(live_result(0, result(wall(camera_attitude(), 10.0))))
+    aging.take(
+        of(live_result(0, result(wall(camera_attitude(), 10.0))), velocity_ned=np.array([3.0, 3.0, 0.0]))
+    )
     first = decoded(aging.due(0))[-1].distances[0]
     later = decoded(aging.due(200_000_000))[-1].distances[0]
     assert first - later == pytest.approx(60, abs=1)
+
+
+def test_distances_are_those_to_the_drone_where_it_is_when_they_are_sent():
+    """It stopped just after the picture, and turned right by 20 degrees since."""
+    stopped = MotionAt(None, yawed(20), np.array([-3.0, -3.0, 0.0]), None)  # on average: 0 since the picture
+    asked: list[int] = []
+    telling = feed(motion_at=lambda now_ns: asked.append(now_ns) or stopped)
+    telling.take(
+        of(live_result(0, result(wall(camera_attitude(), 10.0))), velocity_ned=np.array([3.0, 3.0, 0.0]))
+    )
+    told = np.array(decoded(telling.due(100_000_000))[-1].distances)
+    assert asked == [100_000_000]
+    assert told[-4] == told.min() == pytest.approx(1000, abs=2) and told[0] > 1040
+
+
+def test_what_motion_is_unknown_by_now_stays_as_the_result_had_it():
+    telling = feed(motion_at=lambda now_ns: MotionAt(None, None, None, None))
+    telling.take(
+        of(live_result(0, result(wall(camera_attitude(), 10.0))), velocity_ned=np.array([3.0, 3.0, 0.0]))
+    )
+    assert decoded(telling.due(200_000_000))[-1].distances[0] == pytest.approx(940, abs=2)
 
 
 def test_what_is_wanting_for_obstacles_is_told() -> None:
@@ -202,7 +214,7 @@ def test_without_the_drones_heading_all_is_unknown_unless_the_camera_looks_ahead
 
 def test_a_tlog_comes_back_through_mavutil(tmp_path: Path):
     path = tmp_path / "out.tlog"
-    steady, written = feed(points=True), []
+    steady, written = feed(), []
     with path.open("wb") as log:
         for step in range(60):
             steady.take(live_result(step * 33_000_000, result(wall(camera_attitude(), 10.0 + step))))
@@ -332,53 +344,15 @@ def test_the_nearest_value_is_within_the_range_that_is_told(min_m: float) -> Non
     packer = ObstaclePacker(settings, system=lambda: 7)
     near = looked(nothing())
     near = replace(near, obstacle_m=np.full_like(near.obstacle_m, min_m / 2))
-    [message] = decoded([packer.distances(near, 0, 0.0)])
+    [message] = decoded([packer.distances(near, 0)])
     assert set(message.distances) == {message.min_distance}
 
 
-def at(distances_m, *, clear_m=0.0, speed_m_s=0.0, down_m=0.0) -> Sectors:
-    """Sectors with these obstacles, the first ahead and each next one clockwise, all `down_m` below the camera."""
-    nothing_known = Sectors.unknown(speed_m_s)
-    obstacle_m, points_m = nothing_known.obstacle_m, nothing_known.points_m
-    for sector, distance_m in enumerate(distances_m):
-        azimuth = math.radians(5 * sector)
-        obstacle_m[sector] = distance_m
-        points_m[sector] = distance_m * math.cos(azimuth), distance_m * math.sin(azimuth), down_m
+def at(distances_m, *, clear_m=0.0) -> Sectors:
+    """Sectors with these obstacles, the first ahead and each next one clockwise."""
+    nothing_known = Sectors.unknown()
+    nothing_known.obstacle_m[: len(distances_m)] = distances_m
     return replace(nothing_known, clear_m=np.full(SECTORS, clear_m))
-
-
-def test_of_more_obstacles_than_are_sent_the_nearest_are_nearest_first():
-    distances_m = np.random.default_rng(0).permutation(np.linspace(3.0, 38.0, 40))
-    points = decoded(ObstaclePacker(SETTINGS).points(at(distances_m), 5000, 0.0))
-    assert [math.hypot(point.x, point.y) for point in points] == pytest.approx(sorted(distances_m)[:24])
-
-
-def test_points_come_nearer_with_their_age_and_never_nearer_than_the_least_distance():
-    """4 m/s for a quarter of a second: 1 m along each ray; what was just too far is told then."""
-    sectors = at([10.0, 1.5, 40.9, 41.1], speed_m_s=4.0)
-    points = decoded(ObstaclePacker(SETTINGS).points(sectors, 5000, 0.25))
-    told = [(math.hypot(point.x, point.y), math.degrees(math.atan2(point.y, point.x))) for point in points]
-    assert [pytest.approx(each, rel=1e-5) for each in told] == [(1.0, 5.0), (9.0, 0.0), (39.9, 10.0)]
-
-
-def test_a_negative_age_moves_nothing_away():
-    """A picture's time may lie ahead by a little."""
-    sectors, packer = at([10.0], speed_m_s=4.0), ObstaclePacker(SETTINGS)
-    [message, point] = decoded([packer.distances(sectors, 1, -0.04), *packer.points(sectors, 1, -0.04)])
-    assert message.distances[0] == 1000 and point.x == 10.0
-
-
-def test_every_field_of_a_point():
-    """Their time has 32 bits: 50 days of milliseconds."""
-    [message] = decoded(ObstaclePacker(SETTINGS).points(at([10.0], down_m=0.5), 2**32 + 17, 0.0))
-    assert (message.time_boot_ms, message.sensor_type, message.frame, message.obstacle_id) == (
-        17,
-        4,
-        12,
-        65535,
-    )
-    assert (message.x, message.y, message.z) == (10.0, 0.0, 0.5)
-    assert (message.min_distance, message.max_distance) == (1.0, 40.0)
 
 
 def test_the_heartbeat_is_that_of_an_onboard_computer_and_no_autopilots():
@@ -418,7 +392,7 @@ def test_messages_before_an_autopilot_is_heard_are_of_system_1_and_its_number_st
     ],
 )
 def test_what_is_told_of_a_sector(obstacle_m, clear_m, told):
-    assert distances_cm(at([obstacle_m], clear_m=clear_m), 0.0, SETTINGS)[0] == told
+    assert distances_cm(at([obstacle_m], clear_m=clear_m), SETTINGS)[0] == told
 
 
 def test_a_log_is_known_for_ours_by_its_first_message():
@@ -431,37 +405,13 @@ def test_a_log_is_known_for_ours_by_its_first_message():
 # What is sent of a result
 
 
-def of(result_: LiveResult, **motion) -> LiveResult:
-    """The same with another motion."""
-    return replace(result_, motion=replace(result_.motion, **motion))
-
-
-def yawed(degrees: float) -> np.ndarray:
-    return quaternion_from_rotation(rotation_from_euler(0, 0, math.radians(degrees)))
-
-
 def test_the_height_that_somebody_tells_keeps_the_ground_out():
     attitude = camera_attitude(pitch=-10)
     low = of(live_result(0, result(ground(attitude, 1.2), farther_m=60.0)), world_from_camera=attitude)
     for height_m, told in ((None, True), (1.2, False)):
         flying = feed()
         flying.take(of(low, height_above_ground_m=height_m))
-        assert np.isfinite(flying.newest.sectors.obstacle_m).any() == told
-
-
-def test_points_of_a_banked_drone_that_flies_east_lie_on_the_wall():
-    """Its nose, its camera and the wall 60 degrees from north."""
-    velocity = np.array([-3 * math.sin(math.radians(60)), 3 * math.cos(math.radians(60)), 0.0])
-    camera, body = camera_attitude(yaw=60), rotation_from_euler(math.radians(20), 0, math.radians(60))
-    banked = feed(points=True)
-    seen = live_result(0, result(wall(camera, 10.0, bearing_deg=60)))
-    turn = quaternion_from_rotation(body)
-    banked.take(of(seen, world_from_camera=camera, world_from_body=turn, velocity_ned=velocity))
-    _, distances, *points = decoded(banked.due(0))
-    assert distances.distances[0] == pytest.approx(1000, abs=2) and len(points) > 10
-    north_east_down = np.array([body @ (point.x, point.y, point.z) for point in points])
-    assert north_east_down @ (0.5, math.sqrt(0.75), 0) == pytest.approx(np.full(len(points), 10.0), rel=1e-3)
-    assert abs(north_east_down[:, 2]).max() <= 1.5
+        assert np.isfinite(flying.fresh(0).sectors.obstacle_m).any() == told
 
 
 def test_the_drones_own_heading_stands_before_its_cameras():
@@ -470,7 +420,7 @@ def test_the_drones_own_heading_stands_before_its_cameras():
     seen = of(live_result(0, result(wall(attitude, 10.0, bearing_deg=30))), world_from_camera=attitude)
     ahead = feed(camera_ahead=True)
     ahead.take(seen)
-    assert ahead.newest.sectors.obstacle_m[6] == pytest.approx(10.0, rel=0.01)
+    assert ahead.fresh(0).sectors.obstacle_m[6] == pytest.approx(10.0, rel=0.01)
 
 
 def test_a_camera_that_looks_ahead_tells_the_heading_in_any_direction():
@@ -478,8 +428,8 @@ def test_a_camera_that_looks_ahead_tells_the_heading_in_any_direction():
     seen = of(live_result(0, result(wall(attitude, 10.0, bearing_deg=60))), world_from_camera=attitude)
     ahead = feed(camera_ahead=True)
     ahead.take(of(seen, world_from_body=None))
-    assert np.nanargmin(ahead.newest.sectors.obstacle_m) == 0
-    assert ahead.newest.sectors.obstacle_m[0] == pytest.approx(10.0, rel=0.02)
+    assert np.nanargmin(ahead.fresh(0).sectors.obstacle_m) == 0
+    assert ahead.fresh(0).sectors.obstacle_m[0] == pytest.approx(10.0, rel=0.02)
 
 
 def test_all_that_is_wanting_is_told_in_one_sentence():
@@ -492,15 +442,12 @@ def test_all_that_is_wanting_is_told_in_one_sentence():
 
 @pytest.mark.parametrize(("boot_ns", "told_us"), [(7 * NS_PER_S, 7_000_000), (None, 2_000_000)])
 def test_messages_tell_when_the_picture_was_taken(boot_ns, told_us):
-    """By the autopilot's clock where that is known; points in milliseconds."""
-    timed = feed(points=True)
+    """By the autopilot's clock where that is known."""
+    timed = feed()
     seen = live_result(2 * NS_PER_S, result(wall(camera_attitude(), 10.0)))
     timed.take(replace(seen, boot_ns=boot_ns))
-    _, distances, *points = decoded(timed.due(2 * NS_PER_S + 100_000_000))
+    _, distances = decoded(timed.due(2 * NS_PER_S + 100_000_000))
     assert distances.time_usec == told_us
-    assert {point.time_boot_ms for point in points} == {told_us // 1000}
-    # 0.3 m were flown meanwhile; a point farther below is a little farther off.
-    assert points[0].x == pytest.approx(distances.distances[0] / 100, abs=0.02) and points[0].x < 9.75
 
 
 def test_nothing_is_sent_twice_within_a_fifteenth_of_a_second():

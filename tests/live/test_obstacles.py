@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from obstacle_worlds import (
     CAMERA,
     SETTINGS,
+    SIDEWAYS,
     SIGHT,
     blind_cone_deg,
     camera_attitude,
@@ -26,7 +27,16 @@ from obstacle_worlds import (
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.live.obstacle_messages import UNKNOWN, distances_cm
-from flightdepth.live.obstacle_rays import Rays, _clear, _nearest, rays_of
+from flightdepth.live.obstacle_rays import (
+    STILL,
+    Moved,
+    _clear,
+    _Ends,
+    _ends,
+    _nearest,
+    rays_of,
+    sectors_of,
+)
 from flightdepth.live.obstacles import (
     LEAST_PARALLAX_PX,
     SECTORS,
@@ -46,8 +56,15 @@ INNER = range(-6, 7)  # whole sectors within 80 degrees: up to 32.5 off the axis
 NEAR = 0.02
 
 
-def cm(sectors, age_s=0.0, settings=SETTINGS):
-    return distances_cm(sectors, age_s, settings).astype(int)
+def cm(sectors, settings=SETTINGS):
+    return distances_cm(sectors, settings).astype(int)
+
+
+def moved_on(depth, step_m, turn_deg=0.0, velocity=SIDEWAYS):
+    """What a result of a camera that looks ahead says after the drone moved (forward, right, down) and turned."""
+    pose = Pose.of(camera_attitude(), 0.0, np.array(velocity))
+    seen = rays_of(depth, CAMERA, pose, SIGHT, SETTINGS)
+    return sectors_of(seen, SETTINGS, Moved(np.array(step_m), math.radians(turn_deg)))
 
 
 @pytest.mark.parametrize("sector", INNER)
@@ -219,21 +236,68 @@ def test_what_a_long_range_cannot_see_does_not_count_for_it():
     assert found[1] == UNKNOWN and found[4] < 1300
 
 
-def test_age_costs_the_way_flown():
-    found = looked(result(wall(camera_attitude(), 10.0)))
-    assert cm(found, 0.0)[0] - cm(found, 0.3)[0] == pytest.approx(90, abs=1)  # 3 m/s
+@pytest.mark.parametrize("step_m", [(0.9, 0.0, 0.0), (-0.7, 0.0, 0.0), (0.0, 0.6, 0.0), (0.5, -0.8, 0.2)])
+@pytest.mark.parametrize("turn_deg", [0, 15, -40])
+def test_a_wall_is_where_one_sees_it_who_moved_there(step_m, turn_deg):
+    """Law: what a result says after a step and a turn is what is seen from there."""
+    found = moved_on(result(wall(camera_attitude(), 10.0)), step_m, turn_deg)
+    there = camera_attitude(yaw=turn_deg)
+    seen = looked(result(wall(there, 10.0 - step_m[0])), there, heading_deg=turn_deg)
+    bearing = np.arange(-4, 5) - round(turn_deg / 5)  # within both views
+    both = [sector for sector in bearing if abs(sector) <= 5]
+    np.testing.assert_allclose(found.obstacle_m[both], seen.obstacle_m[both], rtol=0.01)
+    np.testing.assert_allclose(found.clear_m[both], seen.clear_m[both], rtol=0.03)
 
 
-def test_free_is_not_free_when_it_is_too_old():
-    found = looked(nothing(60.0))
-    assert cm(found, SETTINGS.stale_s)[0] == FREE
-    assert cm(found, SETTINGS.stale_s + 0.5)[0] < FREE
+def test_what_stands_beside_the_way_leaves_its_sector():
+    """A post 5 m ahead; after half a metre to the left it stands 5.7 degrees to the right."""
+    depth = np.full((CAMERA.height, CAMERA.width), 90.0)
+    depth[:, 155:165] = 5.0
+    before, after = (cm(moved_on(result(depth), step_m)) for step_m in ((0, 0, 0), (0, -0.5, 0)))
+    assert before[0] == pytest.approx(500, rel=NEAR) and before[2] == FREE
+    assert after[1] == pytest.approx(500, rel=NEAR) and after[-1] == FREE
+
+
+def test_the_point_of_an_obstacle_moves_with_it():
+    """A ball: ahead of one who turned right it lies to the left."""
+    ball = np.full((CAMERA.height, CAMERA.width), 90.0)
+    ball[118:122, 155:165] = 10.0
+    found = moved_on(result(ball), (1.0, 0.0, 0.3), 30)
+    assert found.points_m[-6] == pytest.approx((9 * math.cos(math.pi / 6), -4.5, -0.3), abs=0.25)
+    known = np.isfinite(found.obstacle_m)
+    np.testing.assert_allclose(np.hypot(*found.points_m[known][:, :2].T), found.obstacle_m[known], rtol=1e-5)
+
+
+@pytest.mark.parametrize(("sunk_m", "seen"), [(0.0, True), (0.9, True), (1.7, False), (-1.7, False)])
+def test_who_climbed_or_sank_has_another_corridor(sunk_m, seen):
+    """A ball at the camera's height."""
+    ball = np.full((CAMERA.height, CAMERA.width), 90.0)
+    ball[118:122, 150:170] = 12.0
+    assert np.isfinite(moved_on(result(ball), (0.0, 0.0, sunk_m)).obstacle_m[0]) == seen
+
+
+def test_what_was_clear_is_so_for_less_after_a_step_ahead():
+    """41 m; a metre and a half are kept in reserve, as much as 3 m/s take in half a second."""
+    told = [cm(moved_on(nothing(41.0), (ahead_m, 0.0, 0.0)))[0] for ahead_m in (0.0, 0.9, 1.2)]
+    assert told[:2] == [FREE, FREE] and told[2] == pytest.approx(3980, abs=2)
+    assert cm(moved_on(nothing(60.0), (1.5, 0.0, 0.0)))[0] == FREE
+
+
+def test_who_knew_nothing_knows_nothing_after_a_step():
+    none = RangedDepth.unknown(CAMERA.height, CAMERA.width, "hovering", 1.0)
+    for depth in (nothing(), none):
+        assert (cm(moved_on(depth, (0.5, 0.5, 0.0), 20)) == UNKNOWN).all()
 
 
 def test_touching_is_the_least_distance_never_zero():
-    found = looked(result(wall(camera_attitude(), 0.2)))
-    assert cm(found)[0] == 100
-    assert cm(found, 10.0)[0] == 100
+    seen = result(wall(camera_attitude(), 0.2))
+    assert cm(looked(seen))[0] == 100
+    assert cm(moved_on(seen, (0.15, 0.0, 0.0)))[0] == 100
+
+
+def test_a_camera_that_looks_straight_down_says_nothing_of_what_is_beside():
+    down = camera_attitude(pitch=-90)
+    assert (cm(looked(result(ground(down, 10.0)), down)) == UNKNOWN).all()
 
 
 def test_hovering_or_no_depth_is_unknown():
@@ -414,30 +478,61 @@ def test_the_nearest_of_a_sector_is_told_whatever_stands_behind_it():
     assert looked(result(depth[::-1].copy())).obstacle_m[0] == pytest.approx(9.0, rel=NEAR)
 
 
-def rays(hit_m, leaves_m=math.inf):
+def ray_ends(hit_m, leaves_m=math.inf):
+    """Of rays in one degree that say nothing of what is clear."""
     n = len(hit_m)
-    nothing_said = np.zeros(n)
-    return Rays(nothing_said, np.array(hit_m), nothing_said, np.broadcast_to(leaves_m, n), np.zeros((n, 3)))
+    return _Ends(
+        degree=np.zeros(n, np.intp),
+        hit_m=np.array(hit_m),
+        clear_m=np.zeros(n),
+        leaves_m=np.broadcast_to(leaves_m, n),
+        points_m=np.zeros((3, n)),
+    )
 
 
 def test_an_obstacle_is_where_enough_rays_of_those_still_in_the_corridor_have_hit():
     """Of 100 rays 3 make one; farther on, where 40 are left, 2 do (1.2, rounded up)."""
     far = [math.inf] * 97
-    assert _nearest(rays([12.0, 11.0, 10.0, *far]), np.arange(100), 40.0, 0.03) == 0
-    assert _nearest(rays([12.0, 11.0, math.inf, *far]), np.arange(100), 40.0, 0.03) is None
+    assert _nearest(ray_ends([12.0, 11.0, 10.0, *far]), 40.0, 0.03).tolist() == [0]
+    assert not len(_nearest(ray_ends([12.0, 11.0, math.inf, *far]), 40.0, 0.03))
     leaving = np.where(np.arange(100) < 40, math.inf, 20.0)
-    assert _nearest(rays([25.0, 21.0, math.inf, *far], leaving), np.arange(100), 40.0, 0.03) == 0
-    assert _nearest(rays([25.0, math.inf, math.inf, *far], leaving), np.arange(100), 40.0, 0.03) is None
-    assert _nearest(rays([10.0]), np.arange(1), 40.0, 0.03) == 0  # one of one
+    assert _nearest(ray_ends([25.0, 21.0, math.inf, *far], leaving), 40.0, 0.03).tolist() == [0]
+    assert not len(_nearest(ray_ends([25.0, math.inf, math.inf, *far], leaving), 40.0, 0.03))
+    assert _nearest(ray_ends([10.0]), 40.0, 0.03).tolist() == [0]  # one of one
+
+
+@hypothesis_settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), share=st.sampled_from([0.03, 0.2, 0.5]))
+def test_the_nearest_of_each_sector_is_as_counted_one_by_one(seed, share):
+    rng = np.random.default_rng(seed)
+    n = 400
+    some = _Ends(
+        degree=rng.integers(0, 30, n),
+        hit_m=np.where(rng.random(n) < 0.4, rng.uniform(1, 50, n), np.inf),
+        clear_m=np.zeros(n),
+        leaves_m=np.where(rng.random(n) < 0.3, np.inf, rng.uniform(1, 60, n)),
+        points_m=np.zeros((3, n)),
+    )
+    wanted = []
+    for sector in range(6):
+        within = np.flatnonzero(some.degree // 5 == sector)
+        for place in within[np.argsort(some.hit_m[within])]:
+            met = (some.hit_m[within] <= some.hit_m[place]).sum()
+            if some.hit_m[place] <= 40 and met >= max(
+                1, share * (some.leaves_m[within] >= some.hit_m[place]).sum()
+            ):
+                wanted.append(place)
+                break
+    assert _nearest(some, 40.0, share).tolist() == wanted
 
 
 @pytest.mark.parametrize(("unknown", "clear_m"), [(2, 40.0), (3, 0.0)])
 def test_a_degree_is_clear_where_seven_in_ten_of_its_rays_say_so(unknown, clear_m):
     """Of nine, seven: two may say nothing."""
     said = np.where(np.arange(9) < unknown, 0.0, 90.0)
-    told = replace(rays([math.inf] * 9), clear_m=said)
-    assert _clear(told, np.arange(9), 40.0, 0.7) == clear_m
-    assert _clear(replace(told, leaves_m=np.full(9, 39.0)), np.arange(9), 40.0, 0.7) == 0.0
+    told = replace(ray_ends([math.inf] * 9), clear_m=said)
+    assert _clear(told, 40.0, 0.7).tolist() == [clear_m] + [0.0] * 359
+    assert not _clear(replace(told, leaves_m=np.full(9, 39.0)), 40.0, 0.7).any()
 
 
 def test_a_large_picture_says_what_a_small_one_does():
@@ -462,15 +557,16 @@ def test_what_each_ray_says_is_horizontal():
     settings = ObstacleSettings(above_m=1.2, below_m=0.8)
     depth = result(np.full((CAMERA.height, CAMERA.width), 10.0))
     pose = Pose.of(attitude, math.radians(30), np.array([2.8, 1.0, 0.0]))  # to its right
-    found = rays_of(depth, CAMERA, pose, SIGHT, settings)
-    forward, right, down = found.points_m.T
+    found = _ends(rays_of(depth, CAMERA, pose, SIGHT, settings), settings, STILL)
+    forward, right, down = found.points_m
     along = np.hypot(forward, right)
     inside = (down >= -1.2) & (down <= 0.8)
     np.testing.assert_allclose(found.hit_m, np.where(inside, along, np.inf), rtol=1e-5)
     np.testing.assert_allclose(found.clear_m, along, rtol=1e-5)
     np.testing.assert_allclose(found.leaves_m, along * np.where(down > 0, 0.8, 1.2) / abs(down), rtol=1e-4)
-    np.testing.assert_allclose(found.azimuth_deg, np.degrees(np.arctan2(right, forward)) % 360, rtol=1e-4)
-    assert 0 < inside.mean() < 1 and found.azimuth_deg.min() >= 0
+    azimuth_deg = np.degrees(np.arctan2(right, forward))
+    np.testing.assert_array_equal(found.degree, np.floor(azimuth_deg + 2.5) % 360)
+    assert 0 < inside.mean() < 1 and found.degree.min() >= 0
 
 
 @pytest.mark.parametrize(("displacement_m", "told"), [(0.26, FREE), (0.22, UNKNOWN)])

@@ -184,7 +184,7 @@ class Session:
         obstacles = ObstacleMap(self._sight)
         packer = ObstaclePacker(obstacles.settings, system=self._vehicle)
         fixed = settings.mount == "fixed"
-        feed = self.obstacles = ObstacleFeed(obstacles, packer, camera_ahead=fixed)
+        feed = self.obstacles = ObstacleFeed(obstacles, packer, motion_at=self.store.at, camera_ahead=fixed)
         self.engine.add_sink("obstacles", feed.take)
         return feed
 

@@ -1,10 +1,10 @@
-"""What older results still say of sectors that the newest knows nothing of: remembered, and moved by the motion.
+"""What results say of the sectors by now, and what older ones still say of those that the newest knows nothing of.
 
 Needed above all where the drone flies to (no parallax there) and while it turns or brakes (no depth at all).
 Two results in a row count as one: the nearer obstacle of both stands. They may have looked at different ranges in
 turn (MultiRangeEstimator, `turns`), and what one misses the other may have seen.
-An obstacle is remembered as its point. "Clear" is remembered as the sectors of that time: a sector is clear now as
-far as each of its points lay in a clear one then.
+Of these two each ray is moved by the motion since. Of older ones an obstacle is remembered as its point, "clear" as
+the sectors of that time: a sector is clear now as far as each of its points lay in a clear one then.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.flight.records import NS_PER_S
-from flightdepth.live.obstacle_rays import sectors_of
+from flightdepth.live.obstacle_rays import Moved, Rays, rays_of, sectors_of
 from flightdepth.live.obstacles import (
     SECTOR_DEG,
     SECTORS,
@@ -43,17 +43,35 @@ ACROSS_DEG = np.array([-2.0, 0.0, 2.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Snapshot:
-    """A result's own sectors, where the camera was then (NED, m) and the nose's heading."""
+class Place:
+    """Where the camera was at a time (NED, m), and the nose's heading."""
 
     stamp_ns: int
     position_ned: Vector
     heading_rad: float
-    sectors: Sectors
+
+    def to(self, later: Place) -> Moved:
+        """How the drone moved from here."""
+        step_m = level_from_world(self.heading_rad) @ (later.position_ned - self.position_ned)
+        return Moved(step_m, later.heading_rad - self.heading_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What the rays of a result said, from where, and in which corridor."""
+
+    place: Place
+    rays: Rays
+    settings: ObstacleSettings
+
+    @cached_property
+    def sectors(self) -> Sectors:
+        """Its sectors at its own time."""
+        return sectors_of(self.rays, self.settings)
 
 
 class ObstacleMap:
-    """Sectors of result after result; one a flight, not for use from several threads at once.
+    """Results in, sectors at any time after; one a flight, not for use from several threads at once.
 
     sight_of  what the network sees through a camera
     """
@@ -61,8 +79,9 @@ class ObstacleMap:
     def __init__(self, sight_of: Callable[[Camera], Sight], settings: ObstacleSettings | None = None) -> None:
         self.settings = settings or ObstacleSettings()
         self._sight_of = lru_cache(maxsize=1)(sight_of)  # pictures seldom change their size
-        self._snapshots: deque[Snapshot] = deque()
-        self._before: Snapshot | None = None
+        self._kept: deque[Seen] = deque()
+        self._newest: Seen | None = None
+        self._before: Seen | None = None
         self._position: Vector = np.zeros(3)
         self._last: tuple[int, Vector] | None = None
 
@@ -76,23 +95,43 @@ class ObstacleMap:
         heading_rad: float | None,
         velocity_ned: Vector | None,
         height_m: float | None = None,
-    ) -> Sectors:
-        """The sectors at `stamp_ns`; all unknown where attitude, heading or velocity are."""
+    ) -> None:
+        """Take the result of a picture; all is unknown while attitude, heading or velocity are."""
+        self._before, self._newest = self._newest or self._before, None
         if velocity_ned is None:
             self._forget()
-            return Sectors.unknown()
+            return
         self._move(stamp_ns, np.asarray(velocity_ned, dtype=np.float64))
-        speed = float(np.linalg.norm(velocity_ned))
         if world_from_camera is None or heading_rad is None:
-            return Sectors.unknown(speed)
+            return
         settings = self.settings.over_ground(height_m)
         pose = Pose.of(world_from_camera, heading_rad, velocity_ned)
-        seen = sectors_of(depth, camera, pose, self._sight_of(camera), settings)
-        now = Snapshot(stamp_ns, self._position.copy(), heading_rad, seen)
-        filled = self._filled(self._joined(now, settings), settings)
-        self._keep(now)
-        self._before = now
-        return filled
+        rays = rays_of(depth, camera, pose, self._sight_of(camera), settings)
+        place = Place(stamp_ns, self._position.copy(), heading_rad)
+        self._newest = Seen(place, rays, settings)
+        self._keep(self._newest)
+
+    def at(
+        self, stamp_ns: int, *, heading_rad: float | None = None, velocity_ned: Vector | None = None
+    ) -> Sectors:
+        """The sectors at a time, not before the newest result's, to a drone that has this heading and velocity by then;
+        as that result had them where they are not given."""
+        newest = self._newest
+        if newest is None or self._last is None:
+            return Sectors.unknown()
+        then, velocity_then = newest.place, self._last[1]
+        late_s = max(0, stamp_ns - then.stamp_ns) / NS_PER_S
+        velocity = velocity_then if velocity_ned is None else velocity_ned
+        now = Place(
+            max(stamp_ns, then.stamp_ns),
+            then.position_ned + (velocity_then + velocity) / 2 * late_s,
+            then.heading_rad if heading_rad is None else heading_rad,
+        )
+        before = self._before
+        if before is None or newest.place.stamp_ns - before.place.stamp_ns > JOINED_NS:
+            before = None
+        older = [seen for seen in self._kept if seen is not newest and seen is not before]
+        return _filled(_joined(newest, before, now), older, now, newest)
 
     def _move(self, stamp_ns: int, velocity: Vector) -> None:
         if self._last is not None:
@@ -103,53 +142,62 @@ class ObstacleMap:
                 self._position += (velocity + self._last[1]) / 2 * step_ns / NS_PER_S
         self._last = stamp_ns, velocity
         oldest = stamp_ns - round(self.settings.memory_s * NS_PER_S)
-        while self._snapshots and self._snapshots[0].stamp_ns < oldest:
-            self._snapshots.popleft()
+        while self._kept and self._kept[0].place.stamp_ns < oldest:
+            self._kept.popleft()
 
-    def _keep(self, now: Snapshot) -> None:
-        """The newest that knows anything, since the next may know nothing, and older ones EVERY_NS apart."""
-        kept = self._snapshots
-        if not np.isfinite(now.sectors.obstacle_m).any() and not now.sectors.clear_m.any():
+    def _keep(self, now: Seen) -> None:
+        """The newest that says anything, since the next may say nothing, and older ones EVERY_NS apart."""
+        kept = self._kept
+        if not np.isfinite(now.rays.hit_m).any() and not now.rays.clear_m.any():
             return
-        if len(kept) > 1 and kept[-1].stamp_ns - kept[-2].stamp_ns < EVERY_NS:
+        if len(kept) > 1 and kept[-1].place.stamp_ns - kept[-2].place.stamp_ns < EVERY_NS:
             kept.pop()
         kept.append(now)
 
     def _forget(self) -> None:
-        self._snapshots.clear()
+        self._kept.clear()
         self._before, self._last = None, None
 
-    def _joined(self, now: Snapshot, settings: ObstacleSettings) -> Snapshot:
-        """With what the result before saw: the nearer obstacle, and clear as far as either knew."""
-        before, seen = self._before, now.sectors
-        if before is None or now.stamp_ns - before.stamp_ns > JOINED_NS:
-            return now
-        lacking = _lacking(seen, settings)
-        obstacle_m, points_m, clear_m = seen.obstacle_m.copy(), seen.points_m.copy(), seen.clear_m.copy()
-        _take_nearer(obstacle_m, points_m, moved_points(before, now, settings))
-        wanted = np.flatnonzero(clear_m < settings.max_m)
-        clear_m[wanted] = np.maximum(clear_m[wanted], moved_clear(before, now, wanted, settings))
-        clear_m = np.fmin(clear_m, obstacle_m)
-        joined = replace(seen, obstacle_m=obstacle_m, points_m=points_m, clear_m=clear_m)
-        return replace(now, sectors=replace(joined, remembered=lacking & ~_lacking(joined, settings)))
 
-    def _filled(self, now: Snapshot, settings: ObstacleSettings) -> Sectors:
-        seen = now.sectors
-        lacking = _lacking(seen, settings)
-        if not self._snapshots or not lacking.any():
-            return seen
-        obstacle_m, points_m, clear_m = seen.obstacle_m.copy(), seen.points_m.copy(), seen.clear_m.copy()
-        for snapshot in self._snapshots:
-            moved = moved_points(snapshot, now, settings)
-            _take_nearer(
-                obstacle_m, points_m, [(sector, point) for sector, point in moved if lacking[sector]]
-            )
-            wanted = np.flatnonzero(lacking & np.isnan(obstacle_m))
-            clear_m[wanted] = np.maximum(clear_m[wanted], moved_clear(snapshot, now, wanted, settings))
-        # What a later snapshot saw stands before what an earlier one called clear.
-        clear_m[lacking] = np.fmin(clear_m, obstacle_m)[lacking]
-        remembered = seen.remembered | (lacking & (np.isfinite(obstacle_m) | (clear_m > 0)))
-        return replace(seen, obstacle_m=obstacle_m, clear_m=clear_m, points_m=points_m, remembered=remembered)
+def _joined(newest: Seen, before: Seen | None, now: Place) -> Sectors:
+    """What the newest result says by now, with what the one before saw: the nearer obstacle, and clear as far as
+    either knew."""
+    settings = newest.settings
+    seen = sectors_of(newest.rays, settings, newest.place.to(now))
+    if before is None:
+        return seen
+    earlier = sectors_of(before.rays, settings, before.place.to(now))
+    nearer = np.isfinite(earlier.obstacle_m) & ~(
+        seen.obstacle_m <= earlier.obstacle_m
+    )  # NaN: none stands there
+    obstacle_m = np.where(nearer, earlier.obstacle_m, seen.obstacle_m)
+    joined = replace(
+        seen,
+        obstacle_m=obstacle_m,
+        points_m=np.where(nearer[:, None], earlier.points_m, seen.points_m),
+        clear_m=np.fmin(np.maximum(seen.clear_m, earlier.clear_m), obstacle_m),
+    )
+    return replace(joined, remembered=_lacking(seen, settings) & ~_lacking(joined, settings))
+
+
+def _filled(seen: Sectors, older: list[Seen], now: Place, newest: Seen) -> Sectors:
+    """With what older results, the oldest first, still say of sectors of which nothing is known."""
+    settings = newest.settings
+    lacking = _lacking(seen, settings)
+    if not older or not lacking.any():
+        return seen
+    obstacle_m, points_m, clear_m = seen.obstacle_m.copy(), seen.points_m.copy(), seen.clear_m.copy()
+    for then in older:
+        for sector, point in moved_points(then, now, settings):
+            distance = float(np.hypot(point[0], point[1]))
+            if lacking[sector] and not obstacle_m[sector] <= distance:
+                obstacle_m[sector], points_m[sector] = distance, point
+        wanted = np.flatnonzero(lacking & np.isnan(obstacle_m))
+        clear_m[wanted] = np.maximum(clear_m[wanted], moved_clear(then, now, wanted, newest))
+    # What a later result saw stands before what an earlier one called clear.
+    clear_m[lacking] = np.fmin(clear_m, obstacle_m)[lacking]
+    remembered = seen.remembered | (lacking & (np.isfinite(obstacle_m) | (clear_m > 0)))
+    return replace(seen, obstacle_m=obstacle_m, clear_m=clear_m, points_m=points_m, remembered=remembered)
 
 
 def _lacking(sectors: Sectors, settings: ObstacleSettings) -> Flags:
@@ -157,39 +205,27 @@ def _lacking(sectors: Sectors, settings: ObstacleSettings) -> Flags:
     return np.asarray(np.isnan(sectors.obstacle_m) & (sectors.clear_m < settings.min_m))
 
 
-def _take_nearer(obstacle_m: Vector, points_m: Vector, moved: list[tuple[int, Vector]]) -> None:
-    """Put each point (3,) into its sector of obstacle_m [72] and points_m [72, 3], where none nearer stands."""
-    for sector, point in moved:
-        distance = float(np.hypot(point[0], point[1]))
-        if not obstacle_m[sector] <= distance:  # NaN: none stands there
-            obstacle_m[sector], points_m[sector] = distance, point
-
-
-def moved_points(then: Snapshot, now: Snapshot, settings: ObstacleSettings) -> list[tuple[int, Vector]]:
+def moved_points(then: Seen, now: Place, settings: ObstacleSettings) -> list[tuple[int, Vector]]:
     """Obstacles of `then` that still stand in the corridor, each with its sector and its point as seen now."""
-    points = then.sectors.points_m[np.isfinite(then.sectors.obstacle_m)]
-    world = points @ level_from_world(then.heading_rad) + then.position_ned - now.position_ned
-    level = world @ level_from_world(now.heading_rad).T
+    moved = then.place.to(now)
+    points = then.sectors.points_m[np.isfinite(then.sectors.obstacle_m)] - moved.step_m
+    level = points @ level_from_world(moved.turn_rad).T
     inside = (level[:, 2] >= -settings.above_m) & (level[:, 2] <= settings.below_m)
     return [
         (int(sector), point) for sector, point in zip(sector_of(level[inside]), level[inside], strict=True)
     ]
 
 
-def moved_clear(
-    then: Snapshot, now: Snapshot, wanted: NDArray[np.intp], settings: ObstacleSettings
-) -> Vector:
+def moved_clear(then: Seen, now: Place, wanted: NDArray[np.intp], newest: Seen) -> Vector:
     """How far the `wanted` sectors [k] are clear now, as far as `then` knew: [k] in metres, 0 where hardly."""
-    apart_m = float(np.linalg.norm(now.position_ned - then.position_ned))
-    if then.sectors.clear_m.max() + apart_m < WORTH * settings.max_m:
+    settings, reach_m, moved = newest.settings, newest.rays.reach_m, then.place.to(now)
+    if then.sectors.clear_m.max() + float(np.linalg.norm(moved.step_m)) < WORTH * settings.max_m:
         return np.zeros(len(wanted))
-    reach_m = settings.reach_m(now.sectors.speed_m_s)
     ranges = np.append(np.arange(STEP_M, reach_m, STEP_M), reach_m)
     azimuths = np.radians(wanted[:, None] * SECTOR_DEG + ACROSS_DEG)
     rays = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)], axis=-1)
     # [k, across, range, 3], from the level frame of now into that of then
-    points = ranges[:, None] * rays[:, :, None, :] @ level_from_world(now.heading_rad)
-    points = (points + now.position_ned - then.position_ned) @ level_from_world(then.heading_rad).T
+    points = ranges[:, None] * rays[:, :, None, :] @ level_from_world(moved.turn_rad) + moved.step_m
     within = np.hypot(points[..., 0], points[..., 1])
     # The drone was nearby itself.
     known = (within < then.sectors.clear_m[sector_of(points)]) | (within < settings.min_m)

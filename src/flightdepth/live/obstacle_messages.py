@@ -1,4 +1,4 @@
-"""Sectors as MAVLink: OBSTACLE_DISTANCE (330), OBSTACLE_DISTANCE_3D (11037) and the heartbeat of their sender.
+"""Sectors as MAVLink: OBSTACLE_DISTANCE (330) and the heartbeat of its sender.
 
 OBSTACLE_DISTANCE in the way that PX4 and ArduPilot both read: MAV_FRAME_BODY_FRD, 72 distances, `increment` 5 and
 `increment_f` 0, so that index i is the direction 5 i degrees clockwise from the nose in either. Both drop 0 or
@@ -16,24 +16,21 @@ from numpy.typing import NDArray
 
 from flightdepth.errors import MissingExtra
 from flightdepth.live.obstacles import SECTOR_DEG, ObstacleSettings, Sectors
-from flightdepth.motion import Vector
 
 UNKNOWN = 65535  # UINT16_MAX
 COMPONENT = 196  # MAV_COMP_ID_OBSTACLE_AVOIDANCE
 DEFAULT_SYSTEM = 1  # of an autopilot that nobody numbered; in a dry run there is none to ask
-MOST_POINTS = 24  # a message each: the nearest are sent
 
 Message = Any
 
 
-def distances_cm(sectors: Sectors, age_s: float, settings: ObstacleSettings) -> NDArray[np.uint16]:
-    """The 72 values of OBSTACLE_DISTANCE for sectors that are `age_s` old, less the way flown meanwhile.
+def distances_cm(sectors: Sectors, settings: ObstacleSettings) -> NDArray[np.uint16]:
+    """The 72 values of OBSTACLE_DISTANCE.
 
     Where no obstacle was seen and it is clear up to some bound below `max_m`, that bound is reported as a distance:
     free up to it, not beyond.
     """
-    flown_m = sectors.speed_m_s * max(age_s, 0.0)
-    obstacle_m, clear_m = sectors.obstacle_m - flown_m, sectors.clear_m - flown_m
+    obstacle_m, clear_m = sectors.obstacle_m, sectors.clear_m
     free = settings.max_m + 0.01
     # NaN compares as false: no obstacle.
     told_m = np.where(
@@ -78,50 +75,19 @@ class ObstaclePacker:
         state = known.MAV_STATE_ACTIVE if usable else known.MAV_STATE_CRITICAL
         return self._packed(known.MAVLink_heartbeat_message(kind, nobody, 0, 0, state, 3))
 
-    def distances(self, sectors: Sectors, time_us: int, age_s: float) -> bytes:
+    def distances(self, sectors: Sectors, time_us: int) -> bytes:
         """OBSTACLE_DISTANCE; `time_us` is when the picture was taken, since power-up or since 1970."""
         return self._packed(
             self._dialect.MAVLink_obstacle_distance_message(
                 time_us,
                 self._dialect.MAV_DISTANCE_SENSOR_UNKNOWN,
-                distances_cm(sectors, age_s, self.settings).tolist(),
+                distances_cm(sectors, self.settings).tolist(),
                 SECTOR_DEG,
                 int(_centimetres(self.settings.min_m)),
                 int(_centimetres(self.settings.max_m)),
                 0.0,
                 0.0,
                 self._dialect.MAV_FRAME_BODY_FRD,
-            )
-        )
-
-    def points(
-        self, sectors: Sectors, time_ms: int, age_s: float, body_from_level: Vector | None = None
-    ) -> list[bytes]:
-        """OBSTACLE_DISTANCE_3D of the nearest obstacle of each sector, ArduPilot only; nearest first.
-
-        All of one picture share `time_ms`: ArduPilot starts its boundary anew when it changes. `body_from_level`
-        (3, 3) puts back the drone's roll and pitch.
-        """
-        settings, flown_m = self.settings, sectors.speed_m_s * max(age_s, 0.0)
-        seen = np.flatnonzero(sectors.obstacle_m - flown_m <= settings.max_m)
-        nearest = seen[np.argsort(sectors.obstacle_m[seen])][:MOST_POINTS]
-        turn = np.eye(3) if body_from_level is None else body_from_level
-        return [self._point(turn @ sectors.points_m[sector], time_ms, flown_m) for sector in nearest]
-
-    def _point(self, point_m: Vector, time_ms: int, flown_m: float) -> bytes:
-        length = float(np.linalg.norm(point_m))
-        x, y, z = point_m / length * max(length - flown_m, self.settings.min_m)
-        return self._packed(
-            self._dialect.MAVLink_obstacle_distance_3d_message(
-                time_ms % 2**32,
-                self._dialect.MAV_DISTANCE_SENSOR_UNKNOWN,
-                self._dialect.MAV_FRAME_BODY_FRD,
-                UNKNOWN,
-                x,
-                y,
-                z,
-                self.settings.min_m,
-                self.settings.max_m,
             )
         )
 

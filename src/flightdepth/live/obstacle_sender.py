@@ -14,9 +14,9 @@ from flightdepth.flight.records import NS_PER_S
 from flightdepth.live.motion_store import MotionAt
 from flightdepth.live.obstacle_memory import ObstacleMap
 from flightdepth.live.obstacle_messages import ObstaclePacker
-from flightdepth.live.obstacles import Sectors, heading_rad, level_from_world
+from flightdepth.live.obstacles import Sectors, heading_rad
 from flightdepth.live.status import LiveResult
-from flightdepth.motion import NED_FROM_CAMERA, Vector, rotation_from_quaternion
+from flightdepth.motion import NED_FROM_CAMERA, rotation_from_quaternion
 
 RATE_HZ = 15.0  # PX4 was tested with 10 Hz at 4 m/s; both autopilots give up after half a second
 HEARTBEAT_NS, EVERY_NS = NS_PER_S, round(NS_PER_S / RATE_HZ)
@@ -29,22 +29,21 @@ Write = Callable[[bytes], object]
 
 @dataclass(frozen=True, eq=False)
 class SectorsAt:
-    """The sectors to send, when their picture was taken (live clock, autopilot's clock) and the drone's tilt."""
+    """The sectors to send, and when the newest picture that they rest on was taken (live clock, autopilot's clock)."""
 
     sectors: Sectors
     stamp_ns: int
     boot_ns: int | None
-    body_from_level: Vector
 
 
 class ObstacleFeed:
     """Results in, the messages that are due out; the clock is the caller's, the live one or a recording's.
 
-    `camera_ahead`: the camera is screwed to the drone and looks where its nose points, so that its own heading
+    `motion_at` tells the drone's motion at any time; without it its heading and velocity stay as the last result had
+    them. `camera_ahead`: the camera is screwed to the drone and looks where its nose points, so that its own heading
     serves where nobody tells the drone's.
 
     settings  of the sectors and of the messages
-    newest    what the last result said; None before the first
     lacking   why all sectors of the last result are unknown, where that is not for want of depth
     """
 
@@ -53,62 +52,69 @@ class ObstacleFeed:
         obstacles: ObstacleMap,
         packer: ObstaclePacker,
         *,
-        points: bool = False,
+        motion_at: Callable[[int], MotionAt] | None = None,
         camera_ahead: bool = False,
     ) -> None:
         self.settings = obstacles.settings
-        self.newest: SectorsAt | None = None
         self.lacking: str | None = None
         self._obstacles, self._packer = obstacles, packer
-        self._points, self._camera_ahead = points, camera_ahead
+        self._motion_at, self._camera_ahead = motion_at, camera_ahead
+        self._lock = threading.Lock()  # results come on one thread, and others ask
+        self._newest: tuple[int, int | None] | None = (
+            None  # when its picture was taken: live clock, autopilot's
+        )
         self._distances_ns: int | None = None
         self._heartbeat_ns: int | None = None
 
     def take(self, result: LiveResult) -> None:
-        """A sink: work out the sectors of a result."""
+        """A sink: what a result says of the obstacles."""
         motion = result.motion
         heading = self._heading(motion)
         unknown = {"camera's attitude": motion.world_from_camera, "drone's heading": heading}
         wanting = " and the ".join(what for what, told in unknown.items() if told is None)
         mend = FIXED_HEADING if heading is None and motion.world_from_camera is not None else ""
         self.lacking = f"{BLIND}: nobody tells the {wanting}{mend}" if wanting else None
-        sectors = self._obstacles.add(
-            result.stamp_ns,
-            result.depth,
-            result.camera,
-            world_from_camera=motion.world_from_camera,
-            heading_rad=heading,
-            velocity_ned=motion.velocity_ned,
-            height_m=motion.height_above_ground_m,
-        )
-        tilt = np.eye(3)
-        if motion.world_from_body is not None and heading is not None:
-            tilt = rotation_from_quaternion(motion.world_from_body).T @ level_from_world(heading).T
-        self.newest = SectorsAt(sectors, result.stamp_ns, result.boot_ns, tilt)
+        with self._lock:
+            self._obstacles.add(
+                result.stamp_ns,
+                result.depth,
+                result.camera,
+                world_from_camera=motion.world_from_camera,
+                heading_rad=heading,
+                velocity_ned=motion.velocity_ned,
+                height_m=motion.height_above_ground_m,
+            )
+            self._newest = result.stamp_ns, result.boot_ns
 
     def fresh(self, now_ns: int) -> SectorsAt | None:
-        """The newest, unless its picture is older than `stale_s`, or from the future."""
-        newest = self.newest
-        if newest is None or not -AHEAD_S <= (now_ns - newest.stamp_ns) / NS_PER_S <= self.settings.stale_s:
-            return None
-        return newest
+        """The sectors to the drone now, unless the newest picture is older than `stale_s`, or from the future."""
+        motion = None if self._motion_at is None else self._motion_at(now_ns)
+        heading, velocity = (None, None) if motion is None else (self._heading(motion), motion.velocity_ned)
+        with self._lock:
+            if self._newest is None or not self._is_fresh(now_ns):
+                return None
+            sectors = self._obstacles.at(now_ns, heading_rad=heading, velocity_ned=velocity)
+            return SectorsAt(sectors, *self._newest)
 
     def due(self, now_ns: int) -> Iterator[bytes]:
         """The messages to send at `now_ns`: none twice within its interval, none about an old picture.
 
         One that cannot be made costs those after it, and none before.
         """
-        fresh = self.fresh(now_ns)
+        usable = self._is_fresh(now_ns)
         if _elapsed(self._heartbeat_ns, now_ns, HEARTBEAT_NS):
             self._heartbeat_ns = now_ns
-            yield self._packer.heartbeat(usable=fresh is not None)
-        if fresh is not None and _elapsed(self._distances_ns, now_ns, EVERY_NS):
-            self._distances_ns = now_ns
-            age_s = (now_ns - fresh.stamp_ns) / NS_PER_S
+            yield self._packer.heartbeat(usable=usable)
+        if not usable or not _elapsed(self._distances_ns, now_ns, EVERY_NS):
+            return
+        self._distances_ns = now_ns
+        if (fresh := self.fresh(now_ns)) is not None:
             time_us = (fresh.stamp_ns if fresh.boot_ns is None else fresh.boot_ns) // 1000
-            yield self._packer.distances(fresh.sectors, time_us, age_s)
-            if self._points:
-                yield from self._packer.points(fresh.sectors, time_us // 1000, age_s, fresh.body_from_level)
+            yield self._packer.distances(fresh.sectors, time_us)
+
+    def _is_fresh(self, now_ns: int) -> bool:
+        newest = self._newest
+        return newest is not None and -AHEAD_S <= (now_ns - newest[0]) / NS_PER_S <= self.settings.stale_s
 
     def _heading(self, motion: MotionAt) -> float | None:
         if motion.world_from_body is not None:

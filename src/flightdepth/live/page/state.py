@@ -65,16 +65,15 @@ def state(
         "uptime_s": status.uptime_s,
         "no_depth": None if result is None else result.depth.reason,
         "speed_m_s": None if result is None else speed(result.motion.velocity_ned),
-        "fan": None if settings is None else fan(fresh, settings, status.stamp_ns),
+        "fan": None if settings is None else fan(fresh, settings),
     }
 
 
-def fan(fresh: SectorsAt | None, settings: ObstacleSettings, now_ns: int) -> Json:
+def fan(fresh: SectorsAt | None, settings: ObstacleSettings) -> Json:
     """The sectors as they would be sent now: distance in metres, or why there is none."""
     sectors = Sectors.unknown() if fresh is None else fresh.sectors
-    age_s = 0.0 if fresh is None else (now_ns - fresh.stamp_ns) / NS_PER_S
-    values = distances_cm(sectors, age_s, settings)
-    obstacles = sectors.obstacle_m <= settings.max_m + sectors.speed_m_s * max(age_s, 0.0)
+    values = distances_cm(sectors, settings)
+    obstacles = sectors.obstacle_m <= settings.max_m
     return {
         "max_m": settings.max_m,
         "min_m": settings.min_m,
