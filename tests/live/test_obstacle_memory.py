@@ -344,14 +344,27 @@ def test_an_obstacle_that_left_the_corridor_is_forgotten(sunk_m, kept):
     assert np.isfinite(found.obstacle_m).any() == kept
 
 
-def test_a_remembered_obstacles_point_moves_as_well():
+def test_a_remembered_wall_is_one_after_a_step_too():
+    """Not one point in each sector: those moved apart, and left sectors between them unknown."""
     obstacles = ObstacleMap(lambda _: SIGHT)
-    added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (2.0, 3.0, 0.0))
-    found = added(obstacles, 0.4, NONE, (2.0, -3.0, 0.0))
-    known = np.isfinite(found.obstacle_m)
-    assert known[0] and found.points_m[known][:, 0] == pytest.approx(np.full(known.sum(), 9.2), abs=0.1)
-    np.testing.assert_allclose(np.hypot(*found.points_m[known][:, :2].T), found.obstacle_m[known])
-    assert np.isnan(found.points_m[~known]).all()
+    added(obstacles, 0.0, result(wall(camera_attitude(), 10.0)), (2.5, 3.0, 0.0))
+    added(obstacles, 0.4, NONE, (2.5, 0.0, 0.0))
+    found = added(obstacles, 0.8, NONE, (2.5, -3.0, 0.0))  # 2 m nearer
+    beside = np.arange(-6, 7)
+    nearest_deg = np.maximum(abs(beside) * 5 - 2.5, 0)
+    np.testing.assert_allclose(found.obstacle_m[beside], 8 / np.cos(np.radians(nearest_deg)), rtol=0.02)
+
+
+def test_of_results_that_look_near_and_far_in_turn_both_are_remembered():
+    """Each fifth of a second one was kept, always of the same kind where results come as regularly."""
+    near, far = np.full((2, CAMERA.height, CAMERA.width), np.nan)
+    near[:, 100:160], far[:, 160:220] = 8.0, 30.0
+    obstacles = ObstacleMap(lambda _: SIGHT)
+    for step in range(12):
+        added(obstacles, step / 30, result(far if step % 2 else near), SLOWLY)
+    found = added(obstacles, 0.7, NONE, SLOWLY)
+    assert found.obstacle_m[-1] == pytest.approx(8.0, rel=0.02)
+    assert found.obstacle_m[1] == pytest.approx(30.0, rel=0.02)
 
 
 def test_near_the_ground_the_corridor_of_a_result_ends_above_it():

@@ -258,16 +258,6 @@ def test_what_stands_beside_the_way_leaves_its_sector():
     assert after[1] == pytest.approx(500, rel=NEAR) and after[-1] == FREE
 
 
-def test_the_point_of_an_obstacle_moves_with_it():
-    """A ball: ahead of one who turned right it lies to the left."""
-    ball = np.full((CAMERA.height, CAMERA.width), 90.0)
-    ball[118:122, 155:165] = 10.0
-    found = moved_on(result(ball), (1.0, 0.0, 0.3), 30)
-    assert found.points_m[-6] == pytest.approx((9 * math.cos(math.pi / 6), -4.5, -0.3), abs=0.25)
-    known = np.isfinite(found.obstacle_m)
-    np.testing.assert_allclose(np.hypot(*found.points_m[known][:, :2].T), found.obstacle_m[known], rtol=1e-5)
-
-
 @pytest.mark.parametrize(("sunk_m", "seen"), [(0.0, True), (0.9, True), (1.7, False), (-1.7, False)])
 def test_who_climbed_or_sank_has_another_corridor(sunk_m, seen):
     """A ball at the camera's height."""
@@ -427,7 +417,6 @@ def test_confidence_0_is_never_used_whatever_is_asked():
 def test_what_just_has_the_confidence_asked_for_counts():
     found = looked(result(wall(camera_attitude(), 10.0), confidence=0.25))
     assert cm(found)[0] == pytest.approx(1000, abs=2)
-    assert found.points_m[0, 0] == pytest.approx(10.0, rel=NEAR)
     far = np.full((CAMERA.height, CAMERA.width), 90.0)
     assert cm(looked(result(far, confidence=0.5)))[0] == FREE
     assert cm(looked(result(far, confidence=0.49)))[0] == UNKNOWN
@@ -486,7 +475,6 @@ def ray_ends(hit_m, leaves_m=math.inf):
         hit_m=np.array(hit_m),
         clear_m=np.zeros(n),
         leaves_m=np.broadcast_to(leaves_m, n),
-        points_m=np.zeros((3, n)),
     )
 
 
@@ -511,7 +499,6 @@ def test_the_nearest_of_each_sector_is_as_counted_one_by_one(seed, share):
         hit_m=np.where(rng.random(n) < 0.4, rng.uniform(1, 50, n), np.inf),
         clear_m=np.zeros(n),
         leaves_m=np.where(rng.random(n) < 0.3, np.inf, rng.uniform(1, 60, n)),
-        points_m=np.zeros((3, n)),
     )
     wanted = []
     for sector in range(6):
@@ -558,12 +545,16 @@ def test_what_each_ray_says_is_horizontal():
     depth = result(np.full((CAMERA.height, CAMERA.width), 10.0))
     pose = Pose.of(attitude, math.radians(30), np.array([2.8, 1.0, 0.0]))  # to its right
     found = _ends(rays_of(depth, CAMERA, pose, SIGHT, settings), settings, STILL)
-    forward, right, down = found.points_m
+    forward, right, down = 10.0 * CAMERA.rays()[::4].reshape(-1, 3).T  # each fourth row is looked at
+    forward, right, down = pose.level_from_camera @ (forward, right, down)
     along = np.hypot(forward, right)
     inside = (down >= -1.2) & (down <= 0.8)
     np.testing.assert_allclose(found.hit_m, np.where(inside, along, np.inf), rtol=1e-5)
     np.testing.assert_allclose(found.clear_m, along, rtol=1e-5)
-    np.testing.assert_allclose(found.leaves_m, along * np.where(down > 0, 0.8, 1.2) / abs(down), rtol=1e-4)
+    leaves_m = along * np.where(down > 0, 0.8, 1.2) / abs(down)
+    near = leaves_m < 1000  # beyond, float32 has too few digits for how little such a ray climbs
+    np.testing.assert_allclose(found.leaves_m[near], leaves_m[near], rtol=1e-4)
+    assert near.mean() > 0.99 and found.leaves_m[~near].min() > 990
     azimuth_deg = np.degrees(np.arctan2(right, forward))
     np.testing.assert_array_equal(found.degree, np.floor(azimuth_deg + 2.5) % 360)
     assert 0 < inside.mean() < 1 and found.degree.min() >= 0
@@ -638,7 +629,7 @@ def test_a_pose_turns_the_velocity_with_the_nose():
         assert pose.velocity_level == pytest.approx(told, abs=1e-12)
 
 
-@pytest.mark.parametrize("short", ["obstacle_m", "clear_m", "points_m"])
+@pytest.mark.parametrize("short", ["obstacle_m", "clear_m"])
 def test_sectors_are_72(short):
     whole = Sectors.unknown()
     with pytest.raises(ValueError, match="72 sectors"):

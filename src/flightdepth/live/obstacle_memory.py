@@ -3,8 +3,9 @@
 Needed above all where the drone flies to (no parallax there) and while it turns or brakes (no depth at all).
 Two results in a row count as one: the nearer obstacle of both stands. They may have looked at different ranges in
 turn (MultiRangeEstimator, `turns`), and what one misses the other may have seen.
-Of these two each ray is moved by the motion since. Of older ones an obstacle is remembered as its point, "clear" as
-the sectors of that time: a sector is clear now as far as each of its points lay in a clear one then.
+Each ray is moved by the motion since. But of older results only what it hit counts so: what one saw past then, another
+place sees from the side. "Clear" is remembered as the sectors of that time: a sector is clear now as far as each of
+its points lay in a clear one then.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from flightdepth.ranges.result import RangedDepth
 EVERY_NS = NS_PER_S // 5
 MAX_STEP_NS = NS_PER_S // 2  # a longer gap between results: nobody knows where the drone went meanwhile
 JOINED_NS = NS_PER_S // 4  # two results at most so far apart count as one
+REMEMBERED_RAY = 4  # each fourth: 300 of a sector's 1,400
 STEP_M = 1.0
 # Of `max_m`: a sector remembered as clear less far than this is a gap between sectors, not a wall.
 WORTH = 0.5
@@ -69,6 +71,11 @@ class Seen:
         """Its sectors at its own time."""
         return sectors_of(self.rays, self.settings)
 
+    @cached_property
+    def few(self) -> Rays:
+        """Enough of them to remember obstacles by."""
+        return self.rays.every(REMEMBERED_RAY)
+
 
 class ObstacleMap:
     """Results in, sectors at any time after; one a flight, not for use from several threads at once.
@@ -79,7 +86,9 @@ class ObstacleMap:
     def __init__(self, sight_of: Callable[[Camera], Sight], settings: ObstacleSettings | None = None) -> None:
         self.settings = settings or ObstacleSettings()
         self._sight_of = lru_cache(maxsize=1)(sight_of)  # pictures seldom change their size
-        self._kept: deque[Seen] = deque()
+        self._kept: deque[tuple[Seen, ...]] = (
+            deque()
+        )  # each with the result before: they may have looked in turn
         self._newest: Seen | None = None
         self._before: Seen | None = None
         self._position: Vector = np.zeros(3)
@@ -109,7 +118,7 @@ class ObstacleMap:
         rays = rays_of(depth, camera, pose, self._sight_of(camera), settings)
         place = Place(stamp_ns, self._position.copy(), heading_rad)
         self._newest = Seen(place, rays, settings)
-        self._keep(self._newest)
+        self._keep()
 
     def at(
         self, stamp_ns: int, *, heading_rad: float | None = None, velocity_ned: Vector | None = None
@@ -127,11 +136,9 @@ class ObstacleMap:
             then.position_ned + (velocity_then + velocity) / 2 * late_s,
             then.heading_rad if heading_rad is None else heading_rad,
         )
-        before = self._before
-        if before is None or newest.place.stamp_ns - before.place.stamp_ns > JOINED_NS:
-            before = None
-        older = [seen for seen in self._kept if seen is not newest and seen is not before]
-        return _filled(_joined(newest, before, now), older, now, newest)
+        joined = self._in_a_row()
+        older = [then for kept in self._kept for then in kept if then not in joined]
+        return _filled(_joined(joined, now), older, now, newest)
 
     def _move(self, stamp_ns: int, velocity: Vector) -> None:
         if self._last is not None:
@@ -142,62 +149,61 @@ class ObstacleMap:
                 self._position += (velocity + self._last[1]) / 2 * step_ns / NS_PER_S
         self._last = stamp_ns, velocity
         oldest = stamp_ns - round(self.settings.memory_s * NS_PER_S)
-        while self._kept and self._kept[0].place.stamp_ns < oldest:
+        while self._kept and self._kept[0][0].place.stamp_ns < oldest:
             self._kept.popleft()
 
-    def _keep(self, now: Seen) -> None:
+    def _in_a_row(self) -> tuple[Seen, ...]:
+        """The newest result and, if it is no older than that, the one before."""
+        newest, before = self._newest, self._before
+        assert newest is not None
+        if before is None or newest.place.stamp_ns - before.place.stamp_ns > JOINED_NS:
+            return (newest,)
+        return newest, before
+
+    def _keep(self) -> None:
         """The newest that says anything, since the next may say nothing, and older ones EVERY_NS apart."""
-        kept = self._kept
-        if not np.isfinite(now.rays.hit_m).any() and not now.rays.clear_m.any():
+        row = self._in_a_row()
+        if not np.isfinite(row[0].rays.hit_m).any() and not row[0].rays.clear_m.any():
             return
-        if len(kept) > 1 and kept[-1].place.stamp_ns - kept[-2].place.stamp_ns < EVERY_NS:
+        kept = self._kept
+        if len(kept) > 1 and kept[-1][0].place.stamp_ns - kept[-2][0].place.stamp_ns < EVERY_NS:
             kept.pop()
-        kept.append(now)
+        kept.append(row)
 
     def _forget(self) -> None:
         self._kept.clear()
         self._before, self._last = None, None
 
 
-def _joined(newest: Seen, before: Seen | None, now: Place) -> Sectors:
+def _joined(row: tuple[Seen, ...], now: Place) -> Sectors:
     """What the newest result says by now, with what the one before saw: the nearer obstacle, and clear as far as
     either knew."""
-    settings = newest.settings
-    seen = sectors_of(newest.rays, settings, newest.place.to(now))
-    if before is None:
-        return seen
-    earlier = sectors_of(before.rays, settings, before.place.to(now))
-    nearer = np.isfinite(earlier.obstacle_m) & ~(
-        seen.obstacle_m <= earlier.obstacle_m
-    )  # NaN: none stands there
-    obstacle_m = np.where(nearer, earlier.obstacle_m, seen.obstacle_m)
-    joined = replace(
-        seen,
-        obstacle_m=obstacle_m,
-        points_m=np.where(nearer[:, None], earlier.points_m, seen.points_m),
-        clear_m=np.fmin(np.maximum(seen.clear_m, earlier.clear_m), obstacle_m),
-    )
+    settings = row[0].settings
+    seen, *earlier = (sectors_of(then.rays, settings, then.place.to(now)) for then in row)
+    joined = seen
+    for each in earlier:
+        obstacle_m = np.fmin(joined.obstacle_m, each.obstacle_m)
+        clear_m = np.fmin(np.maximum(joined.clear_m, each.clear_m), obstacle_m)
+        joined = replace(joined, obstacle_m=obstacle_m, clear_m=clear_m)
     return replace(joined, remembered=_lacking(seen, settings) & ~_lacking(joined, settings))
 
 
 def _filled(seen: Sectors, older: list[Seen], now: Place, newest: Seen) -> Sectors:
-    """With what older results, the oldest first, still say of sectors of which nothing is known."""
+    """With what `older` results still say of sectors of which nothing is known."""
     settings = newest.settings
     lacking = _lacking(seen, settings)
     if not older or not lacking.any():
         return seen
-    obstacle_m, points_m, clear_m = seen.obstacle_m.copy(), seen.points_m.copy(), seen.clear_m.copy()
+    obstacle_m, clear_m = seen.obstacle_m.copy(), seen.clear_m.copy()
     for then in older:
-        for sector, point in moved_points(then, now, settings):
-            distance = float(np.hypot(point[0], point[1]))
-            if lacking[sector] and not obstacle_m[sector] <= distance:
-                obstacle_m[sector], points_m[sector] = distance, point
+        then_m = sectors_of(then.few, settings, then.place.to(now)).obstacle_m
+        obstacle_m[lacking] = np.fmin(obstacle_m, then_m)[lacking]
         wanted = np.flatnonzero(lacking & np.isnan(obstacle_m))
         clear_m[wanted] = np.maximum(clear_m[wanted], moved_clear(then, now, wanted, newest))
     # What a later result saw stands before what an earlier one called clear.
     clear_m[lacking] = np.fmin(clear_m, obstacle_m)[lacking]
     remembered = seen.remembered | (lacking & (np.isfinite(obstacle_m) | (clear_m > 0)))
-    return replace(seen, obstacle_m=obstacle_m, clear_m=clear_m, points_m=points_m, remembered=remembered)
+    return Sectors(obstacle_m, clear_m, remembered)
 
 
 def _lacking(sectors: Sectors, settings: ObstacleSettings) -> Flags:
@@ -205,24 +211,28 @@ def _lacking(sectors: Sectors, settings: ObstacleSettings) -> Flags:
     return np.asarray(np.isnan(sectors.obstacle_m) & (sectors.clear_m < settings.min_m))
 
 
-def moved_points(then: Seen, now: Place, settings: ObstacleSettings) -> list[tuple[int, Vector]]:
-    """Obstacles of `then` that still stand in the corridor, each with its sector and its point as seen now."""
-    moved = then.place.to(now)
-    points = then.sectors.points_m[np.isfinite(then.sectors.obstacle_m)] - moved.step_m
-    level = points @ level_from_world(moved.turn_rad).T
-    inside = (level[:, 2] >= -settings.above_m) & (level[:, 2] <= settings.below_m)
-    return [
-        (int(sector), point) for sector, point in zip(sector_of(level[inside]), level[inside], strict=True)
-    ]
-
-
 def moved_clear(then: Seen, now: Place, wanted: NDArray[np.intp], newest: Seen) -> Vector:
     """How far the `wanted` sectors [k] are clear now, as far as `then` knew: [k] in metres, 0 where hardly."""
     settings, reach_m, moved = newest.settings, newest.rays.reach_m, then.place.to(now)
-    if then.sectors.clear_m.max() + float(np.linalg.norm(moved.step_m)) < WORTH * settings.max_m:
-        return np.zeros(len(wanted))
+    worth_m = WORTH * settings.max_m
+    found = np.zeros(len(wanted))
+    if then.sectors.clear_m.max() + float(np.linalg.norm(moved.step_m)) < worth_m:
+        return found
+    ahead = np.flatnonzero(
+        _was_clear(then, moved, wanted, np.array([worth_m]), settings)[:, 0]
+    )  # the rest is not worth it
     ranges = np.append(np.arange(STEP_M, reach_m, STEP_M), reach_m)
-    azimuths = np.radians(wanted[:, None] * SECTOR_DEG + ACROSS_DEG)
+    steps = np.cumprod(_was_clear(then, moved, wanted[ahead], ranges, settings), axis=1).sum(axis=1)
+    reached = np.concatenate([[0.0], ranges])[steps]
+    found[ahead] = np.where(reached >= worth_m, reached, 0.0)
+    return found
+
+
+def _was_clear(
+    then: Seen, moved: Moved, sectors: NDArray[np.intp], ranges: Vector, settings: ObstacleSettings
+) -> Flags:
+    """Whether all across these sectors [k] of now the places at these ranges [r] were clear then, [k, r]."""
+    azimuths = np.radians(sectors[:, None] * SECTOR_DEG + ACROSS_DEG)
     rays = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)], axis=-1)
     # [k, across, range, 3], from the level frame of now into that of then
     points = ranges[:, None] * rays[:, :, None, :] @ level_from_world(moved.turn_rad) + moved.step_m
@@ -231,9 +241,7 @@ def moved_clear(then: Seen, now: Place, wanted: NDArray[np.intp], newest: Seen) 
     known = (within < then.sectors.clear_m[sector_of(points)]) | (within < settings.min_m)
     # The corridor moved up or down with the drone: where it left the old one nothing is known.
     known &= abs(points[..., 2]) < min(settings.above_m, settings.below_m) / 2
-    steps = np.cumprod(known.all(axis=1), axis=1).sum(axis=1)
-    reached = np.concatenate([[0.0], ranges])[steps]
-    return np.where(reached >= WORTH * settings.max_m, reached, 0.0)
+    return np.asarray(known.all(axis=1))
 
 
 def sector_of(points_level: Vector) -> NDArray[np.intp]:

@@ -31,7 +31,6 @@ from flightdepth.live.obstacles import (
     Pose,
     Sectors,
     Sight,
-    level_from_world,
 )
 from flightdepth.motion import Vector
 from flightdepth.ranges.result import RangedDepth
@@ -39,7 +38,8 @@ from flightdepth.runtimes.lens import pixel_rays
 
 Floats = NDArray[np.float32]
 
-COLUMNS = 320  # of a picture are enough, and half as many rows an angle
+COLUMNS = 320  # of a picture are enough, and a quarter as many rows an angle
+EVERY_ROW = 4
 SLOWEST_M_S = 0.3  # a slower velocity hardly tells the direction of travel, where nothing else does
 LEAST_LEVEL = np.float32(1e-6)  # of a ray's length, horizontally: one that looks straight down has no azimuth
 FAR_M = np.float32(1e4)  # where a ray that says nothing ends: no step changes its direction
@@ -65,6 +65,10 @@ class Rays:
         """Of a result without depth."""
         nothing = np.zeros(0, np.float32)
         return cls(np.zeros((3, 0), np.float32), nothing, nothing, reach_m)
+
+    def every(self, step: int) -> Rays:
+        """Each of so many."""
+        return Rays(self.direction[:, ::step], self.hit_m[::step], self.clear_m[::step], self.reach_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +122,6 @@ def sectors_of(rays: Rays, settings: ObstacleSettings, moved: Moved = STILL) -> 
     sector = ends.degree[nearest] // SECTOR_DEG
     found = Sectors.unknown()
     found.obstacle_m[sector] = ends.hit_m[nearest]
-    found.points_m[sector] = (level_from_world(moved.turn_rad) @ ends.points_m[:, nearest]).T
     # Free where each degree is: nothing a degree wide hides among free pixels.
     clear_m = _clear(ends, rays.reach_m, settings.known_share)
     found.clear_m[:] = clear_m.reshape(SECTORS, SECTOR_DEG).min(axis=1)
@@ -129,25 +132,22 @@ def sectors_of(rays: Rays, settings: ObstacleSettings, moved: Moved = STILL) -> 
 class _Ends:
     """Where n rays end, from where the drone is now; distances horizontal.
 
-    degree    [n]     clockwise from the nose, 0..359, counted from where the first sector begins
-    hit_m     [n]     to an obstacle in the corridor, inf where there is none
-    clear_m   [n]     nothing up to here; 0 where the ray says nothing
-    leaves_m  [n]     where the line to the end leaves the corridor
-    points_m  [3, n]  the ends, in the level frame of before
+    degree    [n]  clockwise from the nose, 0..359, counted from where the first sector begins
+    hit_m     [n]  to an obstacle in the corridor, inf where there is none
+    clear_m   [n]  nothing up to here; 0 where the ray says nothing
+    leaves_m  [n]  where the line to the end leaves the corridor
     """
 
     degree: NDArray[np.intp]
     hit_m: Floats
     clear_m: Floats
     leaves_m: Floats
-    points_m: Floats
 
 
 def _ends(rays: Rays, settings: ObstacleSettings, moved: Moved) -> _Ends:
     seen, clear = np.isfinite(rays.hit_m), rays.clear_m > 0
     end_m = np.select([seen, clear], [rays.hit_m, rays.clear_m], FAR_M)
-    points_m = rays.direction * end_m - moved.step_m.astype(np.float32)[:, None]
-    forward, right, down = points_m
+    forward, right, down = rays.direction * end_m - moved.step_m.astype(np.float32)[:, None]
     flat_m = np.hypot(forward, right)
     azimuth_deg = np.degrees(np.arctan2(right, forward)) - np.degrees(np.float32(moved.turn_rad))
     inside = seen & (down >= -settings.above_m) & (down <= settings.below_m)
@@ -159,7 +159,6 @@ def _ends(rays: Rays, settings: ObstacleSettings, moved: Moved) -> _Ends:
         hit_m=np.where(inside, flat_m, np.float32(np.inf)),
         clear_m=np.where(clear, np.maximum(rays.clear_m + (flat_m - end_m), 0), np.float32(0)),
         leaves_m=leaves_m,
-        points_m=points_m,
     )
 
 
@@ -228,8 +227,10 @@ def _across(rays: Floats, length: Floats, moved: Floats) -> Floats:
 def _view(camera: Camera) -> tuple[NDArray[np.intp], Floats, Floats]:
     """Which pixels are taken [n]; their rays with z = 1, float32 [n, 3]; and the rays' lengths [n]."""
     step = max(1, camera.width // COLUMNS)
-    rays = pixel_rays(camera, step)[::2].astype(np.float32)
+    rays = pixel_rays(camera, step)[::EVERY_ROW].astype(np.float32)
     sound = np.isfinite(rays).all(axis=2)  # beyond its calibrated field a lens cannot be undistorted
-    columns, rows = np.meshgrid(np.arange(0, camera.width, step), np.arange(0, camera.height, 2 * step))
+    columns, rows = np.meshgrid(
+        np.arange(0, camera.width, step), np.arange(0, camera.height, EVERY_ROW * step)
+    )
     index, rays = (rows * camera.width + columns)[sound], rays[sound]
     return np.asarray(index, np.intp), rays, np.linalg.norm(rays, axis=1)

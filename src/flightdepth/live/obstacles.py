@@ -107,26 +107,22 @@ class Pose:
 class Sectors:
     """What is known of each sector at one time.
 
-    obstacle_m   [72]     horizontal distance of the nearest obstacle; NaN where none was seen
-    clear_m      [72]     no obstacle up to here, known for each degree of the sector; 0 where unknown
-    points_m     [72, 3]  that obstacle in the level frame (forward, right, down of the camera); NaN
-    remembered   [72]     taken from older results, moved by the motion
+    obstacle_m   [72]  horizontal distance of the nearest obstacle; NaN where none was seen
+    clear_m      [72]  no obstacle up to here, known for each degree of the sector; 0 where unknown
+    remembered   [72]  taken from older results, moved by the motion
     """
 
     obstacle_m: Vector
     clear_m: Vector
-    points_m: Vector
     remembered: Flags
 
     @classmethod
     def unknown(cls) -> Sectors:
         """Nothing known anywhere."""
-        nothing = np.full(SECTORS, np.nan)
-        points = np.full((SECTORS, 3), np.nan)
-        return cls(nothing, np.zeros(SECTORS), points, np.zeros(SECTORS, np.bool_))
+        return cls(np.full(SECTORS, np.nan), np.zeros(SECTORS), np.zeros(SECTORS, np.bool_))
 
     def __post_init__(self) -> None:
-        if not len(self.obstacle_m) == len(self.clear_m) == len(self.points_m) == SECTORS:
+        if not len(self.obstacle_m) == len(self.clear_m) == SECTORS:
             raise ValueError(f"expected {SECTORS} sectors")
 
 
