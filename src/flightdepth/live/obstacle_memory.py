@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,9 +87,8 @@ class ObstacleMap:
     def __init__(self, sight_of: Callable[[Camera], Sight], settings: ObstacleSettings | None = None) -> None:
         self.settings = settings or ObstacleSettings()
         self._sight_of = lru_cache(maxsize=1)(sight_of)  # pictures seldom change their size
-        self._kept: deque[tuple[Seen, ...]] = (
-            deque()
-        )  # each with the result before: they may have looked in turn
+        # Each with the result before it, since they may have looked near and far in turn.
+        self._kept: deque[tuple[Seen, ...]] = deque()
         self._newest: Seen | None = None
         self._before: Seen | None = None
         self._position: Vector = np.zeros(3)
@@ -137,7 +137,8 @@ class ObstacleMap:
             then.heading_rad if heading_rad is None else heading_rad,
         )
         joined = self._in_a_row()
-        older = [then for kept in self._kept for then in kept if then not in joined]
+        # Each once: where results come slowly, the one before is kept as the newest of its time too.
+        older = [then for then in dict.fromkeys(chain.from_iterable(self._kept)) if then not in joined]
         return _filled(_joined(joined, now), older, now, newest)
 
     def _move(self, stamp_ns: int, velocity: Vector) -> None:
