@@ -138,6 +138,12 @@ def test_obstacles_are_sought_and_told_by_the_same_settings(session, tmp_path):
     assert feed._packer.settings is feed._obstacles.settings is feed.settings
 
 
+def test_obstacles_are_told_by_where_the_drone_is_by_then(session, tmp_path):
+    """The motion that telemetry tells since the picture."""
+    flying = Session(replace(session.settings, dry_run=tmp_path / "out.tlog"))
+    assert flying._add_obstacles()._motion_at == flying.store.at
+
+
 def test_no_obstacle_message_goes_before_there_is_anybody_to_send_to(session):
     """Each run ended with `1 messages not sent`; over UDP others went to nobody, or as another vehicle's."""
 
