@@ -136,6 +136,32 @@ def test_a_radio_that_was_out_of_reach_is_no_reboot(tmp_path):
     assert telemetry.counts == {}
 
 
+@pytest.mark.parametrize("late_ms", [0, 40, 350, 3000, 9000])
+def test_a_second_link_that_brings_everything_again_is_no_reboot(tmp_path, late_ms):
+    """Each of its records, slower by seconds, was taken for the first one of another power-up."""
+    parts = [
+        (RECEIVED_US + i * 100_000 + link * late_ms * 1000, message)
+        for i in range(200)
+        for link in (0, 1)
+        for message in (
+            ned_message(7000 + i * 100, velocity(i)),
+            quaternion_message(7000 + i * 100, quaternion(i)),
+        )
+    ]
+    parts.sort(key=lambda part: part[0])
+    telemetry = read(tmp_path, *(tlog_part(*part) for part in parts))
+    assert velocities(telemetry) == [velocity(i) for i in range(200)]
+    assert [s.stamp_ns for s in telemetry.velocities] == [i * 100_000_000 for i in range(200)]
+    assert telemetry.counts == {"records that came twice": 400}
+
+
+def test_what_a_sensor_that_is_stuck_says_again_is_kept(tmp_path):
+    """The same velocity, each time at another time."""
+    parts = [tlog_part(RECEIVED_US + i * 100_000, ned_message(7000 + i * 100, (1, 2, 3))) for i in range(15)]
+    telemetry = read(tmp_path, *parts)
+    assert len(telemetry.velocities) == 15 and telemetry.counts == {}
+
+
 def test_the_vehicle_is_believed_not_other_senders(tmp_path):
     parts = [tlog_part(RECEIVED_US, heartbeat())]
     parts += [tlog_part(RECEIVED_US, heartbeat(mavlink.MAV_AUTOPILOT_INVALID), GROUND)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,9 @@ BACK_NS = NS_PER_S // 5
 SHORTEST_RUN = 3
 # Left free after a reboot, so that nobody integrates across it: more than any gap that is bridged (1.5 s).
 REBOOT_GAP_NS = 2 * NS_PER_S
+# A second link to the same autopilot may bring everything again, slower by seconds.
+REPEATED_NS = 10 * NS_PER_S
+REPEATED = "records that came twice"
 OTHER_POWER_UPS = "records of other power-ups of the autopilot"
 DAMAGED_TIMES = "records with a damaged time"
 
@@ -66,11 +70,32 @@ def longest_boot(records: Sequence[Record], counts: Counter[str]) -> list[Record
     return [records[index] for index in longest.tolist()]
 
 
+def once(records: Sequence[Record], counts: Counter[str]) -> list[Record]:
+    """Without those that are equal, and of the same time since power-up, to one received REPEATED_NS before or less."""
+    last: dict[tuple[int, type], Record] = {}
+    kept: list[Record] = []
+    for record in records:
+        key = record.stamp_ns, type(record.value)
+        if (before := last.get(key)) is not None and _came_again(before, record):
+            counts[REPEATED] += 1
+            continue
+        last[key] = record
+        kept.append(record)
+    return kept
+
+
+def _came_again(before: Record, record: Record) -> bool:
+    parts: zip[tuple[Any, Any]] = zip(before.value, record.value, strict=True)
+    late_ns = record.received_ns - before.received_ns
+    return 0 <= late_ns <= REPEATED_NS and all(np.array_equal(part, other) for part, other in parts)
+
+
 def placed_boots(records: Sequence[Record], counts: Counter[str]) -> list[Record]:
     """All records on the receiver's clock: one offset for each power-up, a gap between two of them.
 
     The receiver's clock may be set while it runs, so only the first records of a power-up tell its offset.
     """
+    records = once(records, counts)
     stamps = np.array([record.stamp_ns for record in records], dtype=np.int64)
     received = np.array([record.received_ns for record in records], dtype=np.int64)
     placed: list[Record] = []
