@@ -365,6 +365,38 @@ def test_each_file_that_was_cut_off_is_counted(tmp_path):
     assert counts == {"recordings cut off": 2}
 
 
+@pytest.mark.parametrize(
+    ("write", "serial", "magic"),
+    [
+        (lambda path, rows: write_ros1(path, rows, "BZ2", chunk_size=4000), "ros1", b"BZh"),
+        (lambda path, rows: write_mcap(path, rows, chunk_size=4000), "cdr", ZSTD_MAGIC),
+    ],
+    ids=["ROS 1", "MCAP"],
+)
+def test_a_damaged_first_chunk_costs_its_own_messages_alone(tmp_path, write, serial, magic):
+    """It tells what is recorded where, and all that came after it was lost with it."""
+    path = write(tmp_path / "flight.bag", odometry_flight(serial))
+    whole = read_telemetry(path)
+    data = path.read_bytes()
+    at = data.index(magic) + 10
+    path.write_bytes(data[:at] + bytes(byte ^ 0xFF for byte in data[at : at + 40]) + data[at + 40 :])
+    telemetry = read_telemetry(path)
+    assert 0 < len(whole.velocities) - len(telemetry.velocities) < 10
+    assert telemetry.counts == {"damaged chunks": 1}
+    path.write_bytes(data[: data.rindex(magic) + 20])  # without an index, and the last chunk, as ever
+    assert 30 <= len(read_telemetry(path).velocities) < 40
+
+
+@pytest.mark.parametrize(("container", "end"), [("ROS 1", 300), ("MCAP, zstd", 60)])
+def test_a_damaged_index_costs_nothing(tmp_path, container, end):
+    write, serial = ROS_CONTAINERS[container]
+    path = write(tmp_path / "flight.bag", odometry_flight(serial))
+    data = path.read_bytes()
+    for damaged in (data[:-end] + bytes(end), data[:-end] + b"\xff" * end):
+        path.write_bytes(damaged)
+        assert len(read_telemetry(path).velocities) == 40
+
+
 @pytest.mark.parametrize("damage", [ZSTD_MAGIC, ZSTD_MAGIC + bytes(20)], ids=["head", "body"])
 def test_a_packed_message_that_is_damaged_costs_itself_only(tmp_path, damage):
     """One with a damaged head ended in a traceback, any other in the loss of all that came after it."""

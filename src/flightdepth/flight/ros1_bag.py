@@ -1,7 +1,8 @@
 """ROS 1 bags, version 2.0, read record by record (wiki.ros.org/Bags/Format/2.0).
 
 A record is a header (fields "name=value", each after its length) and data, both after their lengths,
-little-endian. Chunks hold connections and messages; the index at the end is not needed.
+little-endian. Chunks hold connections and messages. The index at the end tells the connections again, so that a damaged
+chunk costs its own messages alone; a recording that was cut off has none, and needs none.
 """
 
 from __future__ import annotations
@@ -60,12 +61,30 @@ def ros1_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterator[
             raise BadInput(f"telemetry {path}", expected="a ROS bag of version 2.0", got=got)
         try:
             for fields, data in _records(file, size - len(MAGIC)):
+                if _number(fields, b"op") == BAG:
+                    connections |= _indexed(file, size, _number(fields, b"index_pos"))
                 if _number(fields, b"op") == BAG and _number(fields, b"index_pos") == 0:
                     counts[CUT] += 1  # never closed; whole chunks are there all the same
                 if _number(fields, b"op") == CHUNK:
                     yield from _chunk(fields, data, connections, wanted, counts)
         except DamagedError:
             counts[CUT] += 1
+
+
+def _indexed(file: BinaryIO, size: int, index_pos: int) -> dict[int, Connection]:
+    """The connections that the index tells, as far as it is whole; the file stays where it was."""
+    here, connections = file.tell(), dict[int, Connection]()
+    if not here <= index_pos < size:
+        return connections
+    file.seek(index_pos)
+    try:
+        for fields, data in _records(file, size - index_pos):
+            if _number(fields, b"op") == CONNECTION:
+                connections[_number(fields, b"conn")] = _connection(fields, data)
+    except DamagedError:
+        pass
+    file.seek(here)
+    return connections
 
 
 def _chunk(
@@ -87,13 +106,7 @@ def _message(
 ) -> RosMessage | None:
     kind, number = _number(fields, b"op"), _number(fields, b"conn")
     if kind == CONNECTION:
-        described = _fields(data)
-        type_name = described.get(b"type", b"").decode("latin-1")
-        connections[number] = Connection(
-            fields.get(b"topic", b"").decode("utf-8", errors="replace"),
-            ros_kind(type_name),
-            described.get(b"message_definition", b"").decode("utf-8", errors="replace"),
-        )
+        connections[number] = _connection(fields, data)
     if kind != MESSAGE:
         return None
     connection = connections.get(number)
@@ -105,6 +118,15 @@ def _message(
     seconds, nanoseconds = struct.unpack("<LL", fields[b"time"])
     log_ns = seconds * NS_PER_S + nanoseconds
     return RosMessage(connection.topic, connection.kind, "ros1", log_ns, data, connection.definition)
+
+
+def _connection(fields: Fields, data: bytes) -> Connection:
+    described = _fields(data)
+    return Connection(
+        fields.get(b"topic", b"").decode("utf-8", errors="replace"),
+        ros_kind(described.get(b"type", b"").decode("latin-1")),
+        described.get(b"message_definition", b"").decode("utf-8", errors="replace"),
+    )
 
 
 def _records(file: BinaryIO, left: int) -> Iterator[tuple[Fields, bytes]]:

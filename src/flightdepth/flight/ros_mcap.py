@@ -1,7 +1,8 @@
 """MCAP files (mcap.dev/spec): records of a code, a length and data, some inside chunks.
 
 The `mcap` package parses each record; what is read and how much of it is decided here, because a recording that was cut
-off has no index.
+off has no index. Where there is one, its summary tells the channels again, so that a damaged chunk costs its own
+messages alone.
 """
 
 from __future__ import annotations
@@ -30,8 +31,9 @@ from flightdepth.flight.ros_records import (
 )
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
-SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 3, 4, 5, 6, 15
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 2, 3, 4, 5, 6, 15
 RECORD = struct.Struct("<BQ")
+END = struct.Struct("<BQQQL8s")  # the footer and the magic behind it; the third is where the summary begins
 MSG_ENCODINGS = ("ros2msg", "ros1msg")  # of definitions
 
 
@@ -46,8 +48,8 @@ class Channels:
 def mcap_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterator[RosMessage]:
     """The messages of an MCAP file, ROS 2 (cdr) or ROS 1 inside."""
     file, size = open_recording(path)
-    known = Channels()
     with file:
+        known = _summary(file, size)
         file.seek(len(MCAP_MAGIC))
         try:
             for code, data in _records(file, size - len(MCAP_MAGIC)):
@@ -61,6 +63,25 @@ def mcap_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterator[
         except DamagedError:
             pass
         counts[CUT] += 1  # whoever closes a file writes DATA_END
+
+
+def _summary(file: BinaryIO, size: int) -> Channels:
+    """The channels that the summary tells, as far as it is whole."""
+    known = Channels()
+    if size < len(MCAP_MAGIC) + END.size:
+        return known
+    file.seek(size - END.size)
+    code, _, start, _, _, magic = END.unpack(read_exactly(file, END.size, END.size))
+    if code != FOOTER or magic != MCAP_MAGIC or not len(MCAP_MAGIC) < start < size:
+        return known
+    file.seek(start)
+    try:
+        for kind, data in _records(file, size - END.size - start):
+            if kind in (SCHEMA, CHANNEL):
+                _mcap_message(kind, data, known, lambda _: False, Counter())
+    except DamagedError:
+        pass
+    return known
 
 
 def _records(file: BinaryIO, left: int) -> Iterator[tuple[int, bytes]]:
