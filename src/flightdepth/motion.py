@@ -48,7 +48,7 @@ def rotations_from_quaternions(quaternions_k4: Vector) -> Vector:
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    return np.array(rows).transpose(2, 0, 1)
 
 
 def quaternion_products(first: Vector, second: Vector) -> Vector:
