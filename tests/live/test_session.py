@@ -144,6 +144,15 @@ def test_obstacles_are_told_by_where_the_drone_is_by_then(session, tmp_path):
     assert flying._add_obstacles()._motion_at == flying.store.at
 
 
+def test_what_stands_still_is_told_once_obstacles_are_known(session, tmp_path):
+    flying = Session(replace(session.settings, dry_run=tmp_path / "out.tlog"))
+    flying._add_obstacles()
+    flying.still.doubt, flying.obstacles.lacking = "something stands still", "obstacles are unknown"
+    assert flying._lacking() == "obstacles are unknown"
+    flying.obstacles.lacking = None
+    assert flying._lacking() == flying.engine._parts.lacking() == "something stands still"
+
+
 def test_no_obstacle_message_goes_before_there_is_anybody_to_send_to(session):
     """Each run ended with `1 messages not sent`; over UDP others went to nobody, or as another vehicle's."""
 

@@ -11,7 +11,9 @@ from flightdepth.camera import Camera
 from flightdepth.flight import AttitudeSample, Frame, VelocitySample
 from flightdepth.flight.places import SEA_LEVEL, PlaceTrack
 from flightdepth.flight.steadiness import MAX_TURN_RAD
+from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation
 from flightdepth.outputs import FlightFolder, FlightWriter, Preview, run_flight
+from flightdepth.outputs.writer import MASK, PROPOSED_MASK
 
 FRAME_NS = 33_366_667
 TEXTURE = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (HEIGHT, 600, 3), np.uint8), (0, 0), 1)
@@ -47,6 +49,7 @@ class FlightOf:
     camera = Camera.from_fov(WIDTH, HEIGHT, 90)
     gyroscope = None
     turns = None
+    mask = None
     any_direction = False
     places = None
     utc = None
@@ -128,6 +131,45 @@ def test_a_turn_counts_against_what_the_estimator_bears_at_that_time(go):
     refused = [call[2] for call in done.calls if call[0] == "frame"]
     assert [reason is None for reason in refused] == [True, False, False, False, True, False]
     assert "degrees in" in refused[-1]
+
+
+def turning(leg):
+    """A camera that turns by 2.3 degrees a picture, as its log says, with a bar in its pictures or not."""
+    yield VelocitySample(0, np.array([0.0, 3.0, 0.0]), "world", 0.1)
+    for index in range(24):
+        rad = 0.04 * (index - 12)
+        yield AttitudeSample(index * FRAME_NS, quaternion_from_rotation(yawed(rad) @ NED_FROM_CAMERA))
+        yield VelocitySample(index * FRAME_NS, np.array([0.0, 3.0, 0.0]), "world", 0.1)
+        frame = panned(index, rad)
+        if leg:
+            frame.image[:, 10:22] = 0
+        yield frame
+
+
+def yawed(rad):
+    return cv2.Rodrigues(np.array([0.0, 0.0, rad]))[0]
+
+
+@pytest.mark.parametrize("leg", [True, False])
+def test_of_what_stands_still_while_the_camera_turns_a_mask_is_proposed(go, leg):
+    done = go(*turning(leg))
+    warnings = [line for line in done.folder.record.source.warnings if "stands still" in line]
+    proposed = cv2.imread(str(done.folder.folder / PROPOSED_MASK), cv2.IMREAD_UNCHANGED)
+    if not leg:
+        assert not warnings and proposed is None
+        return
+    [warning] = warnings
+    assert f"{np.mean(proposed == 0):.1%} of the picture" in warning and PROPOSED_MASK in warning
+    assert (proposed[:, 10:22] == 0).all() and (proposed[:, 30:] == 255).all()
+
+
+def test_the_mask_that_was_given_stays_beside_the_result(go, monkeypatch):
+    """Where it was the one that the result before had proposed, it went with that."""
+    shown = np.ones((HEIGHT, WIDTH), bool)
+    shown[40:, 10:22] = False
+    monkeypatch.setattr(FlightOf, "mask", SimpleNamespace(shown=shown))
+    kept = cv2.imread(str(go(picture(0)).folder.folder / MASK), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(kept, np.where(shown, 255, 0))
 
 
 def test_what_was_dropped_by_either_side_is_recorded(go):

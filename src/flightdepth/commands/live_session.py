@@ -31,6 +31,7 @@ from flightdepth.live.obstacle_sender import ObstacleFeed, ObstacleSender, Write
 from flightdepth.live.obstacles import Sight
 from flightdepth.live.page import Page, PageServer
 from flightdepth.live.recorder import Recorder
+from flightdepth.live.still_watch import StillWatch
 from flightdepth.live.video_address import video_address
 from flightdepth.live.video_input import VideoInput, VideoListener
 from flightdepth.outputs.interrupted import keep_interrupted
@@ -90,6 +91,7 @@ class Session:
         self.link: MavlinkLink | None = None
         self.sender: ObstacleSender | None = None
         self.obstacles: ObstacleFeed | None = None
+        self.still = StillWatch(self.mask)
         self.engine = LiveEngine(
             Parts(
                 stage=self.stage,
@@ -99,7 +101,7 @@ class Session:
                 boot_ns=lambda live_ns: None if self.feed is None else self.feed.boot_ns(live_ns),
                 telemetry_dropped=self._telemetry_dropped,
                 untold=lambda: None if self.link is None else self.link.instead(),
-                lacking=lambda: None if self.obstacles is None else self.obstacles.lacking,
+                lacking=self._lacking,
                 lens=LensWatch(self.store, mask=self.mask) if chosen is None or chosen.turns_tell else None,
             ),
             say=warn,
@@ -170,6 +172,7 @@ class Session:
                 warn(f"an earlier recording was interrupted: what was written of it stands in {place}")
             stack.callback(self._end_recording, recorder)
             self.engine.add_sink("recorder", recorder)
+        self.engine.add_sink("still parts", self.still.take)
         if obstacles is not None:  # the last: it empties an older log
             self.sender = ObstacleSender(obstacles, self._obstacle_writer(stack), heard=self._is_heard)
 
@@ -187,6 +190,10 @@ class Session:
         feed = self.obstacles = ObstacleFeed(obstacles, packer, motion_at=self.store.at, camera_ahead=fixed)
         self.engine.add_sink("obstacles", feed.take)
         return feed
+
+    def _lacking(self) -> str | None:
+        """Why obstacles are unknown, or what makes some of the depth wrong."""
+        return (None if self.obstacles is None else self.obstacles.lacking) or self.still.doubt
 
     def _sight(self, camera: Camera) -> Sight:
         return Sight.of(self.network.card, self.network.focal_px(camera))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 from flightdepth.flight import Flight, Frame, Steadiness
 from flightdepth.flight.records import Sample, give
+from flightdepth.flight.still_parts import StillParts
 from flightdepth.outputs.poses import PoseTrack
 from flightdepth.outputs.writer import FlightWriter
 from flightdepth.ranges import MultiRangeEstimator, RangedDepth
@@ -23,17 +24,25 @@ def run_flight(
 ) -> None:
     """Give every sample and frame of `flight` to `estimator`, and every result to `writer` and `progress`.
 
-    `writer.summary` is complete once the writer is closed. Where the camera's turns deny its lens, that is written too.
+    `writer.summary` is complete once the writer is closed. Where the camera's turns deny its lens, or show what stands
+    still in the pictures, that is written too.
     """
-    track = PoseTrack(flight.places, flight.utc)
+    track, still = PoseTrack(flight.places, flight.utc), StillParts(flight.camera, estimator.shown)
+    if flight.mask is not None:
+        writer.keep_mask(flight.mask.shown)
     try:
         for frame, result in depths(flight, estimator, on_sample=track.add):
-            writer.add(frame, result, None if flight.any_direction else track.at(frame, result))
+            pose = None if flight.any_direction else track.at(frame, result)
+            writer.add(frame, result, pose)
+            if pose is not None and pose.attitude == "log":
+                still.add(frame.image, pose.world_from_camera)
             progress(frame, result)
     finally:  # of what was flown when it was stopped, too
         writer.note_dropped(Counter(flight.counts) + Counter(estimator.dropped))
     if doubt := flight.lens_doubt():
         writer.warn(doubt)
+    if (part := still.found()) is not None:
+        writer.propose_mask(part)
 
 
 def depths(

@@ -10,11 +10,15 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 
+import numpy as np
+
 from flightdepth import __version__
 from flightdepth.errors import BadInput, FlightDepthError
 from flightdepth.files import NEW, folder_in_progress, move_folder, names_in, write_atomic
 from flightdepth.flight.records import Frame
+from flightdepth.flight.still_parts import StillPart
 from flightdepth.outputs.background import Background
+from flightdepth.outputs.encoding import png
 from flightdepth.outputs.film import Film
 from flightdepth.outputs.frame_table import COLUMNS, FrameRow, cells_of, rows_from_csv
 from flightdepth.outputs.interrupted import RECORDING, interrupted_name
@@ -33,10 +37,12 @@ from flightdepth.outputs.record import (
 )
 from flightdepth.outputs.table_file import TableFile
 from flightdepth.ranges.result import RangedDepth
+from flightdepth.runtimes.arrays import Flags
 
 TABLE, POSES, RECORD, PREVIEW = "frames.csv", "poses.csv", "flight.json", "preview.mp4"
+MASK, PROPOSED_MASK = "mask.png", "mask-proposed.png"
 LOST = "could not be written"
-OWN_NAMES = frozenset({*KINDS, TABLE, POSES, RECORD, PREVIEW})
+OWN_NAMES = frozenset({*KINDS, TABLE, POSES, RECORD, PREVIEW, MASK, PROPOSED_MASK})
 
 
 class FlightWriter:
@@ -123,6 +129,21 @@ class FlightWriter:
     def warn(self, line: str) -> None:
         """Record what the user should know and only the flight itself showed."""
         self._warnings.append(line)
+
+    def keep_mask(self, shown: Flags) -> None:
+        """Write the mask that was given, [H, W]: its own file may be one of the result that this one replaces."""
+        self._write_mask(MASK, shown)
+
+    def propose_mask(self, part: StillPart) -> None:
+        """Write a mask of what stands still, and warn of it."""
+        self._write_mask(PROPOSED_MASK, part.shown)
+        self.warn(
+            f"{part.share:.1%} of the picture stands still while the camera turns, as landing gear and burned-in text"
+            f" do: what is told there is wrong; look at {PROPOSED_MASK} beside the result, and give it as --mask"
+        )
+
+    def _write_mask(self, name: str, shown: Flags) -> None:
+        write_atomic(self._folder / name, png(np.where(shown, np.uint8(255), np.uint8(0))))
 
     def _write_frame(self, frame: Frame, result: RangedDepth, pose: FramePose | None) -> bool:
         """Its maps, then its row: what has one is whole. False where it was left out."""

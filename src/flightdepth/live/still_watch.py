@@ -1,0 +1,45 @@
+"""Whether something stands still in the pictures of a live camera that turns: a sink, so on a thread of its own."""
+
+from __future__ import annotations
+
+from flightdepth.camera import Camera
+from flightdepth.flight.mask import PictureMask
+from flightdepth.flight.records import NS_PER_S
+from flightdepth.flight.still_parts import StillParts
+from flightdepth.live.status import LiveResult
+
+APART_NS = 10 * NS_PER_S  # between two judgements, which take some milliseconds
+
+
+class StillWatch:
+    """Give `take` every result; `doubt` says what stands still, and may be asked by any thread."""
+
+    def __init__(self, mask: PictureMask | None = None) -> None:
+        self.doubt: str | None = None
+        self._mask = mask
+        self._camera: Camera | None = None
+        self._next_ns = 0
+
+    def take(self, result: LiveResult) -> None:
+        """One picture, and its camera's attitude where that is known."""
+        camera, attitude = result.camera, result.motion.world_from_camera
+        if attitude is None:
+            return
+        if (
+            camera != self._camera
+        ):  # a stream of another size, or a lens that zoomed: nothing is known of it yet
+            shown = None if self._mask is None else self._mask.at(camera.width, camera.height).shown
+            self._camera, self._parts, self.doubt = camera, StillParts(camera, shown), None
+        self._parts.add(result.image, attitude)
+        if result.stamp_ns < self._next_ns:
+            return
+        self._next_ns = result.stamp_ns + APART_NS
+        part = self._parts.found()
+        self.doubt = (
+            None
+            if part is None
+            else (
+                f"something stands still while the camera turns: {part.share:.1%} of the picture, as landing gear and"
+                " burned-in text do; it may be told to be free: give a --mask"
+            )
+        )
