@@ -100,3 +100,13 @@ def test_attitudes_that_turn_while_the_camera_does_not_tell_nothing():
     for pitch_deg, yaw_deg in PANS:
         still.add(view(20.0, 0.0), attitude(pitch_deg, yaw_deg))
     assert still.found() is None
+
+
+def test_still_dots_all_over_the_picture_are_no_part_of_a_drone():
+    """They leave nothing between them that they do not enclose."""
+
+    def dotted(picture):
+        picture[::18, ::18] = picture[1::18, ::18] = picture[::18, 1::18] = picture[1::18, 1::18] = 255
+        return picture
+
+    assert looked_at(PANS, dotted) is None

@@ -27,10 +27,8 @@ LEAST_TURN_RAD = math.radians(2.0)  # since the last picture that was looked at
 FEWEST = 20  # pictures looked at
 LEVELS = 3.0  # of grey a pixel: a gradient as strong is an edge, and a stronger one counts no more
 STAYS = 0.6  # of the pictures, in which an edge stands at the same place
-GAP_PX, OPEN_PX = (
-    7,
-    21,
-)  # between letters, and where an edge runs along the way that the picture moves, at most
+GAP_PX = 7  # between letters, at most
+OPEN_PX = 21  # where an outline runs along the way that the picture moves, at most
 LEAST_PX = 30  # of a part; fewer are chance
 MARGIN_PX = 3  # beside what stands still: networks see it there too
 LEAST_SHARE, MOST_SHARE = 0.005, 0.3  # of the picture; more does not belong to a drone
@@ -48,7 +46,7 @@ class StillPart:
 
 
 class StillParts:
-    """Looks at each picture before which the camera turned; a millisecond or two each."""
+    """Looks at each picture before which the camera turned; some milliseconds each."""
 
     def __init__(self, camera: Camera, shown: Flags | None = None) -> None:
         """`shown` [H, W] is False where a mask hides the pictures already."""
@@ -66,12 +64,13 @@ class StillParts:
     def add(self, image: NDArray[np.uint8], world_from_camera: Vector) -> None:
         """A picture uint8 RGB [H, W, 3] of the camera's size, and its attitude (w, x, y, z)."""
         rotation = rotation_from_quaternion(world_from_camera)
-        turn = np.zeros(3) if self._before is None else cv2.Rodrigues(rotation.T @ self._before)[0][:, 0]
-        if self._before is not None and np.linalg.norm(turn) < LEAST_TURN_RAD:
+        if self._before is None:  # nobody knows which way it turned
+            self._before = rotation
             return
-        is_first, self._before = self._before is None, rotation
-        if is_first:  # nobody knows which way it turned
+        turn = cv2.Rodrigues(rotation.T @ self._before)[0][:, 0]
+        if np.linalg.norm(turn) < LEAST_TURN_RAD:
             return
+        self._before = rotation
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         grey = cv2.resize(grey, self._size, interpolation=cv2.INTER_AREA).astype(np.float32)
         self._grey += grey, np.square(grey)
@@ -104,6 +103,8 @@ class StillParts:
         deviation = np.sqrt(np.maximum(square - mean**2, 0))
         still = _closed(edges, GAP_PX)
         _, parts, figures, _ = cv2.connectedComponentsWithStats(1 - _closed(edges, OPEN_PX), connectivity=4)
+        if len(figures) == 1:  # all of the picture
+            return still
         outside = parts == 1 + np.argmax(figures[1:, cv2.CC_STAT_AREA])  # the largest
         around = np.percentile(deviation[outside], 90)  # half of what a camera sees may be sky
         count, parts = cv2.connectedComponents(np.asarray(~outside & (still == 0), np.uint8), connectivity=4)

@@ -219,9 +219,8 @@ def moved_clear(then: Seen, now: Place, wanted: NDArray[np.intp], newest: Seen) 
     found = np.zeros(len(wanted))
     if then.sectors.clear_m.max() + float(np.linalg.norm(moved.step_m)) < worth_m:
         return found
-    ahead = np.flatnonzero(
-        _was_clear(then, moved, wanted, np.array([worth_m]), settings)[:, 0]
-    )  # the rest is not worth it
+    # What was not clear at that range is not worth the other ranges' time.
+    ahead = np.flatnonzero(_was_clear(then, moved, wanted, np.array([worth_m]), settings)[:, 0])
     ranges = np.append(np.arange(STEP_M, reach_m, STEP_M), reach_m)
     steps = np.cumprod(_was_clear(then, moved, wanted[ahead], ranges, settings), axis=1).sum(axis=1)
     reached = np.concatenate([[0.0], ranges])[steps]
