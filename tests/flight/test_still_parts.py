@@ -12,6 +12,7 @@ CAMERA = Camera.from_fov(480, 270, 70)
 STEPS = FEWEST + 6
 PANS = [(0.0, 3.0 * step) for step in range(STEPS)]  # pitch and yaw, degrees
 NODS = [(2.5 * (step % 8), 1.0 * step) for step in range(STEPS)]
+ROWS, COLUMNS = np.mgrid[:270, :480]
 RNG = np.random.default_rng(4)
 # 8 texels a degree of azimuth, 24 below the horizon; above it a bright sky without anything.
 GROUND = cv2.GaussianBlur(RNG.integers(0, 256, (720, 2880), np.uint8), (0, 0), 4)
@@ -106,7 +107,7 @@ def test_still_dots_all_over_the_picture_are_no_part_of_a_drone():
     """They leave nothing between them that they do not enclose."""
 
     def dotted(picture):
-        picture[::18, ::18] = picture[1::18, ::18] = picture[::18, 1::18] = picture[1::18, 1::18] = 255
+        picture[(ROWS % 18 < 3) & (COLUMNS % 18 < 3)] = 255
         return picture
 
     assert looked_at(PANS, dotted) is None
