@@ -1,20 +1,30 @@
+import shutil
 import sqlite3
 import sys
 from collections import Counter
 from contextlib import closing
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import zstandard
 
 from flightdepth.errors import BadInput, MissingExtra
 from flightdepth.flight import ros_messages
 from flightdepth.flight.records import AttitudeSample, VelocitySample
 from flightdepth.flight.ros import read_ros
 from flightdepth.flight.ros2_bag import ros2_messages
-from flightdepth.flight.ros_messages import axes_of, ned_from_map
-from flightdepth.flight.ros_records import DamagedError
-from flightdepth.flight.ros_sqlite import ZSTD_MAGIC
+from flightdepth.flight.ros_frames import ros_frames
+from flightdepth.flight.ros_messages import (
+    Orientation,
+    axes_of,
+    body_attitudes,
+    camera_attitudes,
+    frd_from_body,
+    ned_from_map,
+)
+from flightdepth.flight.ros_records import ZSTD_MAGIC, DamagedError
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.motion import rotation_from_quaternion
 from tests_recordings import ROS_CONTAINERS, Messages, odometry_flight, write_mcap, write_ros1, write_ros2
@@ -327,12 +337,71 @@ def test_backward_and_double_stamps_are_dropped_and_counted(tmp_path):
     assert read_ros(path).counts == {"velocities not later than the one before": 2}
 
 
+def test_a_first_time_that_jumps_is_not_where_times_begin(tmp_path):
+    """It is left out, but all times counted from it."""
+    times = [400_000_000, *(k / 20 for k in range(1, 10))]
+    path = recorded(tmp_path, *[("/odom", MADE.odometry(time_s, (1, 0, 0))) for time_s in times])
+    assert [sample.stamp_ns for sample in samples(path)] == [50_000_000 * k for k in range(9)]
+    assert read_ros(path).counts == {"velocities not later than the one before": 1}
+
+
 def test_a_time_that_no_clock_tells_is_damage():
     """MCAP counts in 64 bits without a sign, numpy with one: such a time ended in an OverflowError."""
     unset = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0))
     assert ros_messages.stamp_of(unset, 5) == 5
     with pytest.raises(DamagedError, match="a time"):
         ros_messages.stamp_of(unset, 1 << 63)
+
+
+def on_a_clock_from_0(time_s, made):
+    """A message of a simulation that begins at 0."""
+    kind, message = made
+    time = MADE.store.types["builtin_interfaces/msg/Time"](int(time_s), round(time_s % 1 * 1e9))
+    return kind, replace(message, header=replace(message.header, stamp=time))
+
+
+def test_the_first_messages_of_a_simulation_are_at_its_0(tmp_path):
+    """A time of 0 counted as one that nobody set: the first picture was put 54 years behind all others."""
+    black = np.zeros((4, 4, 3), np.uint8)
+    timed = [
+        (topic, index / 20, on_a_clock_from_0(index / 20, made))
+        for index in range(40)
+        for topic, made in (("/image", MADE.image(0, black, "rgb8")), ("/odom", MADE.odometry(0, (4, 1, 0))))
+    ]
+    path = write_mcap(tmp_path / "flight.mcap", timed)
+    telemetry, expected_ns = read_ros(path), [50_000_000 * index for index in range(40)]
+    assert [sample.stamp_ns for sample in telemetry.velocities] == expected_ns
+    assert [body.stamp_ns for body in telemetry.body_attitudes] == expected_ns
+    assert [frame.stamp_ns for frame in ros_frames(path)] == expected_ns
+    assert telemetry.counts == {} and "time 0 is 0.000 s" in telemetry.name
+
+
+@pytest.mark.parametrize("unset", [5, 40, 150])
+def test_times_that_nobody_set_are_those_of_the_recording(tmp_path, unset):
+    timed = [
+        (topic, at_s, on_a_clock_from_0(0, made) if index < unset else made)
+        for index, (topic, at_s, made) in enumerate(odometry_flight("cdr", rows=max(unset, 40)))
+    ]
+    telemetry = read_ros(write_mcap(tmp_path / "flight.mcap", timed))
+    assert [sample.stamp_ns for sample in telemetry.velocities] == [50_000_000 * k for k in range(len(timed))]
+    assert telemetry.counts == {}
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda at_s, place: ("/pose", MADE.pose_stamped(at_s, (0, 0, 0, 0), "map", place)),
+        lambda at_s, place: ("/odom", MADE.odometry(at_s, (0, 0, 0), (0, 0, 0, 0), place=place)),
+        lambda at_s, place: ("/odom", MADE.odometry(at_s, ENU_M_S, (0, 0, 0, 0), child="")),
+    ],
+    ids=["pose", "odometry of places", "odometry in the map"],
+)
+def test_who_tells_no_orientation_tells_the_rest(tmp_path, made):
+    """All of it was lost: messages that cannot be read."""
+    telemetry = read_ros(recorded(tmp_path, *(made(*each) for each in PLACED)))
+    assert len(telemetry.velocities) == len(PLACED)
+    assert np.allclose([sample.velocity for sample in telemetry.velocities], (1.0, 4.0, 0.5), atol=1e-6)
+    assert telemetry.body_attitudes == () and telemetry.counts == {}
 
 
 def test_velocities_that_are_not_numbers_and_empty_rotations_are_counted(tmp_path):
@@ -351,6 +420,15 @@ def test_a_folder_that_lost_its_metadata_is_read(tmp_path, plugin):
     path = write_ros2(tmp_path / "flight", odometry_flight("cdr"), plugin)
     (path / "metadata.yaml").unlink()
     assert len(read_telemetry(path).velocities) == 40
+
+
+def test_files_in_a_folder_are_read_in_the_order_of_their_dates(tmp_path):
+    """Only the seconds counted, and the earlier file, read last, was left out."""
+    flight = odometry_flight("cdr")
+    write_mcap(tmp_path / "flight_2024_05_01-11_59_59.mcap", flight[:20])
+    write_mcap(tmp_path / "flight_2024_05_01-12_00_00.mcap", flight[20:])
+    telemetry = read_ros(tmp_path)
+    assert len(telemetry.velocities) == 40 and telemetry.counts == {}
 
 
 def test_each_file_that_was_cut_off_is_counted(tmp_path):
@@ -409,6 +487,68 @@ def test_a_packed_message_that_is_damaged_costs_itself_only(tmp_path, damage):
     assert telemetry.counts == {"damaged records": 1}
 
 
+@pytest.mark.parametrize("container", ["ROS 2, SQLite", "ROS 2, MCAP", "MCAP, lz4"])
+def test_messages_that_are_packed_one_by_one_are_read(tmp_path, monkeypatch, container):
+    """Those in MCAP could not be."""
+    whole, packed = Messages.bytes_of, zstandard.ZstdCompressor().compress
+    monkeypatch.setattr(Messages, "bytes_of", lambda *given: packed(whole(*given)))
+    write, serial = ROS_CONTAINERS[container]
+    telemetry = read_telemetry(write(tmp_path / "flight", odometry_flight(serial)))
+    assert len(telemetry.velocities) == 40 and telemetry.counts == {}
+
+
+def database(folder, rows=40):
+    """A recording in SQLite and its file."""
+    path = write_ros2(folder, odometry_flight("cdr", rows=rows), "SQLITE3")
+    return path, next(path.glob("*.db3"))
+
+
+def test_sqlite_that_writes_ahead_leaves_nothing_beside_the_recording(tmp_path):
+    """Where it may not write, as on a card that is locked, it read nothing."""
+    path, file = database(tmp_path / "flight")
+    with closing(sqlite3.connect(file)) as writer:
+        writer.execute("PRAGMA journal_mode = WAL")
+    there = sorted(path.iterdir())
+    assert len(read_telemetry(path).velocities) == 40
+    assert sorted(path.iterdir()) == there
+
+
+def died(path, file, begin):
+    """A copy of a recording whose recorder died as it wrote all messages again, 20 s later."""
+    copy = path.with_name("died")
+    again = "INSERT INTO messages SELECT id + 1000, topic_id, timestamp + 20000000000, data FROM messages"
+    with closing(sqlite3.connect(file, isolation_level=None)) as writer:
+        for command in (*begin, again):
+            writer.execute(command)
+        shutil.copytree(path, copy, ignore=shutil.ignore_patterns("*-shm"))
+        if writer.in_transaction:
+            writer.execute("ROLLBACK")
+    return copy
+
+
+def test_a_recorder_that_died_while_it_wrote_costs_what_it_wrote_then(tmp_path):
+    """SQLite wanted to undo that, was not let, and read nothing."""
+    path, file = database(tmp_path / "flight", rows=400)
+    copy = died(path, file, ["PRAGMA journal_mode = DELETE", "PRAGMA cache_size = 5", "BEGIN"])
+    assert list(copy.glob("*-journal"))
+    assert len(read_telemetry(copy).velocities) == 400
+
+
+def test_what_sqlite_wrote_ahead_is_read(tmp_path):
+    path, file = database(tmp_path / "flight")
+    copy = died(path, file, ["PRAGMA journal_mode = WAL", "PRAGMA wal_autocheckpoint = 0"])
+    counts = Counter()
+    assert len(list(ros2_messages(copy, lambda kind: True, counts))) == 80
+    assert counts == {}
+
+
+def test_packed_files_that_lie_unpacked_beside_them_are_no_matter(tmp_path):
+    """What the remedy leaves: of a recording in several files only one at a time could be read."""
+    path, file = database(tmp_path / "flight")
+    (path / f"{file.name}.zstd").write_bytes(ZSTD_MAGIC)
+    assert len(read_telemetry(path).velocities) == 40
+
+
 def test_packed_files_are_refused_with_the_remedy(tmp_path):
     (tmp_path / "flight_0.db3.zstd").write_bytes(b"\x28\xb5\x2f\xfd")
     (tmp_path / "metadata.yaml").write_text("x: 1")
@@ -455,6 +595,27 @@ def test_the_velocitys_own_orientations_come_first(tmp_path):
     )
     [body] = read_ros(path).body_attitudes
     assert np.allclose(rotation_from_quaternion(body.world_from_body), np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize(("parent", "body"), [("map", "base_link"), ("odom_ned", "imu"), ("map", "base_frd")])
+def test_orientations_of_the_drone_are_turned_together_as_one_at_a_time(parent, body):
+    given = np.random.default_rng(0).normal(size=(100, 4))
+    given *= (1 + np.linspace(-0.009, 0.009, 100)[:, None]) / np.linalg.norm(given, axis=1, keepdims=True)
+    told = [
+        Orientation(7 + index, quaternion, parent, body) for index, quaternion in enumerate(given.tolist())
+    ]
+    for index, (quaternion, attitude) in enumerate(zip(given, body_attitudes(told, 7), strict=True)):
+        expected = ned_from_map(parent) @ rotation_from_quaternion(quaternion) @ frd_from_body(body).T
+        np.testing.assert_allclose(rotation_from_quaternion(attitude.world_from_body), expected, atol=1e-14)
+        assert attitude.stamp_ns == index and attitude.world_from_body[0] >= 0
+
+
+def test_orientations_of_cameras_are_those_of_their_own_axes():
+    told = Orientation(7, YAW_90, "map", "camera_optical_frame")
+    [attitude] = camera_attitudes([told])
+    expected = ned_from_map("map") @ rotation_from_quaternion(YAW_90)
+    np.testing.assert_allclose(rotation_from_quaternion(attitude.world_from_camera), expected, atol=1e-15)
+    assert camera_attitudes([]) == body_attitudes([]) == []
 
 
 def test_an_imu_alone_tells_how_the_body_is_turned(tmp_path):

@@ -155,6 +155,54 @@ def test_a_second_link_that_brings_everything_again_is_no_reboot(tmp_path, late_
     assert telemetry.counts == {"records that came twice": 400}
 
 
+def test_what_a_second_link_repeats_of_a_gimbal_whose_heading_is_not_known_is_no_reboot(tmp_path):
+    """It tells NaN, which equals nothing."""
+    parts = []
+    for i in range(100):
+        for link in (0, 1):
+            now = RECEIVED_US + i * 100_000 + link * 3_000_000
+            message = gimbal_message(7000 + i * 100, (1, 0, 0, 0), math.nan)
+            parts += [(now, ned_message(7000 + i * 100, velocity(i)), AUTOPILOT), (now, message, (1, 154))]
+    parts.sort(key=lambda part: part[0])
+    telemetry = read(tmp_path, *(tlog_part(*part) for part in parts))
+    assert [c.stamp_ns for c in telemetry.attitudes] == [i * 100_000_000 for i in range(100)]
+    assert telemetry.counts == {"records that came twice": 200}
+
+
+@pytest.mark.parametrize("late_ms", [500, 3000, 8000])
+@pytest.mark.parametrize("lost", [0.05, 0.3])
+def test_what_one_link_lost_and_a_slower_one_brought_is_of_its_time(tmp_path, late_ms, lost):
+    """Each of these was taken for a damaged time, several in a row for a reboot, and moved all that came after it."""
+    arrives = np.random.default_rng(1).random((600, 2)) >= lost
+    arrives[:50] = arrives[-1] = True
+    parts = [
+        (RECEIVED_US + i * 100_000 + link * late_ms * 1000, ned_message(7000 + i * 100, velocity(i)))
+        for i in range(600)
+        for link in (0, 1)
+        if arrives[i, link]
+    ]
+    parts.sort(key=lambda part: part[0])
+    telemetry = read(tmp_path, *(tlog_part(*part) for part in parts))
+    there = np.flatnonzero(arrives.any(axis=1)).tolist()
+    assert [s.stamp_ns for s in telemetry.velocities] == [i * 100_000_000 for i in there]
+    assert velocities(telemetry) == [velocity(i) for i in there]
+    assert telemetry.counts == {"records that came twice": int(arrives.all(axis=1).sum())}
+
+
+def test_a_reboot_after_some_seconds_is_one_on_two_links_too(tmp_path):
+    parts = []
+    for boot, (boot_ms, begins_us) in enumerate([(3000, 0), (3000, 12_000_000)]):
+        for i in range(60):
+            for link in (0, 1):
+                now = RECEIVED_US + begins_us + i * 100_000 + link * 3_000_000
+                parts.append((now, ned_message(boot_ms + i * 100, velocity(100 * boot + i))))
+    parts.sort(key=lambda part: part[0])
+    telemetry = read(tmp_path, *(tlog_part(*part) for part in parts))
+    assert velocities(telemetry) == [velocity(100 * boot + i) for boot in (0, 1) for i in range(60)]
+    assert telemetry.velocities[60].stamp_ns == pytest.approx(12e9, abs=1e6)
+    assert telemetry.counts == {"records that came twice": 120, "reboots inside the log": 1}
+
+
 def test_what_a_sensor_that_is_stuck_says_again_is_kept(tmp_path):
     """The same velocity, each time at another time."""
     parts = [tlog_part(RECEIVED_US + i * 100_000, ned_message(7000 + i * 100, (1, 2, 3))) for i in range(15)]
@@ -172,6 +220,21 @@ def test_the_vehicle_is_believed_not_other_senders(tmp_path):
     telemetry = read(tmp_path, *parts)
     assert velocities(telemetry) == [velocity(i) for i in range(10)]
     assert telemetry.counts == {"velocities of other senders": 20}
+
+
+def test_an_antenna_tracker_is_no_vehicle(tmp_path):
+    """It has an autopilot too, and tells more often that it stands still: the drone's velocities were left out."""
+    tracker = mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_ANTENNA_TRACKER, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 0, 3
+    )
+    parts = [tlog_part(RECEIVED_US, heartbeat(), AUTOPILOT), tlog_part(RECEIVED_US, tracker, (2, 1))]
+    for i in range(10):
+        now = RECEIVED_US + i * 1000
+        parts += [tlog_part(now, ned_message(i, velocity(i)), AUTOPILOT)] if i else []
+        parts += [tlog_part(now, ned_message(i, (0, 0, 0)), (2, 1))]
+    telemetry = read(tmp_path, *parts)
+    assert velocities(telemetry) == [velocity(i) for i in range(1, 10)]
+    assert telemetry.counts == {"velocities of other senders": 10}
 
 
 def global_message(i):
@@ -359,8 +422,8 @@ def test_of_two_gimbals_behind_one_autopilot_the_first_carries_the_camera(tmp_pa
     assert telemetry.counts == {"attitudes of other gimbals": 5}
 
 
-def gimbal_message(ms, looks):
-    return mavlink.MAVLink_gimbal_device_attitude_status_message(0, 0, ms, 64, looks, 0, 0, 0, 0, 0)
+def gimbal_message(ms, looks, delta_yaw=0.0):
+    return mavlink.MAVLink_gimbal_device_attitude_status_message(0, 0, ms, 64, looks, 0, 0, 0, 0, delta_yaw)
 
 
 def test_of_two_gimbals_with_numbers_of_their_own_the_first_carries_the_camera(tmp_path):

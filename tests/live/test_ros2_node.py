@@ -16,6 +16,7 @@ import pytest
 pytest.importorskip("rosbags")
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
+from flightdepth.flight.ros_records import DamagedError
 from flightdepth.motion import rotation_from_euler, rotation_from_quaternion
 from flightdepth.outputs.ros_fields import camera_fields, image_fields
 from flightdepth.runtimes.network import load_network
@@ -132,6 +133,14 @@ def test_odometry_of_the_camera_itself_needs_no_mount(conversion):
     # x east, y south, z down: in north-east-down the columns of the camera's axes.
     expected = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
     np.testing.assert_allclose(rotation_from_quaternion(attitude), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("told", [{"wxyz": (0, 0, 0, 0), "child": ""}, {"frame": "camera_optical_frame"}])
+def test_odometry_that_tells_no_orientation_of_the_drone_is_left_out(conversion, told):
+    """It ended the node."""
+    kind, message = MADE.odometry(0.0, (0.0, 0.0, 0.0), **told)
+    with pytest.raises(DamagedError, match="how the drone is turned"):
+        conversion.camera_attitude_of(through_cdr(kind, message), 1, 0.0)
 
 
 def test_conversion_needs_no_ros(conversion):

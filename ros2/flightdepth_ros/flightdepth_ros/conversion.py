@@ -13,10 +13,17 @@ from numpy.typing import NDArray
 from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.flight.gimbal import looking, screwed
-from flightdepth.flight.records import AttitudeSample
 from flightdepth.flight.ros_frames import picture
-from flightdepth.flight.ros_messages import IMAGE, ODOMETRY, orientation_of, stamp_of, twist_of
-from flightdepth.flight.ros_records import RosMessage
+from flightdepth.flight.ros_messages import (
+    IMAGE,
+    ODOMETRY,
+    body_attitudes,
+    camera_attitudes,
+    orientation_of,
+    stamp_of,
+    twist_of,
+)
+from flightdepth.flight.ros_records import DamagedError, RosMessage
 from flightdepth.motion import Vector
 
 # CameraInfo.distortion_model (sensor_msgs/distortion_models.hpp) and the model here.
@@ -41,8 +48,13 @@ def camera_attitude_of(message: Any, now_ns: int, pitch_deg: float) -> tuple[int
     The camera is screwed to the body and looks up by `pitch_deg`, unless the odometry is of an optical frame: its own.
     """
     told = orientation_of(_unread(ODOMETRY, now_ns), message)
-    assert told is not None  # an Odometry always tells it
-    camera = told if isinstance(told, AttitudeSample) else screwed(told, looking(pitch_deg))
+    if told is None:
+        raise DamagedError("odometry that does not tell how the drone is turned")
+    if told.of_camera:
+        [camera] = camera_attitudes([told])
+    else:
+        [body] = body_attitudes([told])
+        camera = screwed(body, looking(pitch_deg))
     return camera.stamp_ns, camera.world_from_camera
 
 

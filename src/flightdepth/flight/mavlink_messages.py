@@ -17,6 +17,7 @@ from flightdepth.motion import quaternion_from_euler, rotation_from_quaternion
 
 HEARTBEAT = "HEARTBEAT"
 NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: the sender of this heartbeat flies nothing
+ANTENNA_TRACKER = 5  # MAV_TYPE of an autopilot that only turns an antenna, and tells where it stands
 # MAV_FRAME of ODOMETRY's pose and velocity.
 LOCAL_NED, BODY_NED, BODY_FRD = 1, 8, 12
 # Time in `time_usec` beyond a year is since 1970, so on a clock that other messages do not share.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ SHORTEST_RUN = 3
 REBOOT_GAP_NS = 2 * NS_PER_S
 # A second link to the same autopilot may bring everything again, slower by seconds.
 REPEATED_NS = 10 * NS_PER_S
+# Meanwhile the other one brings something newer, or this one what is known, at least so often.
+SOON_NS = NS_PER_S
 REPEATED = "records that came twice"
 OTHER_POWER_UPS = "records of other power-ups of the autopilot"
 DAMAGED_TIMES = "records with a damaged time"
@@ -70,24 +72,46 @@ def longest_boot(records: Sequence[Record], counts: Counter[str]) -> list[Record
     return [records[index] for index in longest.tolist()]
 
 
-def once(records: Sequence[Record], counts: Counter[str]) -> list[Record]:
-    """Without those that are equal, and of the same time since power-up, to one received REPEATED_NS before or less."""
+def of_one_link(records: Sequence[Record], counts: Counter[str]) -> list[Record]:
+    """As if one link had brought them all: each once, and what only a slower one brought among those of its time."""
     last: dict[tuple[int, type], Record] = {}
     kept: list[Record] = []
-    for record in records:
+    newest_ns, start = 0, 0  # of this power-up
+    repeated_ns = -REPEATED_NS
+    for index, record in enumerate(records):
         key = record.stamp_ns, type(record.value)
         if (before := last.get(key)) is not None and _came_again(before, record):
             counts[REPEATED] += 1
+            repeated_ns = record.received_ns
             continue
         last[key] = record
+        behind_ns = newest_ns - record.stamp_ns
+        repeating = behind_ns > BACK_NS and record.received_ns - repeated_ns <= SOON_NS
+        late = repeating or (behind_ns > STEP_NS and _goes_on_from(newest_ns, records, index))
+        if late and behind_ns <= REPEATED_NS:
+            kept.insert(bisect_right(kept, record.stamp_ns, start, key=lambda each: each.stamp_ns), record)
+            continue
+        if behind_ns > STEP_NS:
+            newest_ns, start = 0, len(kept)
+        newest_ns = max(newest_ns, record.stamp_ns)
         kept.append(record)
     return kept
 
 
 def _came_again(before: Record, record: Record) -> bool:
-    parts: zip[tuple[Any, Any]] = zip(before.value, record.value, strict=True)
     late_ns = record.received_ns - before.received_ns
-    return 0 <= late_ns <= REPEATED_NS and all(np.array_equal(part, other) for part, other in parts)
+    # As text, in which NaN is NaN: a gimbal's yaw that is not known, a place beside a velocity.
+    return 0 <= late_ns <= REPEATED_NS and repr(before.value) == repr(record.value)
+
+
+def _goes_on_from(newest_ns: int, records: Sequence[Record], index: int) -> bool:
+    """Whether the clock goes on from a time soon after a record that is older; after a restart it does not."""
+    for record in map(records.__getitem__, range(index + 1, len(records))):
+        if record.received_ns > records[index].received_ns + SOON_NS:
+            return False
+        if record.stamp_ns >= newest_ns:
+            return True
+    return False
 
 
 def placed_boots(records: Sequence[Record], counts: Counter[str]) -> list[Record]:
@@ -95,7 +119,7 @@ def placed_boots(records: Sequence[Record], counts: Counter[str]) -> list[Record
 
     The receiver's clock may be set while it runs, so only the first records of a power-up tell its offset.
     """
-    records = once(records, counts)
+    records = of_one_link(records, counts)
     stamps = np.array([record.stamp_ns for record in records], dtype=np.int64)
     received = np.array([record.received_ns for record in records], dtype=np.int64)
     placed: list[Record] = []

@@ -18,13 +18,12 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from flightdepth.errors import BadInput
-from flightdepth.flight.order import in_time_order
+from flightdepth.flight.order import in_time_order, rising
 from flightdepth.flight.places import ELLIPSOID, SEA_LEVEL, PlaceTrack
 from flightdepth.flight.records import (
     BodyAttitudeSample,
@@ -42,6 +41,8 @@ from flightdepth.flight.ros_messages import (
     VECTOR,
     VELOCITY_KINDS,
     Twist,
+    body_attitudes,
+    camera_attitudes,
 )
 from flightdepth.flight.ros_places import NAV_SAT_FIX, PLACE_KINDS, track_of_fixes
 from flightdepth.flight.ros_px4 import DEFINE, PX4_PLACE, PX4_POSITION, PX4_VELOCITY_KINDS, UNDEFINED
@@ -81,10 +82,12 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
         topics = _of_vehicle(topics, chosen, counts)
     oriented = max(topics, key=lambda known: _knows_turns(known, chosen))
     first_ns = None if picture is None else picture.first_ns
-    zero_ns = chosen.twists[0].stamp_ns if first_ns is None else first_ns
-    samples = in_time_order(_velocities(chosen.twists, oriented.bodies, zero_ns, counts), counts)
+    stamps_ns = [twist.stamp_ns for twist in chosen.twists]
+    zero_ns = stamps_ns[rising(stamps_ns)[0]] if first_ns is None else first_ns
+    turned = body_attitudes(oriented.bodies, zero_ns)
+    samples = in_time_order(_velocities(chosen.twists, turned, zero_ns, counts), counts)
     most = max((topic.cameras for topic in topics), key=len, default=[])
-    attitudes = in_time_order([replace(each, stamp_ns=each.stamp_ns - zero_ns) for each in most], counts)
+    attitudes = in_time_order(camera_attitudes(most, zero_ns), counts)
     name = f"ROS recording {path.name}: {len(samples)} velocities of {chosen.name}"
     if chosen.by_places:
         name += ", by its positions"
@@ -92,9 +95,7 @@ def read_ros(path: Path, topic: str | None = None) -> Telemetry:
     name += ", attitude of the camera" if attitudes else ""
     name += f" ({oriented.resets} resets of the attitude)" if oriented.resets else ""
     name += time_0_is(zero_ns)
-    # Not counted: an Odometry's velocity has been.
-    counted = [replace(each, stamp_ns=each.stamp_ns - zero_ns) for each in oriented.bodies]
-    bodies = in_time_order(counted, Counter())
+    bodies = in_time_order(turned, Counter())  # not counted: an Odometry's velocity has been
     places = _places(topics, zero_ns, chosen, counts)
     true_north = chosen.kind in NORTHWARD_KINDS or MAVROS in chosen.name
     return Telemetry(
@@ -177,7 +178,8 @@ def _velocities(
     twists: Sequence[Twist], bodies: Sequence[BodyAttitudeSample], zero_ns: int, counts: Counter[str]
 ) -> list[VelocitySample]:
     """In the world frame where the body's attitudes are told; else of a camera that looks forward."""
-    at_ns = np.array([twist.stamp_ns for twist in twists if twist.frame == "body"], dtype=np.int64)
+    of_body = [twist.stamp_ns - zero_ns for twist in twists if twist.frame == "body"]
+    at_ns = np.array(of_body, dtype=np.int64)
     turns = iter(_turns(sorted(bodies, key=lambda body: body.stamp_ns), at_ns))
     samples = []
     for twist in twists:

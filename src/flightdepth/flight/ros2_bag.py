@@ -33,13 +33,13 @@ def ros2_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterator[
 
 
 def storage_files(folder: Path) -> list[Path]:
-    """The files of a recording in the order of the numbers in their names (bag_2 before bag_10)."""
-    packed = sorted(folder.glob("*.zstd"))
+    """The files of a recording in the order of the numbers in their names (bag_2 before bag_10), dates too."""
+    packed = sorted(file for file in folder.glob("*.zstd") if not file.with_suffix("").exists())
     if packed:
         mend = f"Unpack them (zstd -d {packed[0].name}), then read the .db3 or .mcap files."
         raise BadInput(f"telemetry {folder}", expected="files that are not packed", got="zstd", mend=mend)
     files = [file for file in folder.iterdir() if _is_storage(file)]
-    return sorted(files, key=lambda file: [int(part) for part in re.findall(r"\d{1,9}", file.stem)][-1:])
+    return sorted(files, key=lambda file: [int(part) for part in re.findall(r"\d{1,9}", file.stem)])
 
 
 def _is_storage(file: Path) -> bool:

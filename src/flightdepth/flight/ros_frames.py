@@ -15,7 +15,7 @@ from flightdepth.errors import BadInput
 from flightdepth.flight.records import Frame
 from flightdepth.flight.ros_messages import COMPRESSED_IMAGE, IMAGE_KINDS, decoded, stamp_of
 from flightdepth.flight.ros_records import DamagedError, RosMessage
-from flightdepth.flight.ros_topics import ros_messages, topics_of, with_pictures
+from flightdepth.flight.ros_topics import Topic, ros_messages, topics_of, with_pictures
 from flightdepth.levels import picture_in
 
 Picture = NDArray[np.uint8]
@@ -47,23 +47,23 @@ def ros_frames(path: Path, topic: str | None = None, counts: Counter[str] | None
     """
     counts = Counter() if counts is None else counts
     topics, _ = topics_of(path, Counter(), IMAGE_KINDS)
-    known = {each.name: each.first_ns or 0 for each in with_pictures(topics)}
+    known = {each.name: each for each in with_pictures(topics)}
     most = next(iter(known), None)
     chosen = topic or most
     if most is None or chosen not in known:
         got = ", ".join(known) or "no pictures"
         raise BadInput(f"recording {path}", expected=f"pictures{f' in {topic}' if topic else ''}", got=got)
-    return _frames(path, chosen, counts, known[most])
+    return _frames(path, known[chosen], counts, known[most].first_ns or 0)
 
 
-def _frames(path: Path, topic: str | None, counts: Counter[str], zero_ns: int) -> Iterator[Frame]:
+def _frames(path: Path, topic: Topic, counts: Counter[str], zero_ns: int) -> Iterator[Frame]:
     index, last_ns = 0, None
     for message in ros_messages(path, lambda kind: kind in IMAGE_KINDS, counts):
-        if message.topic != topic:
+        if message.topic != topic.name:
             continue
         try:
             content = decoded(message)
-            stamp_ns = stamp_of(content.header, message.log_ns)
+            stamp_ns = stamp_of(content.header, message.log_ns if topic.unset_ns is None else topic.unset_ns)
             image = picture(message, content)
         except DamagedError:
             counts["damaged pictures"] += 1

@@ -28,6 +28,7 @@ from flightdepth.flight.ros_records import (
     read_exactly,
     required,
     ros_kind,
+    unpacked,
 )
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -127,7 +128,7 @@ def _chosen(message: Any, known: Channels, wanted: Wanted) -> RosMessage | None:
     topic, kind, encoding, definition = known.channels[message.channel_id]
     if encoding not in ("cdr", "ros1") or not wanted(kind):
         return None
-    return RosMessage(topic, kind, encoding, message.log_time, message.data, definition)
+    return RosMessage(topic, kind, encoding, message.log_time, unpacked(message.data), definition)
 
 
 def _parsed(name: str, data: bytes, *arguments: int) -> Any:

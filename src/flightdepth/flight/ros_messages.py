@@ -16,10 +16,11 @@ Which axes a twist has:
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +37,7 @@ from flightdepth.motion import (
     Vector,
     is_rotation,
     quaternion_from_rotation,
+    quaternion_products,
     rotation_from_quaternion,
 )
 
@@ -53,6 +55,7 @@ ORIENTATION_KINDS = (ODOMETRY, POSE, POSE_WITH_COVARIANCE, IMU)
 IMAGE_KINDS = (IMAGE, COMPRESSED_IMAGE)
 DEPTH_ENCODINGS = ("16UC1", "32FC1")
 
+ENU, NED, FRD, OPTICAL = "enu", "ned", "frd", "optical"  # names of frames that tell their axes
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
 OPTICAL_FROM_FRD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 MAP_NAMES = ("map", "odom", "world", "earth", "local_origin")
@@ -72,6 +75,20 @@ class Twist:
     velocity: Vector
     frame: str
     sigma: float | None
+
+
+class Orientation(NamedTuple):
+    """How `body` is turned in `parent`, the names of frames: (w, x, y, z), of length 1 but for rounding."""
+
+    stamp_ns: int
+    quaternion: Sequence[float] | Vector
+    parent: str
+    body: str
+
+    @property
+    def of_camera(self) -> bool:
+        """Whether what is turned is a camera: its frame is an optical one."""
+        return axes_of(self.body) == "camera"
 
 
 def decoded(message: RosMessage) -> Any:
@@ -194,11 +211,10 @@ def _odometry_twist(message: RosMessage, content: Any) -> Twist:
     if message.topic.endswith(MAVROS_GLOBAL):
         velocity = NED_FROM_END @ speed_of(content.twist.twist.linear)
         return _twist(message, content, velocity, "world", content.twist.covariance)
-    ned_from_twist = ned_from_map(frame)
-    if child and child != frame:
-        ned_from_twist = ned_from_twist @ rotation_of(content.pose.pose.orientation)
-    velocity = ned_from_twist @ speed_of(content.twist.twist.linear)
-    return _twist(message, content, velocity, "world", content.twist.covariance)
+    velocity = speed_of(content.twist.twist.linear)
+    if child and child != frame and velocity.any():  # 0 is 0 in any axes
+        velocity = rotation_of(content.pose.pose.orientation) @ velocity
+    return _twist(message, content, ned_from_map(frame) @ velocity, "world", content.twist.covariance)
 
 
 def _twist(message: RosMessage, content: Any, velocity: Vector, axes: str, covariance: Any) -> Twist:
@@ -214,28 +230,55 @@ def sigma_of(covariance: Any) -> float | None:
     return float(np.sqrt(variances.mean())) if known else None
 
 
-def orientation_of(message: RosMessage, content: Any) -> AttitudeSample | BodyAttitudeSample | None:
-    """The attitude in a message, of a camera if its frame is an optical one; None where it tells none of the drone.
+def orientation_of(message: RosMessage, content: Any) -> Orientation | None:
+    """How a message says that a camera or the drone is turned; None where it tells none of the drone.
 
-    An Imu says so by a covariance of -1; many drivers leave all of it 0 instead, the quaternion at "not turned".
+    An Imu says so by a covariance of -1; many drivers leave all of it 0 instead, the quaternion at "not turned". Who
+    tells a place alone leaves all of the quaternion 0.
     """
     frame = content.header.frame_id
     if message.kind == IMU:
         covariance, given = content.orientation_covariance, content.orientation
-        if covariance[0] == -1 or not (np.any(covariance) or given.x or given.y or given.z):
+        if covariance[0] == -1 or not (given.x or given.y or given.z or np.any(covariance)):
             return None
-        quaternion, body, turn = content.orientation, frame, NED_FROM_ENU
+        quaternion, body, parent = given, frame, ENU
     elif axes_of(frame) in ("body", "camera"):  # of what the drone itself sees
         return None
     else:
         pose = content.pose if message.kind == POSE else content.pose.pose
         body = content.child_frame_id if message.kind == ODOMETRY else "base_link"
-        quaternion, turn = pose.orientation, ned_from_map(frame)
-    stamp_ns, ned_from_frame = stamp_of(content.header, message.log_ns), turn @ rotation_of(quaternion)
-    if axes_of(body) == "camera":
-        return AttitudeSample(stamp_ns, quaternion_from_rotation(ned_from_frame))
-    ned_from_body = ned_from_frame @ frd_from_body(body).T
-    return BodyAttitudeSample(stamp_ns, quaternion_from_rotation(ned_from_body))
+        quaternion, parent = pose.orientation, frame
+    if not (quaternion.w or quaternion.x or quaternion.y or quaternion.z):
+        return None
+    return Orientation(stamp_of(content.header, message.log_ns), quaternion_of(quaternion), parent, body)
+
+
+def camera_attitudes(orientations: Sequence[Orientation], zero_ns: int = 0) -> list[AttitudeSample]:
+    """Those of a camera, on a clock whose 0 is `zero_ns`."""
+    turned = zip(orientations, _world_quaternions(orientations), strict=True)
+    return [AttitudeSample(each.stamp_ns - zero_ns, quaternion) for each, quaternion in turned]
+
+
+def body_attitudes(orientations: Sequence[Orientation], zero_ns: int = 0) -> list[BodyAttitudeSample]:
+    """Those of the drone, on a clock whose 0 is `zero_ns`."""
+    turned = zip(orientations, _world_quaternions(orientations), strict=True)
+    return [BodyAttitudeSample(each.stamp_ns - zero_ns, quaternion) for each, quaternion in turned]
+
+
+def _world_quaternions(orientations: Sequence[Orientation]) -> Vector:
+    """World (NED) from body (FRD) or camera (optical), [n, 4]; w is not negative."""
+    given = np.array([each.quaternion for each in orientations]).reshape(-1, 4)
+    given /= np.linalg.norm(given, axis=1, keepdims=True)
+    around = np.array([_turns_around(each.parent, each.body) for each in orientations]).reshape(-1, 2, 4)
+    turned = quaternion_products(quaternion_products(around[:, 0], given), around[:, 1])
+    return np.where(turned[:, :1] < 0, -turned, turned)
+
+
+@lru_cache(maxsize=64)
+def _turns_around(parent: str, body: str) -> Vector:
+    """What goes before a message's quaternion, and what behind it: NED from its map; its body from FRD, [2, 4]."""
+    from_body = np.eye(3) if axes_of(body) == "camera" else frd_from_body(body).T
+    return np.stack([quaternion_from_rotation(ned_from_map(parent)), quaternion_from_rotation(from_body)])
 
 
 def speed_of(vector: Any) -> Vector:
@@ -248,7 +291,12 @@ def speed_of(vector: Any) -> Vector:
 
 def rotation_of(quaternion: Any) -> Vector:
     """A Quaternion message as a matrix; one that is no rotation is damage."""
-    values = np.array([quaternion.w, quaternion.x, quaternion.y, quaternion.z], dtype=np.float64)
+    return rotation_from_quaternion(quaternion_of(quaternion))
+
+
+def quaternion_of(quaternion: Any) -> tuple[float, float, float, float]:
+    """A Quaternion message as (w, x, y, z), of length 1 but for rounding; one that is no rotation is damage."""
+    values = quaternion.w, quaternion.x, quaternion.y, quaternion.z
     if not is_rotation(values, within=0.01):
         raise DamagedError("an orientation that is no rotation")
-    return rotation_from_quaternion(values)
+    return values

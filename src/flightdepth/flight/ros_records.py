@@ -1,6 +1,6 @@
 """What a ROS recording holds, whatever its container: messages as bytes, each with its topic and type.
 
-The containers are read from start to end, without their index: a recording that was cut off, or never
+The containers are read from start to end, not by their index: a recording that was cut off, or never
 closed, has none. Every declared length is checked against what is really there before it is read.
 """
 
@@ -20,6 +20,7 @@ PIECE = 1 << 20
 CUT = "recordings cut off"
 DAMAGED_CHUNKS = "damaged chunks"
 DAMAGED_RECORDS = "damaged records"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,18 @@ def decompressed(data: bytes, compression: str, size: int) -> bytes:
     if len(raw) != size:
         raise DamagedError(f"a chunk of {len(raw)} bytes that should be {size}")
     return raw
+
+
+def unpacked(data: bytes) -> bytes:
+    """A message that may be packed on its own (rosbag2's compression mode "message")."""
+    if not data.startswith(ZSTD_MAGIC):
+        return data
+    zstandard = required("zstandard")
+    try:
+        size = zstandard.frame_content_size(data)
+    except zstandard.ZstdError as error:
+        raise DamagedError(f"a message that cannot be unpacked ({error})") from error
+    return decompressed(data, "zstd", size)
 
 
 def _bz2_stream(data: bytes) -> Any:

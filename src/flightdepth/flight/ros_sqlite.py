@@ -21,14 +21,12 @@ from flightdepth.flight.ros_records import (
     DamagedError,
     RosMessage,
     Wanted,
-    decompressed,
     open_recording,
-    required,
+    unpacked,
 )
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 SQLITE_HEADER = 100
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 MESSAGE_LIMIT = 1 << 28
 
 
@@ -59,7 +57,7 @@ def _sqlite_message(
     try:
         if isinstance(data, bytes) and isinstance(log_ns, int) and number in topics:
             topic, kind, definition = topics[number]
-            return RosMessage(topic, kind, "cdr", log_ns, _unpacked(data), definition)
+            return RosMessage(topic, kind, "cdr", log_ns, unpacked(data), definition)
     except DamagedError:
         pass
     counts[DAMAGED_RECORDS] += 1
@@ -67,7 +65,13 @@ def _sqlite_message(
 
 
 def _connected(path: Path) -> sqlite3.Connection:
-    connection = sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro", uri=True)
+    """The file as it stands, without locks, files of SQLite's own beside it, or the undoing of what was not finished.
+
+    All of these may want to write. Only what a recorder that died left in a log beside it (-wal) needs them.
+    """
+    log = path.with_name(f"{path.name}-wal")
+    how = "mode=ro" if log.is_file() and log.stat().st_size else "mode=ro&immutable=1"
+    connection = sqlite3.connect(f"file:{quote(str(path.absolute()))}?{how}", uri=True)
     connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MESSAGE_LIMIT)
     # Without this SQLite refuses a file shorter than its header says; nothing is written in mode "ro".
     connection.execute("PRAGMA writable_schema = ON")
@@ -112,15 +116,3 @@ def _definitions(connection: sqlite3.Connection) -> dict[str, str]:
         rows = connection.execute(f"SELECT {columns} FROM message_definitions WHERE encoding = 'ros2msg'")
         found.update((kind, text) for kind, text in rows if isinstance(text, str))
     return found
-
-
-def _unpacked(data: bytes) -> bytes:
-    """A message that was packed on its own (rosbag2's compression mode "message")."""
-    if not data.startswith(ZSTD_MAGIC):
-        return data
-    zstandard = required("zstandard")
-    try:
-        size = zstandard.frame_content_size(data)
-    except zstandard.ZstdError as error:
-        raise DamagedError(f"a message that cannot be unpacked ({error})") from error
-    return decompressed(data, "zstd", size)

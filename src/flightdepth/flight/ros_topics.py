@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from flightdepth.flight.file_bytes import head_of
 from flightdepth.flight.positions import UNFIXED
-from flightdepth.flight.records import LATEST_NS, AttitudeSample, BodyAttitudeSample
+from flightdepth.flight.records import LATEST_NS, NS_PER_S, BodyAttitudeSample
 from flightdepth.flight.ros1_bag import looks_like_ros1, ros1_messages
 from flightdepth.flight.ros2_bag import ros2_messages
 from flightdepth.flight.ros_messages import (
+    FRD,
     IMAGE_KINDS,
+    NED,
+    OPTICAL,
     ORIENTATION_KINDS,
     VELOCITY_KINDS,
+    Orientation,
     Twist,
     decoded,
     is_depth_map,
@@ -50,6 +54,8 @@ from flightdepth.flight.ros_records import DamagedError, RosMessage, Wanted
 from flightdepth.flight.ulog import reset_count
 
 ASKED_FOR = ("setpoint", "goal", "target", "cmd")
+MOST_UNSET = 100  # first messages of a topic whose time is 0; of more, nobody sets it
+BEGINS_NS = 10 * NS_PER_S  # a time before is of a clock that began at 0
 UNREADABLE = "messages that cannot be read"
 USED = frozenset([*PX4_KINDS, *VELOCITY_KINDS, *ORIENTATION_KINDS, NAV_SAT_FIX, *IMAGE_KINDS])
 
@@ -64,9 +70,11 @@ class Topic:
     first_ns: int | None = None
     ahead_ns: int = 0  # of the clock of the headers before that of the recording, at first
     of_depth: bool = False  # an image topic that shows no colours
+    unset: list[RosMessage] = field(default_factory=list)  # whose time is 0, before any other told one
+    unset_ns: int | None = None  # what that 0 means; None is the time of recording
     twists: list[Twist] = field(default_factory=list)
-    cameras: list[AttitudeSample] = field(default_factory=list)
-    bodies: list[BodyAttitudeSample] = field(default_factory=list)
+    cameras: list[Orientation] = field(default_factory=list)
+    bodies: list[Orientation] = field(default_factory=list)
     places: list[Place] = field(default_factory=list)
     fixes: list[Fix] = field(default_factory=list)
     px4: Px4Rows = field(default_factory=Px4Rows)
@@ -95,6 +103,23 @@ class Topic:
         """Whether it never told of any movement."""
         return not any(np.any(twist.velocity) for twist in self.twists)
 
+    def settled(self, message: RosMessage) -> list[RosMessage]:
+        """The messages whose times are known once another one has come.
+
+        A header's time of 0 is one that nobody set, or where a simulation begins: the first other one tells.
+        """
+        if self.first_ns is not None or self.kind in PX4_KINDS:
+            return [message]
+        time_ns = header_time_ns(message)
+        if time_ns == 0 and self.messages <= MOST_UNSET:
+            self.unset += [] if self.unset and self.kind in IMAGE_KINDS else [message]
+            return []
+        unset, self.unset = self.unset, []
+        if unset and 0 < time_ns <= BEGINS_NS:
+            self.unset_ns, self.ahead_ns = 0, -min(unset[0].log_ns, LATEST_NS)
+            unset = [replace(each, log_ns=0) for each in unset]
+        return [*unset, message]
+
     def tell_by_places(self) -> None:
         """Where no twist tells of a movement, and the places do, the velocity is their slope."""
         if self.asked_for or not self.still:
@@ -108,6 +133,12 @@ class Topic:
             self.twists = [
                 Twist(each.stamp_ns, each.velocity, each.frame, each.sigma) for each in found.samples()
             ]
+
+
+def header_time_ns(message: RosMessage) -> int:
+    """The time in a message that begins with a header: seconds and nanoseconds behind four bytes, in ROS 1 and 2."""
+    seconds, nanoseconds = (int.from_bytes(message.data[at : at + 4], "little") for at in (4, 8))
+    return seconds * NS_PER_S + nanoseconds
 
 
 def ros_messages(path: Path, wanted: Wanted, counts: Counter[str]) -> Iterator[RosMessage]:
@@ -131,7 +162,11 @@ def topics_of(
         topic = topics.setdefault(message.topic, Topic(message.topic, message.kind))
         topic.messages += 1
         if message.kind == topic.kind:
-            _take(message, topic, counts)
+            for each in topic.settled(message):
+                _take(each, topic, counts)
+    for topic in topics.values():
+        for each in topic.unset:
+            _take(each, topic, counts)
     _tell_px4(list(topics.values()), counts)
     named = {topic.name: topic.kind for topic in topics.values()}
     return list(topics.values()), dict.fromkeys(kinds.difference(used), "") | named
@@ -147,7 +182,7 @@ def _take(message: RosMessage, topic: Topic, counts: Counter[str]) -> None:
         content = decoded(message)
         if topic.first_ns is None:
             topic.first_ns = stamp_of(content.header, message.log_ns)
-            topic.ahead_ns = topic.first_ns - min(message.log_ns, LATEST_NS)
+            topic.ahead_ns = topic.ahead_ns or topic.first_ns - min(message.log_ns, LATEST_NS)
         topic.of_depth = message.kind in IMAGE_KINDS and is_depth_map(message, content)
         if message.kind in ORIENTATION_KINDS:
             _take_orientation(orientation_of(message, content), topic)
@@ -165,11 +200,9 @@ def _take(message: RosMessage, topic: Topic, counts: Counter[str]) -> None:
         counts[UNREADABLE] += 1
 
 
-def _take_orientation(turn: AttitudeSample | BodyAttitudeSample | None, topic: Topic) -> None:
-    if isinstance(turn, AttitudeSample):
-        topic.cameras.append(turn)
-    elif turn is not None:
-        topic.bodies.append(turn)
+def _take_orientation(turn: Orientation | None, topic: Topic) -> None:
+    if turn is not None:
+        (topic.cameras if turn.of_camera else topic.bodies).append(turn)
 
 
 def _take_fix(fix: Fix | None, topic: Topic) -> None:
@@ -215,6 +248,12 @@ def _tell_px4(topics: Sequence[Topic], counts: Counter[str]) -> None:
         columns, known = topic.px4.columns(), bodies.get(topic.folder, [])
         gate, topic.fixes = px4_gate(topic.kind, columns, ahead_ns, known if of_camera else [], lost)
         topic.twists = twists_of(gate)
-        topic.cameras, topic.bodies = (gate.cameras, []) if of_camera else ([], gate.bodies)
+        topic.cameras = [
+            Orientation(each.stamp_ns, each.world_from_camera, NED, OPTICAL) for each in gate.cameras
+        ]
+        if not of_camera:
+            topic.bodies = [
+                Orientation(each.stamp_ns, each.world_from_body, NED, FRD) for each in gate.bodies
+            ]
         topic.resets = reset_count(columns)
         bodies[topic.folder] = max(known, gate.bodies, key=len)

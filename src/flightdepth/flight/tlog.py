@@ -26,6 +26,7 @@ from flightdepth.flight.autopilot import (
 from flightdepth.flight.file_bytes import log_bytes
 from flightdepth.flight.gimbal import GimbalAttitude
 from flightdepth.flight.mavlink_messages import (
+    ANTENNA_TRACKER,
     HEARTBEAT,
     KINDS,
     NO_AUTOPILOT,
@@ -82,7 +83,8 @@ def read_tlog(path: Path) -> Telemetry:
     for received_us, message in messages(path, counts):
         source, name = Source(message.get_srcSystem(), message.get_srcComponent()), message.get_type()
         if name == HEARTBEAT:
-            autopilots |= {source} if message.autopilot != NO_AUTOPILOT else set()
+            flies = message.autopilot != NO_AUTOPILOT and message.type != ANTENNA_TRACKER
+            autopilots |= {source} if flies else set()
             continue
         for stamp_ns, value in KINDS[name](message, counts):
             found[source].told.append((name, Record(stamp_ns, value, received_us * 1000)))
