@@ -31,8 +31,8 @@ class Vehicle:
     def boot_ms(self, at_s):
         return round((at_s * S - self.zero_ns) / MS)
 
-    def heartbeat(self, at_s, autopilot=12):
-        self.send(mavlink.MAVLink_heartbeat_message(2, autopilot, 0, 0, 4, 3), at_s)
+    def heartbeat(self, at_s, autopilot=12, kind=2):
+        self.send(mavlink.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 4, 3), at_s)
 
     def velocity(self, at_s, ned=(3.0, 0.0, 0.0)):
         self.send(mavlink.MAVLink_local_position_ned_message(self.boot_ms(at_s), 0, 0, 0, *ned), at_s)
@@ -175,6 +175,14 @@ def test_nothing_counts_before_an_autopilot_is_known(feed, store, heard):
     vehicle.velocity(100.2)
     assert heard["velocities"] == []
     assert store.take_new() == []
+
+
+def test_an_antenna_tracker_is_no_vehicle(feed):
+    """Its autopilot beats as well, often first, and tells that it stands."""
+    Vehicle(feed, system=2).heartbeat(100, kind=mavlink.MAV_TYPE_ANTENNA_TRACKER)
+    assert feed.vehicle is None
+    Vehicle(feed, system=1).heartbeat(100.1)
+    assert feed.vehicle.system == 1
 
 
 def test_another_vehicle_is_counted_and_left_out(vehicle, feed, heard):

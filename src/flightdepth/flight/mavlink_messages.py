@@ -33,6 +33,11 @@ class Source(NamedTuple):
     component: int
 
 
+def flies(heartbeat: Message) -> bool:
+    """Whether who sent it is the autopilot of something that flies."""
+    return bool(heartbeat.autopilot != NO_AUTOPILOT and heartbeat.type != ANTENNA_TRACKER)
+
+
 def local_position(message: Message, counts: Counter[str]) -> Iterator[tuple[int, Velocity]]:
     """LOCAL_POSITION_NED."""
     yield (

@@ -26,14 +26,13 @@ from flightdepth.flight.autopilot import (
 from flightdepth.flight.file_bytes import log_bytes
 from flightdepth.flight.gimbal import GimbalAttitude
 from flightdepth.flight.mavlink_messages import (
-    ANTENNA_TRACKER,
     HEARTBEAT,
     KINDS,
-    NO_AUTOPILOT,
     RANKS,
     VELOCITIES,
     Message,
     Source,
+    flies,
 )
 from flightdepth.flight.power_ups import placed_boots
 from flightdepth.flight.records import Telemetry
@@ -83,8 +82,7 @@ def read_tlog(path: Path) -> Telemetry:
     for received_us, message in messages(path, counts):
         source, name = Source(message.get_srcSystem(), message.get_srcComponent()), message.get_type()
         if name == HEARTBEAT:
-            flies = message.autopilot != NO_AUTOPILOT and message.type != ANTENNA_TRACKER
-            autopilots |= {source} if flies else set()
+            autopilots |= {source} if flies(message) else set()
             continue
         for stamp_ns, value in KINDS[name](message, counts):
             found[source].told.append((name, Record(stamp_ns, value, received_us * 1000)))

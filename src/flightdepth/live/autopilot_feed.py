@@ -18,10 +18,10 @@ from flightdepth.flight.mavlink_messages import (
     GIMBAL,
     HEARTBEAT,
     KINDS,
-    NO_AUTOPILOT,
     VELOCITIES,
     Message,
     Source,
+    flies,
 )
 from flightdepth.flight.power_ups import DAMAGED_TIMES, REBOOT_GAP_NS, SHORTEST_RUN, STEP_NS
 from flightdepth.flight.records import NS_PER_S, BodyAttitudeSample, Sample, VelocitySample
@@ -85,7 +85,7 @@ class AutopilotFeed:
         name = message.get_type()
         source = Source(message.get_srcSystem(), message.get_srcComponent())
         if name == HEARTBEAT:
-            wanted = message.autopilot != NO_AUTOPILOT and self._system in (None, source.system)
+            wanted = flies(message) and self._system in (None, source.system)
             if wanted and self.vehicle is None:
                 self.vehicle = source
         elif self.vehicle is None or source.system != self.vehicle.system:
