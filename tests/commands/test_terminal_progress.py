@@ -20,6 +20,17 @@ def test_a_pipe_gets_lines_on_the_way(
     assert "3/3" in capsys.readouterr().out
 
 
+def test_the_last_seconds_are_not_none(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It said "0 min left" for half a minute."""
+    monkeypatch.setattr(terminal, "TOLD_EVERY_S", 0.0)
+    for _ in terminal.counted(range(4), "flight", "frames"):
+        pass
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].endswith("/s, less than 1 min left")
+
+
 def test_what_was_done_before_is_no_speed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

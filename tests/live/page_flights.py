@@ -26,6 +26,7 @@ class Flying:
         self.health = Health(State.OK, None, 0)
         self.distrusted: str | None = None
         self.lens: TurnVerdict | None = None
+        self.dropped = {"a newer one came first": 2}
         self.feed = ObstacleFeed(ObstacleMap(lambda _: SIGHT), ObstaclePacker(ObstacleSettings()))
         self.page = Page(self.status, self.feed)
         self.server = PageServer(self.page, "127.0.0.1:0")
@@ -51,7 +52,7 @@ class Flying:
             age_p95_ms=52.0,
             distrusted=self.distrusted,
             lens=self.lens,
-            frames=FrameCounts(100 + self.step, 98 + self.step, {"a newer one came first": 2}),
+            frames=FrameCounts(100 + self.step, 98 + self.step, self.dropped),
             ranges=2,
             shifts=(3, 12),
             displacements_m=(0.31, 1.42),

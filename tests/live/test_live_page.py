@@ -84,6 +84,13 @@ def test_old_sectors_are_unknown_on_the_page_too(flying):
     assert {sector["kind"] for sector in told["fan"]["sectors"]} == {"unknown"}
 
 
+def test_state_says_why_nothing_is_known_of_obstacles(flying):
+    flying.fly()
+    assert json.loads(get(flying.server, "state.json")[2])["fan"]["lacking"] is None
+    flying.feed.lacking = "obstacles are unknown: nobody tells the drone's heading"
+    assert json.loads(get(flying.server, "state.json")[2])["fan"]["lacking"] == flying.feed.lacking
+
+
 def test_old_sectors_are_in_no_metrics(flying):
     """The last obstacle stood there for ever after the video was lost."""
     flying.fly()
@@ -206,6 +213,15 @@ def test_closing_ends_the_thread():
     with PageServer(page_of(Flying.still()), "127.0.0.1:0") as server:
         assert get(server, "state.json")[0] == 200
     until(lambda: threading.active_count() <= before, within_s=3)
+
+
+def test_on_all_addresses_it_tells_one_that_a_browser_can_open(flying):
+    """It told http://0.0.0.0:8080/."""
+    with PageServer(page_of(Flying.still()), "0.0.0.0:0") as server:
+        assert server.address == f"http://127.0.0.1:{server.server_address[1]}/"
+        assert server.everywhere and not server.local
+        assert get(server, "state.json")[0] == 200
+    assert not flying.server.everywhere
 
 
 @pytest.mark.parametrize("address", ["8080", "localhost", "127.0.0.1:", "127.0.0.1:99999", "a:b:1"])

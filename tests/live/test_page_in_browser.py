@@ -88,6 +88,14 @@ def test_the_fan_is_drawn_unknown_unlike_free(watched):
     assert watched.tab.inner_text("#nearest-where") == "straight ahead"
 
 
+def test_an_unknown_fan_is_no_fan_without_obstacles(watched):
+    """Found in use: nobody told the heading, health told of a slow machine, and the fan said "no obstacle known"."""
+    watched.flying.clock_ns += 2_000_000_000  # nothing newer than that
+    watched.tab.locator("#nearest-where", has_text="every direction is unknown").wait_for()
+    watched.flying.feed.lacking = "obstacles are unknown: nobody tells the drone's heading"
+    watched.tab.locator("#nearest-where", has_text=watched.flying.feed.lacking).wait_for()
+
+
 def test_health_is_shown_with_its_reason(watched):
     watched.until("document.getElementById('state').textContent === 'ok'")
     watched.flying.health = Health(State.DEGRADED, "telemetry is 1.2 s late", 0)
@@ -158,6 +166,41 @@ def test_without_obstacles_no_empty_fan_takes_the_pictures_room(browser):
 def test_one_reason_for_dropped_frames_needs_no_second_count(watched):
     watched.until("document.getElementById('dropped').textContent.startsWith('2 ')")
     assert watched.tab.inner_text("#dropped-more") == "a newer one came first"
+
+
+def test_several_reasons_for_dropped_frames_have_their_counts(watched):
+    watched.flying.dropped = {"a newer one came first": 2, "too late": 7}
+    watched.until("document.getElementById('dropped').textContent.startsWith('9 ')")
+    assert watched.tab.inner_text("#dropped-more") == "7: too late; 2: a newer one came first"
+
+
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+def test_it_can_be_read_in_the_sun_too(watched, scheme):
+    """Light where the browser asks for it; each text four and a half times as light or dark as its ground (WCAG AA)."""
+    watched.tab.emulate_media(color_scheme=scheme)
+    watched.until("document.querySelectorAll('#fan text').length > 0")
+    ground = luminance(watched.tab, "body", "backgroundColor")
+    assert ground > 0.8 if scheme == "light" else ground < 0.05
+    for text, behind in (("dt", "body"), ("#state", "body"), (".tile h2", ".tile"), ("#fan text", "#fan")):
+        shade = luminance(watched.tab, text, "fill" if text == "#fan text" else "color")
+        dark, light = sorted((shade, luminance(watched.tab, behind, "backgroundColor")))
+        assert (light + 0.05) / (dark + 0.05) > 4.5, text
+
+
+def luminance(tab, selector: str, colour: str) -> float:
+    """Relative luminance 0..1 of a computed colour (WCAG 2)."""
+    told = tab.evaluate(f"getComputedStyle(document.querySelector('{selector}')).{colour}")
+    red, green, blue = (int(value) / 255 for value in re.findall(r"\d+", told)[:3])
+    linear = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in (red, green, blue)]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def test_the_lamp_stands_beside_the_first_line(watched):
+    """Found in use: beside a reason of three lines it hung below the state's word."""
+    watched.flying.health = Health(State.DEGRADED, "the machine is too slow: 4.8 results a second " * 4, 0)
+    watched.until("document.getElementById('state').textContent === 'degraded'")
+    lamp, state = (watched.tab.locator(name).bounding_box() for name in (".lamp", "#state"))
+    assert state["y"] < lamp["y"] and lamp["y"] + lamp["height"] < state["y"] + state["height"]
 
 
 def test_it_fits_a_telephone(watched, tmp_path: Path):

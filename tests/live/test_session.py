@@ -265,6 +265,25 @@ def test_an_older_dry_run_stays_where_the_page_cannot_be_served(session, tmp_pat
     assert (tmp_path / "old.tlog").read_bytes() == older
 
 
+@pytest.mark.parametrize(("begun", "said"), [(True, "recording: out\n"), (False, "")])
+def test_where_a_recording_stands_is_told(session, begun, said, capsys):
+    """Found in use: at its end nothing named it."""
+    flown = Session(replace(session.settings, out=Path("out")))
+    capsys.readouterr()
+    flown._end_recording(SimpleNamespace(close=lambda dropped: (), begun=begun))
+    assert capsys.readouterr().out == said
+
+
+@pytest.mark.parametrize(("host", "said"), [("127.0.0.1", False), ("0.0.0.0", True)])
+def test_a_page_for_everybody_is_told(session, host, said, capsys):
+    served = Session(replace(session.settings, out=None, serve=f"{host}:0"))
+    with ExitStack() as stack:
+        served._add_sinks(stack)
+    page = capsys.readouterr().out.splitlines()[-1]
+    assert page.startswith("page: http://127.0.0.1:")
+    assert page.endswith("whoever reaches it can look") == said
+
+
 def test_a_recording_that_was_killed_is_kept_by_the_next(session, tmp_path, capsys):
     """Found in review: the next start removed it without a word, and nobody can fly it again."""
     flown = ["--video", str(VIDEO), "--telemetry", str(LOG), "--hfov", "75", "--out", str(tmp_path / "out")]

@@ -170,3 +170,11 @@ def test_who_waited_for_a_silent_sender_hears_it_soon_when_it_comes_back(monkeyp
 def test_an_error_tells_no_address():
     error = OSError(111, "Connection refused: 'rtsp://pilot:secret@cam/main'")
     assert in_words(error) == "Connection refused"
+
+
+def test_a_file_that_is_not_there_is_told_shortly():
+    """It was told with all kinds of addresses there are, six lines long."""
+    with pytest.raises(
+        BadInput, match=r"^video flight\.mp: expected a video file, .{1,90}, got no such file$"
+    ):
+        video_address("flight.mp")

@@ -193,6 +193,8 @@ def test_the_folder_of_several_flights_names_one(convert, work):
     for name in ("b", "a"):
         write_flown(work / "several" / name)
     refused(convert("flight.ply", folder="several"), "one flight's folder", "2 flights", "several/a")
+    shutil.rmtree(work / "several/b")
+    refused(convert("flight.ply", folder="several"), "got one that holds it. Give one, as", "several/a")
 
 
 def test_a_file_in_no_folder(convert):
@@ -215,7 +217,8 @@ def test_a_flight_of_a_speed_alone_needs_another_log(convert, work):
     """It was told to take a network that knows directions, which it had."""
     write_flown(work / "speed", posed=False)
     outcome = convert("speed.ply", folder="speed")
-    refused(outcome, "a log that tells which way the drone flew")
+    refused(outcome, "a log that tells which way the drone flew", "--mount fixed")
+    assert outcome[1] == ""  # it began with an empty bar
     assert "network" not in outcome[2]
 
 

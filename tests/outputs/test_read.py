@@ -71,6 +71,16 @@ def test_a_map_of_another_size_than_the_pictures_is_refused(folder, kind):
         read.get(kind, flight.farther_than_m)(0)
 
 
+def test_what_is_no_folder_says_which_to_give(tmp_path):
+    """Of a video it said "flight.mp4/flight.json: got Not a directory"."""
+    video = tmp_path / "flight.mp4"
+    video.write_bytes(b"")
+    with pytest.raises(BadInput, match=r"flight\.mp4: expected .* writes, got a file\. First .* give DIR"):
+        FlightFolder(video)
+    with pytest.raises(BadInput, match=r"flight\.json: expected .* writes, got No such file .* give DIR"):
+        FlightFolder(tmp_path)
+
+
 def test_a_record_with_an_unknown_field_is_refused(folder):
     path = folder / "flight.json"
     path.write_text(path.read_text().replace('"flightdepth"', '"flightdeath"'))

@@ -98,7 +98,7 @@ def convert(
 
     .las, .laz and .bt need the extra `clouds`, .mcap the extra `ros`.
     """
-    from flightdepth.outputs.cloud import CloudSettings, frames_left_out
+    from flightdepth.outputs.cloud import CloudSettings, frames_left_out, placed
 
     options = {
         "min_confidence": min_confidence,
@@ -126,6 +126,7 @@ def convert(
     else:
         with room_on_the_disk(file, left=NOT_WRITTEN):
             check_depth(flight)
+            placed(flight)  # a bar is drawn for what can be done
             write = write_map if kind == OCCUPANCY else write_cloud
             what, frame = write(flight, file, settings)
         say(f"{file}: {what} from {folder}, {frame}")
@@ -142,8 +143,8 @@ def opened(folder: Path) -> FlightFolder:
         raise BadInput(
             f"folder {folder}",
             expected="one flight's folder",
-            got=f"that of {len(several):,} flights",
-            mend=f"Give one of them, as {several[0].parent}.",
+            got="one that holds it" if len(several) == 1 else f"that of {len(several):,} flights",
+            mend=f"Give one, as {several[0].parent}.",
         )
     flight = FlightFolder(folder)
     if not flight.record.whole:

@@ -106,7 +106,7 @@ def live(
         Path | None,
         typer.Option(
             metavar="TLOG",
-            help="Write the obstacle messages here instead of sending them.",
+            help="Write the obstacle messages here instead of sending them; needs no --mavlink.",
             rich_help_panel=RESULTS,
         ),
     ] = None,
@@ -129,7 +129,8 @@ def live(
 
     A recorded flight as if it were live, sending nothing:
 
-      flightdepth live --video flight.mp4 --telemetry log.csv --hfov 80
+      flightdepth live --video flight.mp4 --telemetry log.csv --hfov 80 \\
+        --serve 127.0.0.1:8080
 
     --video takes rtsp://HOST/PATH (TCP; rtsp+udp:// for UDP),
     rtp://0.0.0.0:5600 (H.264), a .sdp file, udp://0.0.0.0:5600 (MPEG-TS),

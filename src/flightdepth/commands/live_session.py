@@ -13,7 +13,7 @@ from flightdepth.commands.live_settings import LiveSettings
 from flightdepth.commands.live_sources import doubt_of_obstacles, recorded, refuse_idle
 from flightdepth.commands.network_options import precision_of
 from flightdepth.commands.signals import stop_request
-from flightdepth.commands.terminal import say, warn
+from flightdepth.commands.terminal import mention, say, warn
 from flightdepth.errors import FlightDepthError
 from flightdepth.flight.camera_evidence import ChosenCamera
 from flightdepth.flight.gimbal import looking
@@ -39,6 +39,7 @@ from flightdepth.runtimes.network import Network, load_network, nearest_network
 
 # A file and a log begin so long after the start, so that both are open by then.
 LEAD_NS = 300_000_000
+ELSEWHERE = ", from elsewhere under this machine's name; whoever reaches it can look"
 NOMINAL_SIZE = (640, 360)  # stands for the pictures before the first has come
 
 
@@ -155,7 +156,7 @@ class Session:
             page = Page(self.engine.status, obstacles)
             server = stack.enter_context(PageServer(page, settings.serve))
             self.engine.add_sink("page", page.take)
-            say(f"page: {server.address}")
+            say(f"page: {server.address}" + (ELSEWHERE if server.everywhere else ""))
         if settings.out is not None:
             facts = settings.for_record | {"video": self.address.name}
             digest = None if self.mask is None else self.mask.digest
@@ -179,6 +180,8 @@ class Session:
     def _end_recording(self, recorder: Recorder) -> None:
         for warning in recorder.close(missing(self.engine.status())):
             warn(warning)
+        if recorder.begun:
+            mention(f"recording: {self.settings.out}")
 
     def _add_obstacles(self) -> ObstacleFeed | None:
         settings = self.settings

@@ -75,7 +75,7 @@ class LiveSettings:
         if self.duration is not None and not (math.isfinite(self.duration) and self.duration > 0):
             raise BadInput("--duration", expected="more than 0 seconds", got=str(self.duration))
         if self.obstacles and self.mavlink is None and self.dry_run is None:
-            raise BadInput("--obstacles", expected="--mavlink to send over, or --dry-run", got="neither")
+            raise BadInput("--obstacles", expected="--mavlink to send over, or --dry-run TLOG", got="neither")
         if self.dry_run is not None:
             from flightdepth.live.obstacle_messages import is_own_log
 

@@ -81,7 +81,8 @@ class ToldProgress(Progress):
         of = "" if task.total is None else f" of {task.total:,.0f}"
         line = f"{task.description}: {task.completed:,.0f}{of} {self._unit}, {rate:.1f} {self._unit}/s"
         if task.total is not None and rate > 0:
-            line += f", {(task.total - task.completed) / rate / 60:.0f} min left"
+            left_min = (task.total - task.completed) / rate / 60
+            line += f", {left_min:.0f} min left" if left_min >= 1 else ", less than 1 min left"
         say(line)
 
 

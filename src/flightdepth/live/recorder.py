@@ -104,6 +104,11 @@ class Recorder:
         self._track.add(AttitudeSample(frame.stamp_ns, world_from_camera))
         return self._track.at(frame, result.depth)
 
+    @property
+    def begun(self) -> bool:
+        """Whether a result came, and with it a folder."""
+        return self._writer is not None
+
     def close(self, dropped: dict[str, int]) -> tuple[str, ...]:
         """Finish the folder; what the user should know of it. `dropped`: pictures missing from it, by reason."""
         with self._lock:

@@ -202,6 +202,7 @@ def _file(text: str) -> VideoAddress:
     if path.suffix.lower() == ".sdp":
         return _session(text, path)
     if not path.exists():
-        raise BadInput(f"video {text}", expected=EXPECTED, got="no such file")
+        expected = "a video file, a .sdp file, or an address as `flightdepth live --help` lists them"
+        raise BadInput(f"video {text}", expected=expected, got="no such file")
     refuse_non_video(path)
     return VideoAddress(text, str(path.absolute()), paced=True)  # FFmpeg takes 10:30.mp4 for an address

@@ -155,7 +155,10 @@ def placed(folder: FlightFolder) -> dict[int, FramePose]:
     if not known:
         mend = "Give `flightdepth run` a log with the camera's attitude, or a network that knows directions."
         if not folder.poses:  # a speed alone, whatever the network
-            mend = "Give `flightdepth run` a log that tells which way the drone flew."
+            mend = (
+                "Give `flightdepth run` a log that tells which way the drone flew, `flightdepth live` one that tells"
+                " the camera's attitude too (--mount fixed, or a gimbal that reports)."
+            )
         raise BadInput(
             f"poses of {folder.folder}",
             expected="places where the camera was",

@@ -27,6 +27,7 @@ from flightdepth.outputs.writer import POSES, RECORD, TABLE
 
 # RuntimeError: of one damaged byte `zipfile` says that it needs a later version, another compression or a password.
 DAMAGED_NPZ = (BadZipFile, OSError, ValueError, KeyError, EOFError, TypeError, RuntimeError)
+OUT = "First `flightdepth run VIDEO --out DIR`, then give DIR."
 Table = TypeVar("Table")
 Unsigned = TypeVar("Unsigned", np.uint8, np.uint16)
 
@@ -117,10 +118,12 @@ class FlightFolder:
 
     def _read_record(self) -> FlightRecord:
         path = self.folder / RECORD
+        if self.folder.is_file():
+            raise _not_ours(self.folder, "a file", mend=OUT)
         try:
             return FlightRecord.model_validate_json(path.read_bytes())
         except OSError as error:
-            raise _not_ours(path, error.strerror or str(error)) from error
+            raise _not_ours(path, error.strerror or str(error), mend=OUT) from error
         except ValidationError as error:
             raise _not_ours(path, error.errors()[0]["msg"]) from error
 
@@ -167,5 +170,5 @@ def _read_bytes(path: Path) -> bytes:
         raise BadInput(f"map {path}", expected="a file", got=error.strerror or str(error)) from error
 
 
-def _not_ours(path: Path, got: str) -> BadInput:
-    return BadInput(f"flight folder {path}", expected="what `flightdepth run` writes", got=got)
+def _not_ours(path: Path, got: str, *, mend: str | None = None) -> BadInput:
+    return BadInput(f"flight folder {path}", expected="what `flightdepth run` writes", got=got, mend=mend)

@@ -48,7 +48,7 @@ function show(state, fan) {
   const dropped = reasons.reduce((sum, [, count]) => sum + count, 0);
   const share = state.frames.received ? 100 * dropped / state.frames.received : 0;
   const most = reasons.sort((a, b) => b[1] - a[1]).slice(0, 2);
-  const why = most.length === 1 ? most[0][0] : most.map(([reason, count]) => `${count} ${reason}`).join(", ");
+  const why = most.length === 1 ? most[0][0] : most.map(([reason, count]) => `${count}: ${reason}`).join("; ");
   figure("dropped", String(dropped), `${share.toFixed(0)} %`, why || `of ${state.frames.received}`);
   const pairs = state.ranges.map((pair) => `${pair.displacement_m.toFixed(2)} m in ${pair.shift}`).join(", ");
   const unit = state.ranges.at(-1)?.shift === 1 ? "frame" : "frames";
@@ -70,7 +70,13 @@ function showFan(told, fan) {
   fan.draw(told);
   const found = nearest(told);
   put("nearest", found ? `${found.m.toFixed(1)} m` : "–");
-  put("nearest-where", found ? bearing(found.index, told.sectors.length) : "no obstacle known");
+  put("nearest-where", found ? bearing(found.index, told.sectors.length) : none(told));
+}
+
+// Where no obstacle is known: because there is none, or because nothing is.
+function none(told) {
+  if (told.lacking) return told.lacking;
+  return told.sectors.every((sector) => sector.kind === "unknown") ? "every direction is unknown" : "no obstacle known";
 }
 
 function showScale(scale) {

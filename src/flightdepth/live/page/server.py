@@ -31,6 +31,8 @@ from flightdepth.live.status import LiveResult, StatusSource
 from flightdepth.outputs.palette import DepthScale
 
 ADDRESS = re.compile(r"(?P<host>[^:]+|\[[0-9a-fA-F:]+\]):(?P<port>\d{1,5})")
+# All addresses of this machine, and one of them that its browser can open.
+ANY_ADDRESS = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 OWN_NAME = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])?(:\d+)?")
 MOST_REQUESTS = 24  # at a time: four browsers that take all they can
 SOCKET_TIMEOUT_S = 5.0
@@ -65,9 +67,7 @@ class Page:
 
     def state(self) -> Json:
         """What /state.json says."""
-        status, feed = self._status(), self._obstacles
-        fresh, settings = (None, None) if feed is None else (feed.fresh(status.stamp_ns), feed.settings)
-        return state(status, self.pictures.result, fresh, settings)
+        return state(self._status(), self.pictures.result, self._obstacles)
 
     def scale(self) -> Json:
         """What /scale.json says."""
@@ -110,10 +110,16 @@ class PageServer(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """The page's URL."""
+        """The page's URL, for a browser on this machine where it listens on all addresses."""
         host, port = str(self.server_address[0]), self.server_address[1]
+        host = ANY_ADDRESS.get(host, host)
         name = f"[{host}]" if ":" in host else host
         return f"http://{name}:{port}/"
+
+    @property
+    def everywhere(self) -> bool:
+        """Whether it listens on all addresses of this machine."""
+        return str(self.server_address[0]) in ANY_ADDRESS
 
     @property
     def local(self) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.live.obstacle_messages import UNKNOWN, distances_cm
-from flightdepth.live.obstacle_sender import SectorsAt
+from flightdepth.live.obstacle_sender import ObstacleFeed
 from flightdepth.live.obstacles import ObstacleSettings, Sectors
 from flightdepth.live.status import LiveResult, LiveStatus
 from flightdepth.motion import Vector
@@ -26,9 +26,7 @@ from flightdepth.outputs.palette import (
 Json = dict[str, Any]
 
 
-def state(
-    status: LiveStatus, result: LiveResult | None, fresh: SectorsAt | None, settings: ObstacleSettings | None
-) -> Json:
+def state(status: LiveStatus, result: LiveResult | None, obstacles: ObstacleFeed | None) -> Json:
     """All that changes: health, ages, counts, the fan."""
     return {
         "health": {
@@ -65,18 +63,20 @@ def state(
         "uptime_s": status.uptime_s,
         "no_depth": None if result is None else result.depth.reason,
         "speed_m_s": None if result is None else speed(result.motion.velocity_ned),
-        "fan": None if settings is None else fan(fresh, settings),
+        "fan": None if obstacles is None else fan(obstacles, status.stamp_ns),
     }
 
 
-def fan(fresh: SectorsAt | None, settings: ObstacleSettings) -> Json:
+def fan(feed: ObstacleFeed, now_ns: int) -> Json:
     """The sectors as they would be sent now: distance in metres, or why there is none."""
+    settings, fresh = feed.settings, feed.fresh(now_ns)
     sectors = Sectors.unknown() if fresh is None else fresh.sectors
     values = distances_cm(sectors, settings)
     obstacles = sectors.obstacle_m <= settings.max_m
     return {
         "max_m": settings.max_m,
         "min_m": settings.min_m,
+        "lacking": feed.lacking,
         "sectors": [
             {"kind": kind(int(value), bool(seen), settings), "m": metres(int(value)), "old": bool(old)}
             for value, seen, old in zip(values, obstacles, sectors.remembered, strict=True)
