@@ -19,7 +19,7 @@ from flightdepth.flight import Frame, open_flight
 from flightdepth.flight.cameras import choose_camera
 from flightdepth.flight.flight_log import choose_telemetry
 from flightdepth.flight.picture_folder import DAMAGED, LEFT_OUT, NOT_LATER, PictureFolder
-from flightdepth.flight.picture_names import by_number, by_time
+from flightdepth.flight.picture_names import by_number, by_time, pictures_in
 from flightdepth.flight.still import decoded, turn_in
 from flightdepth.flight.telemetry import read_telemetry
 from flightdepth.flight.universal_time import UniversalTime
@@ -360,6 +360,14 @@ def test_a_picture_whose_name_lies_of_its_kind_is_read(tmp_path):
 
 
 # What is refused
+
+
+def test_what_run_wrote_is_no_flight(tmp_path):
+    """Its masks are pictures, and the advice was to run on its maps."""
+    for name in ("flight.json", "mask.png"):
+        (tmp_path / name).touch()
+    with pytest.raises(BadInput, match="got what `run` wrote of one.*flightdepth view"):
+        pictures_in(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ DIGITS = re.compile(r"([0-9]+)")
 TIME = re.compile(
     r"(?<![0-9])(?:(?P<s>1[0-9]{9})\.(?P<fraction>[0-9]{1,9})|1[0-9]{18}|1[0-9]{15}|1[0-9]{12})(?![0-9])"
 )
+RESULT = "flight.json"  # in a folder that `run` wrote
 LISTED = 5  # folders in a message
 UNIT_NS = {19: 1, 16: 1_000, 13: 1_000_000}  # by the number of digits
 
@@ -41,6 +42,11 @@ def pictures_in(folder: Path) -> list[str]:
             files = [entry.name for entry in shown if not entry.is_dir()]
     except OSError as error:
         raise BadInput(what, expected="a readable folder", got=error.strerror or str(error)) from error
+    if RESULT in files:
+        mend = f"Look at it with `flightdepth view {folder}`, or give the video itself."
+        raise BadInput(
+            f"flight {folder}", expected="a video, or pictures", got="what `run` wrote of one", mend=mend
+        )
     names = [name for name in files if Path(name).suffix.lower() in SUFFIXES]
     kinds = Counter(Path(name).suffix.lower() for name in names)
     if not kinds:
