@@ -366,7 +366,7 @@ def test_what_run_wrote_is_no_flight(tmp_path):
     """Its masks are pictures, and the advice was to run on its maps."""
     for name in ("flight.json", "mask.png"):
         (tmp_path / name).touch()
-    with pytest.raises(BadInput, match="got what `run` wrote of one.*flightdepth view"):
+    with pytest.raises(BadInput, match=r"got what `run` wrote of one.*flightdepth view"):
         pictures_in(tmp_path)
 
 
