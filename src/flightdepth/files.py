@@ -52,6 +52,12 @@ def file_in_progress(path: Path) -> Iterator[BinaryIO]:
         raise
 
 
+def bring_to_the_disk() -> None:
+    """All that was written so far, many files at once; Windows has no call for that."""
+    if hasattr(os, "sync"):
+        os.sync()
+
+
 def make_folder(option: str, path: Path) -> None:
     """The folder that an option of the command line names, made where it is missing."""
     if path.exists() and not path.is_dir():
@@ -190,7 +196,8 @@ def _replace_folder(partial: Path, target: Path) -> None:
         old.rmdir()
         raise _beside(partial, target, error) from error
     move_folder(partial, target)
-    shutil.rmtree(old)
+    # The new one stands: what cannot be removed (on NFS what a viewer has open) is no error of it, and goes next time.
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def _beside(partial: Path, target: Path, error: OSError) -> FlightDepthError:

@@ -14,8 +14,10 @@ from flightdepth.commands.run import refuse_logs
 from flightdepth.commands.run_settings import RunSettings
 from flightdepth.commands.single_flight import closer
 from flightdepth.errors import BadInput
+from flightdepth.files import folder_in_progress
 from flightdepth.flight.telemetry import is_log
 from flightdepth.outputs import FlightFolder, FlightWriter
+from flightdepth.outputs.interrupted import RECORDING
 from flightdepth.ranges.direction import SeenDirections
 from flightdepth.runtimes.network import load_network
 
@@ -388,6 +390,14 @@ def test_a_folder_of_pictures_that_looks_like_a_bag_is_a_flight(tmp_path):
     (tmp_path / "metadata.yaml").write_text("camera: x\n")
     assert is_log(tmp_path)
     refuse_logs([tmp_path, tmp_path])
+
+
+def test_a_folder_that_another_run_is_writing(run, work):
+    """Found in review: two flights without --out, in two windows: whichever ended last replaced the other's depth."""
+    with folder_in_progress(work / "made/out", kind=RECORDING):
+        code, _, stderr = run()
+    assert code == 2
+    assert "no other run or recording that writes it" in stderr.splitlines()[-1]
 
 
 def test_a_folder_that_holds_something_else(run, work, capsys):

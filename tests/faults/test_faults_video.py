@@ -6,6 +6,7 @@ import threading
 import time
 import tracemalloc
 from collections import Counter
+from contextlib import closing
 from functools import cache
 from itertools import pairwise
 
@@ -33,7 +34,12 @@ def read(path, **part):
 
 def number(frame):
     """Which picture of the film this is, by its time."""
-    return round(frame.stamp_ns * FPS / 1e9)
+    return number_at(frame.stamp_ns)
+
+
+def number_at(stamp_ns):
+    """Which picture of the film is shown then."""
+    return round(stamp_ns * FPS / 1e9)
 
 
 def unsound(frames, of):
@@ -380,6 +386,26 @@ def test_fault_10_pictures_with_doubled_or_backward_times_are_dropped_and_counte
     frames, counts = read(path)
     assert counts == {"frames not later than the one before": 2}
     assert [number(frame) for frame in frames] == [0, 1, 2, 3, 5, 6, 7, 9, 10, 11]
+
+
+def test_fault_10_one_time_far_ahead_costs_its_own_picture(tmp_path):
+    """Found in review: all that came after it, to the end of the flight, was not later. Live waited for it."""
+    path = film(tmp_path / "flight.mkv", 24, codec="mjpeg", encoder={"strict": "unofficial"})
+    data = bytearray(path.read_bytes())
+    place = nth(data, b"\xff\xd8\xff", 9) - 3
+    struct.pack_into(">h", data, place, struct.unpack_from(">h", data, place)[0] + 20_000)
+    path.write_bytes(data)
+    others = [index for index in range(24) if index != 9]
+    frames, counts = read(path)
+    assert counts == {"frames whose time jumps ahead": 1}
+    assert [number(frame) for frame in frames] == others
+    live_counts = Counter()
+    stream = VideoStream(video_address(str(path)), live_counts)
+    began_ns = time.monotonic_ns()
+    with closing(stream):
+        played = list(stream.paced(began_ns, 0, threading.Event()))
+    assert dict(live_counts) == counts
+    assert [number_at(picture.stamp_ns - began_ns) for picture in played] == others
 
 
 def nth(data, found, n):

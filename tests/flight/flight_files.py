@@ -7,6 +7,7 @@ from pathlib import Path
 import av
 import numpy as np
 
+PIXELS = {"png": "rgb24", "qtrle": "rgb24", "cfhd": "yuv422p10le"}  # of what takes no yuv420p
 IDENTITY = (0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 0x40000000)
 
 
@@ -26,7 +27,7 @@ def make_video(
     with av.open(str(path), "w", options=options or {}) as container:
         stream = container.add_stream(codec, rate=rate or 30, options=stream_options or {})
         stream.width, stream.height = width, height
-        stream.pix_fmt = "rgb24" if codec == "png" else "yuv420p"
+        stream.pix_fmt = PIXELS.get(codec, "yuv420p")
         stream.codec_context.time_base = Fraction(1, rate or 1000)
         for index, stamp in enumerate(stamps_ms):
             image = np.full((height, width, 3), colour(index), np.uint8)

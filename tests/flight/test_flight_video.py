@@ -248,13 +248,50 @@ def test_the_files_of_a_recording_can_be_joined_without_encoding(tmp_path):
     assert pictures_of(whole, lambda k: 4 * k, start_s=1.2) == [(k, k) for k in range(30, 50)]
 
 
-def test_pictures_of_an_avi_are_at_their_own_place(tmp_path):
+@pytest.mark.parametrize("start_s", [0.08, 0.6])
+def test_a_part_of_a_transport_stream_whose_counter_overflows_is_whole(tmp_path, start_s):
+    """Times before the overflow are negative: of what began there a part was refused, or lacked its first second."""
+    path = make_video(
+        tmp_path / "v.ts",
+        range(0, 2000, 40),
+        colour=lambda k: 4 * k,
+        options={"output_ts_offset": f"{2**33 / 90_000 - 1:.3f}"},
+        stream_options={"g": "12"},
+        rate=25,
+    )
+    assert pictures_of(path, lambda k: 4 * k) == [(k, k) for k in range(50)]
+    first = round(start_s * 25)
+    assert pictures_of(path, lambda k: 4 * k, start_s=start_s) == [(k, k) for k in range(first, 50)]
+
+
+@pytest.mark.parametrize(("name", "codec"), [("v.mov", "cfhd"), ("v.avi", "cfhd"), ("v.mov", "qtrle")])
+def test_a_video_whose_decoder_marks_no_key_frame_is_read(tmp_path, name, codec):
+    """CineForm, which GoPro's programs make of its videos, and QuickTime Animation were refused: no picture."""
+    path = make_video(
+        tmp_path / name,
+        range(0, 800, 40),
+        colour=lambda k: 10 * k,
+        codec=codec,
+        stream_options={"g": "5"},
+        rate=25,
+    )
+    assert pictures_of(path, lambda k: 10 * k) == [(k, k) for k in range(20)]
+    assert pictures_of(path, lambda k: 10 * k, start_s=0.32) == [(k, k) for k in range(8, 20)]
+
+
+def test_pictures_of_an_avi_are_at_their_own_place(tmp_path, monkeypatch):
     """It numbers packets as they lie, which is not how they are shown."""
     path = make_video(
         tmp_path / "v.avi", range(0, 2000, 40), colour=lambda k: 4 * k, stream_options={"bf": "3"}, rate=25
     )
     assert pictures_of(path, lambda k: 4 * k) == [(k, k) for k in range(50)]
     assert pictures_of(path, lambda k: 4 * k, start_s=1.2) == [(k, k) for k in range(30, 50)]
+    # Played as live, they came one or two pictures late, the steps between them uneven.
+    begun_ns = time.monotonic_ns() - 2 * 10**9
+    monkeypatch.setattr("flightdepth.live.video_stream.LATE_NS", 60 * 10**9)
+    with closing(VideoStream(video_address(str(path)), Counter())) as stream:
+        played = [each.stamp_ns - begun_ns for each in stream.paced(begun_ns, 0, threading.Event())]
+    assert played == [frame.stamp_ns for frame in read(path)]
 
 
 @pytest.mark.parametrize("part", [{}, {"end_s": 0.4}])

@@ -14,6 +14,8 @@ S = 10**9
 class Container:
     """`demuxed` and `decoded` are what its iterators give; `sought` is where it was sent to."""
 
+    start_time = 0
+
     def __init__(self, *, name="matroska,webm", duration=None, audio=(), demuxed=(), decoded=()):
         self.format, self.duration = SimpleNamespace(name=name), duration
         self.streams = SimpleNamespace(audio=audio)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from flightdepth.live.clock import WINDOW_NS, RemoteClock
 from flightdepth.live.meters import Ages, Rate
-from flightdepth.live.picture_clock import NO_REPORT, PictureClock
+from flightdepth.live.picture_clock import HELD, NO_REPORT, PictureClock
 
 MS, S = 10**6, 10**9
 FRAME = 33_333_333
@@ -137,6 +137,25 @@ def test_a_stream_whose_time_jumps_is_followed_at_once(step):
         own, now = 100 * S + i * FRAME + (step if i >= 200 else 0), 5 * S + i * FRAME
         clock.packet(own, now)
         assert clock.stamp(own) == (now, "reception")
+
+
+@pytest.mark.parametrize("wrong", [-100 * S, -700 * MS, 1500 * MS, 100 * S])
+def test_one_wrong_time_moves_no_picture_that_the_decoder_still_holds(wrong):
+    """The picture before it was put into the past, or the future, by as much, and it itself the other way."""
+    clock, held = PictureClock(0), None
+    for i in range(60):
+        own, now = 200 * S + i * FRAME + (wrong if i == 30 else 0), 5 * S + i * FRAME
+        clock.packet(own, now)
+        if held is not None:
+            assert clock.stamp(held) == (now - FRAME, "reception")
+        held = own
+
+
+def test_of_the_stamps_of_packets_the_newest_are_kept():
+    clock = PictureClock(0)
+    for i in range(1000):
+        clock.packet(i * FRAME, 5 * S + i * FRAME)
+    assert len(clock._stamps) == HELD
 
 
 def test_packets_in_the_order_of_decoding_are_no_jump():

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from flightdepth import files
-from flightdepth.outputs.interrupted import keep_interrupted
+from flightdepth.errors import BadInput
+from flightdepth.outputs.interrupted import RECORDING, check_alone, keep_interrupted
 
 
 @pytest.fixture
@@ -78,3 +79,16 @@ def test_what_a_link_leads_to_is_kept_beside_it(tmp_path):
     left_by_a_kill(disk, ".flight.recording-abcd1234")
     (tmp_path / "out").symlink_to(disk / "flight")
     assert keep_interrupted(tmp_path / "out") == [disk / "flight.interrupted-1"]
+
+
+def test_a_folder_is_written_by_one_at_a_time(tmp_path):
+    with files.folder_in_progress(tmp_path / "out", kind=RECORDING):
+        with pytest.raises(BadInput, match="no other run or recording that writes it"):
+            check_alone(tmp_path / "out")
+        check_alone(tmp_path / "other")
+    check_alone(tmp_path / "out")
+
+
+def test_what_a_killed_one_left_keeps_nobody_off(tmp_path):
+    left_by_a_kill(tmp_path, ".out.recording-abcd1234")
+    check_alone(tmp_path / "out")

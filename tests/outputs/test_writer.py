@@ -1,3 +1,5 @@
+import errno
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -40,6 +42,20 @@ def test_the_folder_holds_what_is_promised(tmp_path):
     }
     maps = {f"{kind}/{i:06d}.png" for kind in ("depth", "confidence") for i in (0, 1)}
     assert names == maps | {"frames.csv", "poses.csv", "flight.json", "preview.mp4"}
+
+
+def test_what_is_called_whole_came_to_the_disk_before(tmp_path, monkeypatch):
+    """A battery pulled after the end of a flight left empty maps in a folder that looked whole."""
+    brought = []
+
+    def sync():
+        [folder] = tmp_path.iterdir()
+        brought.append((len(list((folder / "depth").iterdir())), FlightFolder(folder).record.whole))
+
+    monkeypatch.setattr("flightdepth.files.os.sync", sync, raising=False)
+    write(tmp_path / "out", [known(10), known(20)], stopped=True)
+    assert brought == [(2, False)]
+    assert FlightFolder(tmp_path / "out").record.whole
 
 
 def test_png_depth_comes_back_within_half_a_centimetre(tmp_path):
@@ -343,6 +359,24 @@ def test_an_older_result_is_replaced(tmp_path):
     write(tmp_path / "out", [known(RAMP)] * 3)
     write(tmp_path / "out", [known(RAMP)])
     assert len(list((tmp_path / "out" / "depth").iterdir())) == 1
+
+
+def test_an_older_result_that_cannot_be_removed_is_no_error_of_the_new_one(tmp_path, monkeypatch):
+    """On NFS what another program has open stays in its folder, and a flight that was complete ended as an error."""
+    write(tmp_path / "out", [known(10)])
+    rmdir = os.rmdir
+
+    def refuse(path, **where):
+        if Path(path).name == "depth":
+            raise OSError(errno.ENOTEMPTY, "Directory not empty")
+        rmdir(path, **where)
+
+    monkeypatch.setattr("os.rmdir", refuse)
+    write(tmp_path / "out", [known(20)])
+    monkeypatch.undo()
+    assert FlightFolder(tmp_path / "out").depth_m(0).max() == 20
+    write(tmp_path / "out", [known(30)])
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
 @pytest.mark.parametrize("exists", [False, True])

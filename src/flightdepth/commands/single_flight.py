@@ -29,11 +29,12 @@ if TYPE_CHECKING:
 def run_one(path: Path, target: Path, settings: RunSettings, *, resume: bool = False) -> Outcome:
     """One flight into `target`; with `resume`, not again where the same result stands."""
     from flightdepth.flight import open_flight
-    from flightdepth.outputs.interrupted import keep_interrupted
+    from flightdepth.outputs.interrupted import check_alone, keep_interrupted
     from flightdepth.outputs.writer import check_target
     from flightdepth.runtimes.network import load_network, nearest_network
 
     check_target(target)
+    check_alone(target)
     for place in keep_interrupted(target):
         warn(f"an earlier run was killed: {what_stands(place)}")
     name = named(path).name

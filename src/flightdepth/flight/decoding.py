@@ -19,6 +19,7 @@ from flightdepth.flight.video_clock import numbers_packets
 
 # Pictures are shown in another order than they are decoded: so many before a damaged one may be built on it.
 REORDERED = 4
+KEYS_KEPT = 64  # packets: a decoder holds the pictures of fewer
 
 BUILT_ON_DAMAGE = "frames built on damaged ones, up to the next key frame or whole refresh"
 NO_KEY_FRAME_YET = "frames before the first key frame"
@@ -38,6 +39,10 @@ class Damageable:
         self._waiting = True  # for what begins afresh
         self._damaged = False  # since the last picture given
         self._damage_pts: int | None = None
+        # Some decoders mark no picture as a key frame (CineForm, QuickTime Animation). Where pictures are shown in the
+        # order of their packets, these tell it too; else the decoder knows better.
+        self._packets_tell = context is not None and not context.codec.reorder
+        self._key_pts: deque[int] = deque(maxlen=KEYS_KEPT)
 
     def damage(self, pts: int | None) -> None:
         """Something is missing or wrong at `pts`."""
@@ -45,10 +50,16 @@ class Damageable:
 
     def _misses(self, packet: Any) -> bool:
         """Take note of a packet before it is decoded; whether others are missing before it."""
+        if self._packets_tell and packet.is_keyframe and packet.pts is not None:
+            self._key_pts.append(packet.pts)
         missing = self._refresh.misses(packet)
         if missing and not self._waiting:
             self._counts[MISSING] += 1
         return missing
+
+    def _is_key(self, picture: Any) -> bool:
+        """Whether a decoded picture leans on no other."""
+        return bool(picture.key_frame) or picture.pts in self._key_pts
 
     def _refused(self, packet: Any) -> None:
         """The decoder can make nothing of a packet: it is damaged, or leans on what is."""
@@ -146,7 +157,7 @@ class SoundPictures(Damageable):
     def _begins_afresh(self, picture: Any) -> bool:
         # Several pictures are in the decoder at once: a key frame from before the damage may come after its news.
         later = self._damage_pts is None or picture.pts is None or picture.pts > self._damage_pts
-        return bool(picture.key_frame and later) or self._refresh.is_whole(picture.pts)
+        return (self._is_key(picture) and later) or self._refresh.is_whole(picture.pts)
 
     def _damage_shown(self, pts: int | None) -> None:
         """Damage in the order of display: what is held back may be built on it."""

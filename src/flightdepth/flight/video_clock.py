@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from typing import Any
 
 import av
 from av.error import FFmpegError
 
+from flightdepth.flight.order import Doubt, is_long_after, with_jumps
 from flightdepth.flight.records import NS_PER_S
 
 
@@ -16,6 +19,16 @@ def numbers_packets(container: Any) -> bool:
     its place.
     """
     return bool(container.format.name == "avi")
+
+
+def rewind(container: Any) -> None:
+    """Go to the beginning. Times may begin below 0: those of MPEG-TS whose counter overflows within the file do.
+
+    Raises:
+        FFmpegError: the container cannot be sought in.
+    """
+    start = container.start_time or 0  # microseconds
+    container.seek(0 if start >= 0 else start - av.time_base)
 
 
 class VideoClock:
@@ -38,6 +51,29 @@ class VideoClock:
             return before + 1  # the last ones come out when there are no packets left; a tick is a picture
         return picture.dts  # type: ignore[no-any-return]
 
+    def stamped(
+        self,
+        pictures: Iterable[tuple[Any, bool]],
+        counts: Counter[str],
+        is_doubted: Doubt = is_long_after,
+    ) -> Iterator[tuple[int, Any, bool]]:
+        """Decoded pictures, in order of display, with strictly rising times since the first picture.
+
+        pictures    each with whether damage lies between it and the one before, which is carried over where that goes
+        counts      of what is left out: what has no time, or one that does not fit those around it
+        is_doubted  of which times it is asked whether they fit those that follow
+        """
+        last_ns, damaged = -1, False
+        for stamp_ns, (picture, after_damage), jumps in with_jumps(self._times(pictures, counts), is_doubted):
+            damaged |= after_damage
+            if jumps:
+                counts["frames whose time jumps ahead"] += 1
+            elif stamp_ns <= last_ns:
+                counts["frames not later than the one before"] += 1
+            else:
+                yield stamp_ns, picture, damaged
+                last_ns, damaged = stamp_ns, False
+
     def ticks_at(self, stamp_ns: int) -> int:
         """The tick at a time since the first picture, or the last one before it."""
         return self._origin + int(Fraction(stamp_ns, NS_PER_S) / self._stream.time_base)
@@ -55,6 +91,18 @@ class VideoClock:
             return self.duration_ns - self._nanoseconds(self._origin)
         return 0
 
+    def _times(
+        self, pictures: Iterable[tuple[Any, bool]], counts: Counter[str]
+    ) -> Iterator[tuple[int, tuple[Any, bool]]]:
+        ticks, damaged = None, False
+        for picture, after_damage in pictures:
+            damaged |= after_damage
+            if (ticks := self.ticks_of(picture, ticks)) is None:
+                counts["frames without a time"] += 1
+            else:
+                yield self.stamp_ns(ticks), (picture, damaged)
+                damaged = False
+
     def _find_origin(self) -> int:
         """Time of the first picture, ticks; some containers tell it only with the first packet or picture."""
         if self._stream.start_time is not None and not self._by_packet:
@@ -65,7 +113,7 @@ class VideoClock:
                 if self._by_packet
                 else self._container.demux(self._stream)
             )
-            self._container.seek(0)
+            rewind(self._container)
         except (FFmpegError, StopIteration):
             return 0
         return self.ticks_of(first) or 0

@@ -16,7 +16,7 @@ from flightdepth.flight.picture import Picture
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.flight.spherical import refuse_sphere
 from flightdepth.flight.universal_time import UniversalTime
-from flightdepth.flight.video_clock import VideoClock
+from flightdepth.flight.video_clock import VideoClock, rewind
 
 LEAST_MISSING_NS = NS_PER_S  # at the end of a file that is read from its middle on
 
@@ -24,8 +24,8 @@ LEAST_MISSING_NS = NS_PER_S  # at the end of a file that is read from its middle
 class VideoFile:
     """An open video file, to be read once. Times are container times, relative to the stream's start.
 
-    A picture that is damaged or built on a damaged one, has no time, or is not later than the one before is left
-    out and counted.
+    A picture that is damaged or built on a damaged one, has no time, is not later than the one before or long after
+    those that follow it is left out and counted.
     """
 
     utc: UniversalTime | None = None
@@ -97,18 +97,12 @@ class VideoFile:
 
     def _timed(self, start_ns: int, counts: Counter[str], begin_by: int | None) -> Iterator[Picture]:
         """Sound pictures with strictly rising times, from where the container stands."""
-        last_ns, step_ns, ticks, damaged = -1, 0, None, False
+        last_ns, step_ns = -1, 0
         whole = start_ns == 0
         sound = SoundPictures(self._container, self._stream, counts, whole=whole, begin_by=begin_by)
-        for picture, after_damage in deinterlaced(sound):
-            damaged |= after_damage
-            if (ticks := self._clock.ticks_of(picture, ticks)) is None:
-                counts["frames without a time"] += 1
-            elif (stamp_ns := self._clock.stamp_ns(ticks)) <= last_ns:
-                counts["frames not later than the one before"] += 1
-            else:
-                yield Picture(stamp_ns, picture, turn_of(picture), damaged)
-                last_ns, step_ns, damaged = stamp_ns, stamp_ns - last_ns, False
+        for stamp_ns, picture, after_damage in self._clock.stamped(deinterlaced(sound), counts):
+            yield Picture(stamp_ns, picture, turn_of(picture), after_damage)
+            last_ns, step_ns = stamp_ns, stamp_ns - last_ns
         # What was read and is damaged is counted as such.
         read_ns = last_ns if sound.read_pts is None else self._clock.stamp_ns(sound.read_pts)
         missing_ns = self._clock.promised_end_ns(whole=whole) - max(read_ns, start_ns)
@@ -121,7 +115,7 @@ class VideoFile:
             return False
         try:
             if back_ns >= start_ns:
-                self._container.seek(0)
+                rewind(self._container)
                 return False
             self._container.seek(self._clock.ticks_at(start_ns - back_ns), stream=self._stream)
         except FFmpegError:

@@ -17,6 +17,7 @@ OLDEST_NS, AHEAD_NS = 2 * NS_PER_S, NS_PER_S // 100
 SET_NS = NS_PER_S // 10
 # Packets come in the order of decoding, so their times step back by some pictures; by more where it was set.
 BACK_NS = NS_PER_S // 2
+HELD = 64  # packets: a decoder holds the pictures of fewer
 NO_REPORT = "no report of the sender's clock has come"
 EARLY = "by it pictures came before they were taken"
 
@@ -26,6 +27,9 @@ class PictureClock:
 
     `wall_from_sender`: believe the wall clock of RTCP reports. `same_clock`: the stream's times are already
     those of our monotonic clock, if they look like it.
+
+    A decoder may hold a picture back until the next packets come. What these say of the clock, which may be wrong once,
+    is of later pictures: each is stamped as the clock stood when its own packet came.
 
     `distrusted`: why the wall clock asked for is not believed now; None where it is, or nobody asked for one.
     """
@@ -38,6 +42,7 @@ class PictureClock:
         self._newest_ns = 0  # of the stream's times
         self._sender_offset_ns: int | None = None
         self._was_set = False
+        self._stamps: dict[int, tuple[int, AgeFrom]] = {}  # of the newest packets, by the stream's time
 
     def packet(
         self,
@@ -64,13 +69,21 @@ class PictureClock:
             self._sender_offset_ns = 0
         elif self._wall_from_sender and sender_wall_ns is not None and not self._was_set:
             self._compare(own_ns, now_ns, now_ns + sender_wall_ns - wall_now_ns)
+        self._stamps.pop(own_ns, None)
+        self._stamps[own_ns] = self._stamp(own_ns)
+        if len(self._stamps) > HELD:
+            del self._stamps[next(iter(self._stamps))]
 
     def late_ns(self, own_ns: int, now_ns: int) -> int:
         """How much later than the fastest ones a packet of the stream's time `own_ns` is, read at `now_ns`."""
         return now_ns - self._arrivals.live_ns(own_ns)
 
     def stamp(self, own_ns: int) -> tuple[int, AgeFrom]:
-        """When the picture of the stream's time `own_ns` was taken; a packet must have come before.
+        """When the picture of the stream's time `own_ns` was taken; a packet must have come before."""
+        return self._stamps.get(own_ns) or self._stamp(own_ns)
+
+    def _stamp(self, own_ns: int) -> tuple[int, AgeFrom]:
+        """By what is known now.
 
         The sender is not believed where it says so from the future: its clock, or one stamp of it, is wrong.
         """

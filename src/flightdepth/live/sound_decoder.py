@@ -93,6 +93,6 @@ class SoundDecoder(Damageable):
         if self._refresh.is_whole(decoded.pts):
             return True
         if self._damage_pts is None or decoded.pts is None:
-            return bool(decoded.key_frame)
+            return self._is_key(decoded)
         early_s = (self._damage_pts - decoded.pts) * decoded.time_base
-        return bool(decoded.key_frame) and not 0 <= early_s <= IN_DECODER_S
+        return self._is_key(decoded) and not 0 <= early_s <= IN_DECODER_S

@@ -22,6 +22,7 @@ from flightdepth.flight.container import main_stream
 from flightdepth.flight.decoding import GAP, file_packets
 from flightdepth.flight.display_matrix import upright
 from flightdepth.flight.records import NS_PER_S
+from flightdepth.flight.video_clock import VideoClock
 from flightdepth.live.backlog import Backlog
 from flightdepth.live.picture_clock import PictureClock
 from flightdepth.live.sound_decoder import SoundDecoder
@@ -109,27 +110,32 @@ class VideoStream:
 
     def paced(self, epoch_ns: int, delay_ns: int, stop: threading.Event) -> Iterator[Picture]:
         """A file's pictures, each when it is due; its stream begins at `epoch_ns`, as a log beside it does."""
-        start = self._stream.start_time
-        first_ns = None if start is None else self._nanoseconds(start)
+        clock = VideoClock(self._container, self._stream)
+
+        def is_doubted(own_ns: int, *before: int) -> bool:
+            return epoch_ns + own_ns > time.monotonic_ns() + LATE_NS  # there is time to look ahead
+
         late: tuple[int, int] | None = None  # since when, and by how much then
+        for own_ns, decoded, _ in clock.stamped(self._file_pictures(), self._counts, is_doubted):
+            due_ns = epoch_ns + own_ns
+            now_ns = time.monotonic_ns()
+            ahead_ns = due_ns - now_ns
+            if stop.wait(max(0, ahead_ns) / NS_PER_S):
+                return
+            if ahead_ns < -LATE_NS:
+                self._counts["pictures of a file that could not be read in time"] += 1
+                late = late or (now_ns, -ahead_ns)
+                if now_ns - late[0] > LATE_NS and -ahead_ns >= late[1]:
+                    self._decoder.skip_to_key_frame()  # decoding each it does not catch up
+                    late = None
+                continue
+            late = None
+            yield Picture(decoded, due_ns - delay_ns, "reception")
+
+    def _file_pictures(self) -> Iterator[tuple[Any, bool]]:
         for packet in file_packets(self._container, self._stream, self._gap):
             for decoded in self._decoder.decode(packet):
-                own_ns = self._nanoseconds(decoded.pts)
-                first_ns = own_ns if first_ns is None else first_ns
-                due_ns = epoch_ns + own_ns - first_ns
-                now_ns = time.monotonic_ns()
-                ahead_ns = due_ns - now_ns
-                if stop.wait(max(0, ahead_ns) / NS_PER_S):
-                    return
-                if ahead_ns < -LATE_NS:
-                    self._counts["pictures of a file that could not be read in time"] += 1
-                    late = late or (now_ns, -ahead_ns)
-                    if now_ns - late[0] > LATE_NS and -ahead_ns >= late[1]:
-                        self._decoder.skip_to_key_frame()  # decoding each it does not catch up
-                        late = None
-                    continue
-                late = None
-                yield Picture(decoded, due_ns - delay_ns, "reception")
+                yield decoded, False  # of damage in between nobody asks here
 
     def _packets(self) -> Iterator[Any]:
         packets = self._container.demux(self._stream)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
 from flightdepth.errors import BadInput
@@ -25,14 +25,38 @@ def keep_interrupted(target: Path) -> list[Path]:
     which are, but moves no folder whose files are open.
     """
     target = target.resolve()
-    pattern = re.compile(rf"\.{re.escape(target.name)}\.{RECORDING}-[a-z0-9_]{{8}}")
-    left = [path for path in target.parent.glob(".*") if pattern.fullmatch(path.name)]
     kept = []
-    for folder in sorted(left, key=lambda path: path.stat().st_mtime_ns):
-        with suppress(BadInput, PermissionError), held(folder, "recording", "work", "give another --out"):
+    for folder in sorted(_unfinished(target), key=lambda path: path.stat().st_mtime_ns):
+        with suppress(BadInput, PermissionError), _held(folder):
             place = folder.rename(interrupted_name(target))
             if any(place.glob("depth/[0-9]*")):
                 kept.append(place)
             else:
                 shutil.rmtree(place)
     return kept
+
+
+def check_alone(target: Path) -> None:
+    """Refuse a `target` that another run or recording is writing at this time: whichever ends last would replace the
+    other's result. Where the system has no locks nobody knows.
+    """
+    for folder in _unfinished(target.resolve()):
+        try:
+            with _held(folder):
+                pass
+        except BadInput as error:
+            raise BadInput(
+                f"output folder {target}",
+                expected="no other run or recording that writes it",
+                got="one that is running",
+                mend="Wait for it, stop it, or give another --out.",
+            ) from error
+
+
+def _unfinished(target: Path) -> list[Path]:
+    pattern = re.compile(rf"\.{re.escape(target.name)}\.{RECORDING}-[a-z0-9_]{{8}}")
+    return [path for path in target.parent.glob(".*") if pattern.fullmatch(path.name)]
+
+
+def _held(folder: Path) -> AbstractContextManager[None]:
+    return held(folder, "recording", "work", "give another --out")

@@ -14,7 +14,7 @@ import numpy as np
 
 from flightdepth import __version__
 from flightdepth.errors import BadInput, FlightDepthError
-from flightdepth.files import NEW, folder_in_progress, move_folder, names_in, write_atomic
+from flightdepth.files import NEW, bring_to_the_disk, folder_in_progress, move_folder, names_in, write_atomic
 from flightdepth.flight.records import Frame
 from flightdepth.flight.still_parts import StillPart
 from flightdepth.outputs.background import Background
@@ -211,6 +211,7 @@ class FlightWriter:
         rows = rows_from_csv((self._folder / TABLE).read_text(encoding="utf-8"))
         counts = Counts.of(rows, self._dropped, self._maps.saturated_pixels)
         self._summary = Summary.of(rows, counts, self._notes.with_frames(), tuple(self._warnings))
+        bring_to_the_disk()  # else a loss of power soon after leaves empty maps in what is called whole
         self._write_record(counts, whole=whole)
 
     def _write_record(self, counts: Counts, *, whole: bool) -> None:

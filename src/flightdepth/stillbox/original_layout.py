@@ -7,7 +7,6 @@ scene is named there when all of its files are on the disk, so that a crash leav
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from flightdepth.errors import BadInput
-from flightdepth.files import write_json
+from flightdepth.files import bring_to_the_disk, write_json
 from flightdepth.stillbox.encoding import EncodedScene
 
 SCENES_PER_FOLDER = 100
@@ -73,8 +72,7 @@ class OriginalLayout:
     def save(self) -> None:
         """Flush the scenes to the disk, then name them."""
         if self._unsaved:
-            if hasattr(os, "sync"):  # Windows has none
-                os.sync()
+            bring_to_the_disk()
             facts = {"scenes_nb": len(self._scenes), "scenes": self._scenes}
             write_json(self._place / METADATA, self._head | facts)
             self._saved_at, self._unsaved = self._clock(), False
