@@ -155,7 +155,8 @@ def test_the_sample_flight_tells_it_by_its_direction(tmp_path, off_s, attitudes)
 def test_run_shows_it(video, tmp_path, capsys):
     log = log_of(tmp_path / "log.csv", off_s=-0.7)
     given = ["--telemetry", str(log), "--hfov", "70", "--end", "8", "--telemetry-offset", "auto"]
-    assert main(["run", str(video), *given, "--network", "motion", "--out", str(tmp_path / "out")]) == 0
+    # 3: no frame has depth, as it should be of a landscape at infinity; a pixel or two may have.
+    assert main(["run", str(video), *given, "--network", "motion", "--out", str(tmp_path / "out")]) in (0, 3)
     assert re.search(r"offset between video and log: -0\.(69|70)", capsys.readouterr().out)
     clock = json.loads((tmp_path / "out" / "flight.json").read_text())["source"]["clock"]
     assert clock["offset_s"] == pytest.approx(-0.7, abs=0.04)
