@@ -176,7 +176,7 @@ def refused(outcome, *words):
 
 
 def test_an_unknown_kind(convert):
-    refused(convert("flight.obj"), ".ply, .las, .laz, .bt, .mcap", "got .obj")
+    refused(convert("flight.obj"), ".ply, .las, .laz, .bt, .mcap, .tum", "got .obj")
 
 
 def test_options_of_clouds_beside_a_recording(convert):

@@ -1,4 +1,4 @@
-"""The snippet of docs/view.md that hands poses to other programs."""
+"""What docs/view.md hands to other programs: poses by its snippet, and by the command before it."""
 
 import re
 from pathlib import Path
@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flown_folder import pose, write_flown
+
+from flightdepth.cli import main
 
 TEXT = (Path(__file__).parents[2] / "docs" / "view.md").read_text(encoding="utf-8")
 (SNIPPET,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
@@ -26,6 +28,7 @@ def handed_on(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names: dict = {}
     exec(SNIPPET, names)
+    assert main(["convert", "out", "flight.tum"]) == 0
     return names["map_from_camera"], (tmp_path / "flight.tum").read_text()
 
 
@@ -38,7 +41,8 @@ def test_a_matrix_brings_the_cameras_axes_to_east_north_up(handed_on):
 
 def test_the_trajectory_is_tums(handed_on):
     """Seconds, the place, then a quaternion with w at its end, here turned into the axes that it brings to the map."""
-    (line,) = handed_on[1].splitlines()
+    comment, line = handed_on[1].splitlines()
+    assert comment.startswith("# ")
     time_s, *place, x, y, z, w = map(float, line.split())
     assert (time_s, *place) == pytest.approx((1.23456789, -2, 5, 30))
     axes = (
@@ -47,6 +51,15 @@ def test_the_trajectory_is_tums(handed_on):
         (2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)),
     )
     assert np.array(axes) == pytest.approx(np.array([RIGHT, DOWN, FORWARD]), abs=1e-8)
+
+
+def test_the_trajectory_may_be_written_again_but_over_nothing_else(handed_on, tmp_path, capsys):
+    assert main(["convert", "out", "flight.tum"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "flight.tum: 1 poses of out, metres east, north, up" in told
+    (tmp_path / "mine.tum").write_text("0 0 0 0 0 0 0 1\n")
+    assert main(["convert", "out", "mine.tum"]) == 2
+    assert (tmp_path / "mine.tum").read_text() == "0 0 0 0 0 0 0 1\n"
 
 
 def test_opengls_camera_looks_back_along_its_z(handed_on):

@@ -4,10 +4,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from output_samples import csv_text, known, unknown
 
-from flightdepth.flight import AttitudeSample, Frame, VelocitySample
-from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation, rotation_from_euler
+from flightdepth.flight import AttitudeSample, Frame, PositionSample, VelocitySample
+from flightdepth.flight.telemetry import read_telemetry
+from flightdepth.motion import (
+    NED_FROM_CAMERA,
+    quaternion_from_rotation,
+    rotation_from_euler,
+    rotation_from_quaternion,
+)
 from flightdepth.outputs import poses
-from flightdepth.outputs.poses import COLUMNS, REMEMBERED, FramePose, PoseTrack, pose_cells, poses_from_csv
+from flightdepth.outputs.poses import (
+    COLUMNS,
+    REMEMBERED,
+    FramePose,
+    PoseTrack,
+    pose_cells,
+    poses_from_csv,
+    tum_trajectory,
+)
 
 S = 1_000_000_000
 PICTURE = np.zeros((8, 8, 3), np.uint8)
@@ -194,3 +208,28 @@ def test_an_attitude_that_nobody_knows_of_is_refused():
     text = csv_text(COLUMNS, pose_cells(pose)).replace("log", "guessed")
     with pytest.raises(ValueError, match="attitude 'guessed'"):
         poses_from_csv(text)
+
+
+def test_a_trajectory_comes_back_as_a_log(tmp_path):
+    """TUM's format is one that is read as well: the same ways and turns between poses, whatever its world's axes."""
+    turns = [rotation_from_euler(0.1 * k, -0.2, 0.4 * k) @ NED_FROM_CAMERA for k in range(5)]
+    flown = [
+        FramePose(
+            k, k * 200_000_000, 0, np.array([3.0 * k, -k, 0.1 * k]), quaternion_from_rotation(turn), "log"
+        )
+        for k, turn in enumerate(turns)
+    ]
+    zero_ns = 1_700_000_000_123_456_789
+    text = tum_trajectory(flown, zero_ns)
+    assert text.splitlines()[2].startswith("1700000000.323456789 -1.0000 3.0000 ")
+    (tmp_path / "flight.tum").write_text(text)
+    samples = read_telemetry(tmp_path / "flight.tum").samples
+    back = [sample for sample in samples if isinstance(sample, AttitudeSample)]
+    assert [sample.stamp_ns for sample in back] == [k * 200_000_000 for k in range(5)]
+    read = [rotation_from_quaternion(sample.world_from_camera) for sample in back]
+    for k in range(4):
+        np.testing.assert_allclose(read[k].T @ read[k + 1], turns[k].T @ turns[k + 1], atol=1e-7)
+    places = np.array([sample.position_ned for sample in samples if isinstance(sample, PositionSample)])
+    seen = [read[k].T @ step for k, step in enumerate(np.diff(places, axis=0))]
+    told = [turns[k].T @ (flown[k + 1].position_ned - flown[k].position_ned) for k in range(4)]
+    np.testing.assert_allclose(seen, told, atol=1e-3)

@@ -1,4 +1,4 @@
-"""`flightdepth convert`: depth of a flight as a point cloud, an occupancy map or a ROS recording."""
+"""`flightdepth convert`: a flight as a point cloud, an occupancy map, a ROS recording or a trajectory."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ if TYPE_CHECKING:
     from flightdepth.outputs.cloud import CloudSettings
     from flightdepth.outputs.voxels import Cloud
 
-RECORDING = ".mcap"
+RECORDING, TRAJECTORY = ".mcap", ".tum"
+TIMED = (RECORDING, TRAJECTORY)  # whose stamps may be universal time, and which are no clouds
 OCCUPANCY = ".bt"
-KINDS = (".ply", ".las", ".laz", OCCUPANCY, RECORDING)
+KINDS = (".ply", ".las", ".laz", OCCUPANCY, *TIMED)
 OF_A_MAP = {"voxel_m": 0.5, "max_range_m": 30.0}  # where nothing is said; a cloud's would take minutes
 LOCAL = "metres east, north, up"
 STRAYS = (
@@ -36,7 +37,7 @@ NO_PLACE = "attitude unknown, or not of the longest segment (poses.csv)"
 def convert(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="What `flightdepth run` wrote.")],
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A name that ends in .ply, .las, .laz, .bt or .mcap.")
+        Path, typer.Argument(metavar="FILE", help="A name that ends in .ply, .las, .laz, .bt, .mcap or .tum.")
     ],
     *,
     min_confidence: Annotated[
@@ -70,11 +71,12 @@ def convert(
     utc: Annotated[
         bool,
         typer.Option(
-            "--utc", help="Recordings: stamps in universal time. Without it: since the video's first picture."
+            "--utc",
+            help="Recordings, trajectories: stamps in universal time. Without it: since the video's first picture.",
         ),
     ] = False,
 ) -> None:
-    """Turn a flight's depth into one file that other programs read. The name's end says which.
+    """Turn a flight into one file that other programs read. The name's end says which.
 
     A point cloud with colours and confidence. A .ply is local: metres east,
     north and up from the first camera. So are .las and .laz, unless the log told
@@ -96,9 +98,14 @@ def convert(
 
       flightdepth convert out flight.mcap --utc
 
+    The camera's trajectory in TUM's format, east, north and up, as evo reads it:
+
+      flightdepth convert out flight.tum
+
     .las, .laz and .bt need the extra `clouds`, .mcap the extra `ros`.
     """
     from flightdepth.outputs.cloud import CloudSettings, frames_left_out, placed
+    from flightdepth.outputs.poses import tum_trajectory
 
     options = {
         "min_confidence": min_confidence,
@@ -111,11 +118,13 @@ def convert(
     kind = checked_kind(file)
     settings = CloudSettings(**((OF_A_MAP if kind == OCCUPANCY else {}) | given))  # type: ignore[arg-type]
     check_outside(folder, file)
-    if kind == RECORDING and given:
+    if kind in TIMED and given:
         named = ", ".join(f"--{name.removesuffix('_m').replace('_', '-')}" for name in given)
-        raise BadInput("options of clouds and maps", expected="none with .mcap", got=named)
-    if utc and kind != RECORDING:
-        raise BadInput("--utc", expected=f"a FILE that ends in {RECORDING}", got=f"one that ends in {kind}")
+        raise BadInput("options of clouds and maps", expected=f"none with {kind}", got=named)
+    if utc and kind not in TIMED:
+        raise BadInput(
+            "--utc", expected=f"a FILE that ends in {' or '.join(TIMED)}", got=f"one that ends in {kind}"
+        )
     flight = opened(folder)
     if kind == RECORDING:
         with room_on_the_disk(file, left=NOT_WRITTEN):
@@ -123,6 +132,14 @@ def convert(
         say(f"{file}: {frames:,} frames of {folder}")
         if frames < len(flight.rows):
             warn(f"{len(flight.rows) - frames:,} frames are not in it: {UNFILMED}")
+    elif kind == TRAJECTORY:
+        poses = list(placed(flight).values())
+        zero_ns = universal_time(flight).ns_at_zero if utc else 0
+        with room_on_the_disk(file, left=NOT_WRITTEN):
+            write_atomic(file, tum_trajectory(poses, zero_ns).encode())
+        say(f"{file}: {len(poses):,} poses of {folder}, {LOCAL}")
+        if len(poses) < len(flight.rows):
+            warn(f"{len(flight.rows) - len(poses):,} frames are not in it: {NO_PLACE}")
     else:
         with room_on_the_disk(file, left=NOT_WRITTEN):
             check_depth(flight)

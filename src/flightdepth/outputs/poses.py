@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -19,9 +20,15 @@ import numpy as np
 
 from flightdepth.flight import Frame
 from flightdepth.flight.places import PlaceTrack
-from flightdepth.flight.records import Sample, give
+from flightdepth.flight.records import NS_PER_S, Sample, give
 from flightdepth.flight.universal_time import UniversalTime
-from flightdepth.motion import NED_FROM_CAMERA, Vector, quaternion_from_rotation, rotation_from_quaternion
+from flightdepth.motion import (
+    ENU_FROM_NED,
+    NED_FROM_CAMERA,
+    Vector,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+)
 from flightdepth.outputs.level import LevelCamera
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.result import RangedDepth
@@ -156,3 +163,19 @@ def poses_from_csv(text: str) -> dict[int, FramePose]:
         index, stamp_ns, segment = (int(cells[column]) for column in COLUMNS[:3])
         poses[index] = FramePose(index, stamp_ns, segment, position, quaternion, attitude, place, utc_ns)
     return poses
+
+
+def tum_trajectory(poses: Iterable[FramePose], zero_ns: int = 0) -> str:
+    """A trajectory in TUM's format, poses with an attitude and of one segment: lines of `time x y z qx qy qz qw`.
+
+    Times are seconds, `zero_ns` being the video's first picture; east, north and up in metres, the camera's axes right,
+    down and forward.
+    """
+    lines = ["# flightdepth: time_s east_m north_m up_m qx qy qz qw"]
+    for pose in poses:
+        seconds, ns = divmod(zero_ns + pose.stamp_ns, NS_PER_S)
+        place = ENU_FROM_NED @ pose.position_ned
+        w, x, y, z = quaternion_from_rotation(ENU_FROM_NED @ pose.ned_from_camera)
+        numbers = [*(f"{metres:.4f}" for metres in place), *(f"{part:.9f}" for part in (x, y, z, w))]
+        lines.append(" ".join([f"{seconds}.{ns:09d}", *numbers]))
+    return "\n".join(lines) + "\n"
