@@ -153,6 +153,17 @@ def test_what_stands_still_is_told_once_obstacles_are_known(session, tmp_path):
     assert flying._lacking() == flying.engine._parts.lacking() == "something stands still"
 
 
+def test_obstacles_may_be_looked_at_alone(session):
+    """A name of a log had to be made up for the page's fan."""
+    seen = replace(session.settings, mavlink=None, telemetry=LOG, obstacles=True, serve="127.0.0.1:0")
+    looking = Session(replace(seen, video=str(VIDEO)))
+    with ExitStack() as stack:
+        looking._add_sinks(stack)
+    assert looking.obstacles is not None and looking.sender is None
+    with pytest.raises(BadInput, match="--serve to look at them, got none of them"):
+        replace(seen, serve=None)
+
+
 def test_no_obstacle_message_goes_before_there_is_anybody_to_send_to(session):
     """Each run ended with `1 messages not sent`; over UDP others went to nobody, or as another vehicle's."""
 

@@ -100,7 +100,11 @@ def live(
     ] = None,
     obstacles: Annotated[
         bool,
-        typer.Option("--obstacles", help="Send OBSTACLE_DISTANCE over --mavlink.", rich_help_panel=RESULTS),
+        typer.Option(
+            "--obstacles",
+            help="Send OBSTACLE_DISTANCE over --mavlink, and show it on the page.",
+            rich_help_panel=RESULTS,
+        ),
     ] = False,
     dry_run: Annotated[
         Path | None,

@@ -69,12 +69,12 @@ class Session:
             say(f"mask: {self.mask}")
         for warning in () if chosen is None else chosen.warnings:
             warn(warning)
-        if settings.sends_obstacles and (doubt := doubt_of_obstacles(self.network.card)):
+        if settings.seeks_obstacles and (doubt := doubt_of_obstacles(self.network.card)):
             warn(doubt)
         fixed = settings.mount == "fixed"
         self.store = MotionStore(looking(settings.mount_pitch or 0.0) if fixed else None)
         # Obstacles join two results in a row, so with one range these look near and far in turn.
-        turns = 2 if settings.sends_obstacles else 1
+        turns = 2 if settings.seeks_obstacles else 1
         self.stage = DepthStage(
             self.network,
             self.lens,
@@ -174,7 +174,8 @@ class Session:
             stack.callback(self._end_recording, recorder)
             self.engine.add_sink("recorder", recorder)
         self.engine.add_sink("still parts", self.still.take)
-        if obstacles is not None:  # the last: it empties an older log
+        is_sent = settings.mavlink is not None or settings.dry_run is not None  # else for the page alone
+        if obstacles is not None and is_sent:  # the last: it empties an older log
             self.sender = ObstacleSender(obstacles, self._obstacle_writer(stack), heard=self._is_heard)
 
     def _end_recording(self, recorder: Recorder) -> None:
@@ -185,7 +186,7 @@ class Session:
 
     def _add_obstacles(self) -> ObstacleFeed | None:
         settings = self.settings
-        if not settings.sends_obstacles:
+        if not settings.seeks_obstacles:
             return None
         obstacles = ObstacleMap(self._sight)
         packer = ObstaclePacker(obstacles.settings, system=self._vehicle)

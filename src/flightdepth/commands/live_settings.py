@@ -74,8 +74,9 @@ class LiveSettings:
                 )
         if self.duration is not None and not (math.isfinite(self.duration) and self.duration > 0):
             raise BadInput("--duration", expected="more than 0 seconds", got=str(self.duration))
-        if self.obstacles and self.mavlink is None and self.dry_run is None:
-            raise BadInput("--obstacles", expected="--mavlink to send over, or --dry-run TLOG", got="neither")
+        if self.obstacles and (self.mavlink, self.dry_run, self.serve) == (None, None, None):
+            expected = "--mavlink to send over, --dry-run TLOG, or --serve to look at them"
+            raise BadInput("--obstacles", expected=expected, got="none of them")
         if self.dry_run is not None:
             from flightdepth.live.obstacle_messages import is_own_log
 
@@ -94,8 +95,8 @@ class LiveSettings:
             parsed(self.serve)
 
     @property
-    def sends_obstacles(self) -> bool:
-        """To the autopilot, or to a log."""
+    def seeks_obstacles(self) -> bool:
+        """For the autopilot, a log, or the page alone."""
         return self.obstacles or self.dry_run is not None
 
     @property
