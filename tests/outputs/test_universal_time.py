@@ -107,7 +107,7 @@ def test_a_recording_in_universal_time(work, capsys):
     ("folder", "name", "words"),
     [
         ("silent", "a.mcap", "--utc: expected a flight whose log tells universal time, got none."),
-        ("out", "a.ply", "--utc: expected a FILE that ends in .mcap, got one that ends in .ply"),
+        ("out", "a.ply", "--utc: expected a FILE that ends in .mcap or .tum, got one that ends in .ply"),
     ],
 )
 def test_universal_time_that_cannot_be_is_refused(work, capsys, folder, name, words):
