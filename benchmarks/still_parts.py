@@ -51,6 +51,12 @@ class Still:
     image: NDArray[np.uint8]
     where: Flags
 
+    @property
+    def near(self) -> Flags:
+        """Where it is, and within BESIDE_PX of it."""
+        around = np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8)
+        return np.asarray(cv2.dilate(self.where.astype(np.uint8), around) > 0)
+
 
 def leg() -> Still:
     """A textured bar from the lower left corner."""
@@ -94,7 +100,7 @@ class Drawn:
 
 def row(network: Network, still: Still, *, drawn: bool, masked: bool) -> str:
     """The figures of one run."""
-    near = cv2.dilate(still.where.astype(np.uint8), np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8)) > 0
+    near = still.near
     parts = {"beside": near & ~still.where, "elsewhere": ~near}
     told: list[tuple[float, float]] = []
     errors: dict[str, list[NDArray[np.float64]]] = {name: [] for name in parts}
@@ -137,10 +143,9 @@ def find() -> None:
                 parts.add(picture, nearest.world_from_camera)
             part = parts.found()
             hidden = np.zeros_like(still.where) if part is None else ~part.shown
-            around = cv2.dilate(still.where.astype(np.uint8), np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8)) > 0
             inside = f"{hidden[still.where].mean():.0%} of it" if still.where.any() else "nothing there"
             print(
-                f"flight {number}, {name:9}: {inside}, {hidden[~around].mean():.2%} of what is not near it",
+                f"flight {number}, {name:9}: {inside}, {hidden[~still.near].mean():.2%} of what is not near it",
                 flush=True,
             )
 

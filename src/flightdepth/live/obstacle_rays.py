@@ -167,13 +167,13 @@ def _nearest(ends: _Ends, reach_m: float, share: float) -> NDArray[np.intp]:
     something, where there is one."""
     sectors = ends.degree // SECTOR_DEG
     hits = np.flatnonzero(ends.hit_m <= reach_m)
-    hits = hits[np.argsort(_by_sector(sectors[hits], ends.hit_m[hits]))]
+    keys = _by_sector(sectors[hits], ends.hit_m[hits])
+    in_order = np.argsort(keys)
+    hits, keys = hits[in_order], keys[in_order]
     sector = sectors[hits]
     met = np.arange(1, len(hits) + 1) - np.searchsorted(sector, sector)
     # Of the rays of its sector those have left the corridor before a hit that end among the hits before it.
-    place = np.searchsorted(
-        _by_sector(sector, ends.hit_m[hits]), _by_sector(sectors, ends.leaves_m), side="right"
-    )
+    place = np.searchsorted(keys, _by_sector(sectors, ends.leaves_m), side="right")
     left = np.cumsum(np.bincount(place, minlength=len(hits)))[: len(hits)]
     inside = np.cumsum(np.bincount(sectors, minlength=SECTORS))[sector] - left
     enough = met >= np.maximum(share * inside, 1)

@@ -9,6 +9,10 @@ from flightdepth.flight.still_parts import StillParts
 from flightdepth.live.status import LiveResult
 
 APART_NS = 10 * NS_PER_S  # between two judgements, which take some milliseconds
+TELLS = (
+    "something stands still while the camera turns: {:.1%} of the picture, as landing gear and burned-in text do;"
+    " it may be told to be free: give a --mask"
+)
 
 
 class StillWatch:
@@ -25,9 +29,7 @@ class StillWatch:
         camera, attitude = result.camera, result.motion.world_from_camera
         if attitude is None:
             return
-        if (
-            camera != self._camera
-        ):  # a stream of another size, or a lens that zoomed: nothing is known of it yet
+        if camera != self._camera:  # of another size, or zoomed: nothing is known of it yet
             shown = None if self._mask is None else self._mask.at(camera.width, camera.height).shown
             self._camera, self._parts, self.doubt = camera, StillParts(camera, shown), None
         self._parts.add(result.image, attitude)
@@ -35,11 +37,4 @@ class StillWatch:
             return
         self._next_ns = result.stamp_ns + APART_NS
         part = self._parts.found()
-        self.doubt = (
-            None
-            if part is None
-            else (
-                f"something stands still while the camera turns: {part.share:.1%} of the picture, as landing gear and"
-                " burned-in text do; it may be told to be free: give a --mask"
-            )
-        )
+        self.doubt = None if part is None else TELLS.format(part.share)
