@@ -49,21 +49,29 @@ RATE_FACTOR = 21.0
 
 @dataclass(frozen=True)
 class Turning:
-    """A flight whose camera turns: pictures and true depth [H, W], and what the log tells."""
+    """A flight whose camera turns: pictures, true depth [H, W] and attitudes [F, 3, 3], and what the log tells."""
 
     pictures: list[Image]
     depth_m: list[Maps]
+    ned_from_camera: Vector
     samples: list[Sample]
 
     @classmethod
     def filmed(
-        cls, number: int, rate_deg_s: float, *, swing_hz: float = 0.0, readout_s: float, late_s: float = 0.0
+        cls,
+        number: int,
+        rate_deg_s: float,
+        *,
+        config: OutdoorConfig = CONFIG,
+        swing_hz: float = 0.0,
+        readout_s: float,
+        late_s: float = 0.0,
     ) -> Turning:
-        flight, scene = outdoor_flight(CONFIG, SEED, number), draw_outdoor(CONFIG, SEED, number)
+        flight, scene = outdoor_flight(config, SEED, number), draw_outdoor(config, SEED, number)
 
         def yaw_rad(time_s: float) -> float:
             """It looks ahead in the middle of the flight."""
-            turning_s = time_s - CONFIG.duration_s / 2
+            turning_s = time_s - config.duration_s / 2
             if swing_hz:
                 turning_s = np.sin(2 * np.pi * swing_hz * turning_s) / (2 * np.pi * swing_hz)
             return float(np.radians(rate_deg_s) * turning_s)
@@ -75,17 +83,17 @@ class Turning:
         def rate_rad_s(time_s: float) -> float:
             return (yaw_rad(time_s + 1e-3) - yaw_rad(time_s - 1e-3)) / 2e-3
 
-        times_s = np.arange(CONFIG.frames) / CONFIG.rate_hz
+        times_s = np.arange(config.frames) / config.rate_hz
         turned = replace(scene, world_from_camera=np.array([world_from_camera(each) for each in times_s]))
         textures = outdoor_textures(number)
-        seen = [render(turned, textures, CAMERA, frames=[frame]) for frame in range(CONFIG.frames)]
+        seen = [render(turned, textures, CAMERA, frames=[frame]) for frame in range(config.frames)]
         pictures = [
             _filmed(each.images[0], rate_rad_s(time_s), flight.world_from_camera, readout_s)
             for each, time_s in zip(seen, times_s, strict=True)
         ]
         rng = np.random.default_rng(number)
         samples: list[Sample] = []
-        for time_s in np.arange(round(CONFIG.duration_s * LOG_HZ) + 1) / LOG_HZ:
+        for time_s in np.arange(round(config.duration_s * LOG_HZ) + 1) / LOG_HZ:
             stamp_ns = round(time_s * NS_PER_S)
             ned = NED_FROM_CAMERA @ flight.velocity(np.array([time_s]))[0]
             noisy = (
@@ -95,7 +103,8 @@ class Turning:
             samples.append(VelocitySample(stamp_ns, velocity, "world", SPEED_NOISE_M_S))
             samples.append(AttitudeSample(stamp_ns, quaternion_from_rotation(NED_FROM_CAMERA @ noisy)))
         depth_m = [each.depth_m[0] for each in seen]
-        return cls(through_h264(pictures, RATE_FACTOR), depth_m, samples)
+        ned_from_camera = NED_FROM_CAMERA @ turned.world_from_camera
+        return cls(through_h264(pictures, RATE_FACTOR), depth_m, ned_from_camera, samples)
 
 
 def _filmed(image: Image, rate_rad_s: float, world_from_camera: Vector, readout_s: float) -> Image:

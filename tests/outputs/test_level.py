@@ -4,28 +4,51 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flightdepth.motion import NED_FROM_CAMERA, rotation_angle_rad, rotation_from_euler
-from flightdepth.outputs.level import LevelCamera, pitch_that_lifts
+from flightdepth.outputs import level as level_module
+from flightdepth.outputs.level import LevelCamera, SeenMotion, pitch_that_lifts
 
 S = 1_000_000_000
+RATE = 30  # frames a second
+AHEAD = np.array([1.0, 0, 0])
 
 
-def attitude(yaw_rad, pitch_rad):
-    return rotation_from_euler(0, pitch_rad, yaw_rad) @ NED_FROM_CAMERA
+def attitude(yaw_deg=0.0, pitch_deg=0.0, roll_deg=0.0):
+    angles = np.radians([roll_deg, pitch_deg, yaw_deg])
+    return rotation_from_euler(*angles) @ NED_FROM_CAMERA
 
 
-@given(
-    st.floats(-3.1, 3.1), st.floats(-1.2, 0.3), st.floats(-0.6, 0.6), st.floats(-0.3, 0.3), st.floats(0.1, 20)
-)
+class Flown:
+    """A camera of known attitudes; `see` tells a LevelCamera of pairs with the frames `shifts` before."""
+
+    def __init__(self):
+        self.level, self.attitudes = LevelCamera(), []
+
+    def see(self, true, moved_ned=AHEAD, *, seen=None, shifts=(1,), sigma_rad=0.0, turned=None, after_s=None):
+        """The next frame; `seen` is the motion in its axes where that errs, `turned` what pictures say of turns."""
+        index, moved_ned = len(self.attitudes), np.asarray(moved_ned, float)
+        self.attitudes.append(true)
+        earlier = np.array([max(index - shift, -1) for shift in shifts])
+        if turned is None:
+            turned = np.stack([true.T @ self.attitudes[max(frame, 0)] for frame in earlier])
+        self.now_ns = round(index * S / RATE) if after_s is None else self.now_ns + round(after_s * S)
+        moved = true.T @ moved_ned if seen is None else seen
+        self.level.add(SeenMotion(index, self.now_ns, earlier, turned, moved, moved_ned, sigma_rad))
+        return self.level.at(self.now_ns)
+
+    def off_deg(self):
+        """Of the attitude that is told now."""
+        return np.degrees(rotation_angle_rad(self.level.at(self.now_ns).T @ self.attitudes[-1]))
+
+
+@given(st.floats(-180, 180), st.floats(-70, 17), st.floats(-35, 35), st.floats(-0.3, 0.3), st.floats(0.1, 20))
 def test_one_motion_tells_yaw_and_pitch_of_a_level_camera(yaw, pitch, aside, climb, speed):
     """Flying ahead within 35 degrees: the other pitch that fits lies far away."""
-    moved = speed * rotation_from_euler(0, 0, yaw + aside) @ np.array([1.0, 0.0, climb])
-    level, true = LevelCamera(), attitude(yaw, pitch)
-    for i in range(3):
-        level.add(i * S, true.T @ moved, moved)
+    moved = speed * rotation_from_euler(0, 0, np.radians(yaw + aside)) @ np.array([1.0, 0.0, climb])
+    flown, true = Flown(), attitude(yaw, pitch)
+    told = flown.see(true, moved)
     body = NED_FROM_CAMERA @ true.T @ moved
-    lifted = rotation_from_euler(0, pitch_that_lifts(body / speed, moved[2] / speed, near_rad=0), 0) @ body
-    assert lifted[2] == pytest.approx(moved[2], abs=1e-6 * speed)
-    assert rotation_angle_rad(level.at(2 * S).T @ true) < 1e-4 or _other_fits(body, moved, pitch)
+    assert (NED_FROM_CAMERA @ told.T @ moved)[2] == pytest.approx(body[2], abs=1e-6 * speed)
+    assert flown.off_deg() < 0.01 or _other_fits(body, moved, np.radians(pitch))
 
 
 def _other_fits(body, moved, pitch):
@@ -34,90 +57,113 @@ def _other_fits(body, moved, pitch):
     return abs(pitch_that_lifts(body / length, moved[2] / length, near_rad=0.0)) < abs(pitch) - 1e-6
 
 
+@given(st.floats(-60, 60), st.floats(-20, 20), st.integers(1, 5))
+def test_a_camera_that_turns_is_followed_without_lag(yaw_deg_s, pitch_deg_s, shift):
+    flown = Flown()
+    for frame in range(45):
+        flown.see(attitude(yaw_deg_s * frame / RATE, -20 + pitch_deg_s * frame / RATE), shifts=(1, shift))
+        assert flown.off_deg() < 0.01
+
+
 def test_of_two_pitches_that_fit_the_one_is_taken_that_was_known():
     """A motion ahead and down, seen at a slant: looking down by 80 degrees or by 10, and 80 was told before."""
-    true = rotation_from_euler(0, np.radians(-80), 0)
-    level = LevelCamera()
-    for i, body in enumerate(([1.0, 0, 0], [0.5**0.5, 0, 0.5**0.5])):
-        level.add(i * S // 10, NED_FROM_CAMERA.T @ body, true @ body)
-        assert rotation_angle_rad(level.at(i * S // 10).T @ true @ NED_FROM_CAMERA) < 1e-6
+    true, flown = attitude(pitch_deg=-80), Flown()
+    for body in ([1.0, 0, 0], [0.5**0.5, 0, 0.5**0.5]):
+        flown.see(true, true @ NED_FROM_CAMERA.T @ body)
+    assert flown.off_deg() < 0.01
 
 
-def test_flying_exactly_sideways_tells_no_pitch():
-    level = LevelCamera()
-    for i in range(30):
-        level.add(i * S // 30, np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
-    assert level.at(S) is None
+def test_a_pitch_that_was_told_stays_told_while_flying_sideways():
+    """Turns tell how it goes on; without them sideways motions say nothing."""
+    flown = Flown()
+    for _ in range(20):
+        assert flown.see(attitude(pitch_deg=-30), [0, 1.0, 0]) is None
+    for _ in range(5):
+        flown.see(attitude(pitch_deg=-30), AHEAD)
+    for frame in range(60):
+        assert flown.see(attitude(pitch_deg=-30 - frame / 4), [0, 1.0, 0]) is not None
+        assert flown.off_deg() < 0.05
 
 
-def test_an_attitude_does_not_hold_for_long():
-    level = LevelCamera()
-    level.add(0, np.array([0, 0, 1.0]), np.array([1.0, 0, 0]))
-    assert level.at(S // 4) is not None
-    assert level.at(S // 2) is not None
-    assert level.at(S // 2 + S // 100) is None
-    assert level.at(2 * S) is None
+@pytest.mark.parametrize(("off_deg", "known"), [(19.5, False), (21.5, True)])
+def test_motion_nearly_along_the_right_axis_tells_no_pitch(off_deg, known):
+    off = np.radians(off_deg)
+    told = Flown().see(attitude(), np.array([np.sin(off), np.cos(off), 0]))
+    assert (told is not None) == known
+
+
+def test_an_unsure_direction_tells_nothing_by_itself():
+    assert Flown().see(attitude(), sigma_rad=np.radians(1.8)) is not None
+    assert Flown().see(attitude(), sigma_rad=np.radians(2.1)) is None
+
+
+def test_directions_count_as_they_are_sure():
+    """One of 30 degrees aside with 5 degrees of deviation, and one with the least: 101 to 1."""
+    flown = Flown()
+    aside = np.array([np.sin(np.radians(30)), 0, np.cos(np.radians(30))])
+    flown.see(attitude())
+    flown.see(attitude(), seen=aside, sigma_rad=np.radians(5))
+    assert flown.off_deg() == pytest.approx(np.degrees(np.arctan2(0.5, 101 + 0.75**0.5)), rel=0.1)
 
 
 def test_noise_averages_out():
-    rng, true, moved = np.random.default_rng(0), attitude(0.7, -0.5), np.array([5.0, 4.0, 0.0])
-    level = LevelCamera()
-    off = []
-    for i in range(90):
-        seen = true.T @ moved + rng.normal(0, 0.3, 3)
-        level.add(i * S // 30, seen, moved)
-        off.append(rotation_angle_rad(level.at(i * S // 30).T @ true))
-    assert np.mean(off[60:]) < np.mean(off[:1]) + 0.02
-    assert np.mean(off[60:]) < 0.03
+    rng, true, moved = np.random.default_rng(0), attitude(40, -28), np.array([5.0, 4.0, 0.0])
+
+    def off_deg(motions):
+        flown = Flown()
+        for _ in range(motions):
+            flown.see(true, moved, seen=true.T @ moved + rng.normal(0, 0.3, 3))
+        return flown.off_deg()
+
+    assert np.mean([off_deg(90) for _ in range(10)]) < np.mean([off_deg(1) for _ in range(90)]) / 6
 
 
-def test_standing_still_says_nothing():
-    level = LevelCamera()
-    level.add(0, np.zeros(3), np.zeros(3))
-    assert level.at(0) is None
+def test_a_turn_that_pictures_missed_is_forgotten():
+    """By 20 degrees: after ten seconds those before weigh less than a third, after a minute nothing."""
+    flown = Flown()
+    for _ in range(30):
+        flown.see(attitude())
+    for second in range(60):
+        flown.see(attitude(20), turned=np.eye(3)[None], after_s=1.0)
+        if second == 9:
+            assert 1 < flown.off_deg() < 20
+    assert flown.off_deg() < 0.3
 
 
-def told(level, at_ns):
-    """Yaw and pitch, degrees, of the attitude at a time."""
-    body = level.at(at_ns) @ NED_FROM_CAMERA.T
-    return np.degrees(np.arctan2(body[1, 0], body[0, 0])), np.degrees(-np.arcsin(body[2, 0]))
+def test_turns_that_nothing_bridges_begin_anew():
+    """Looking elsewhere after it: of what was known only the pitch leads, and that only to the nearer of two."""
+    flown = Flown()
+    for _ in range(10):
+        flown.see(attitude(0, -60))
+    flown.attitudes += [attitude(100, -60)] * 9
+    flown.see(attitude(100, -60), [-0.2, 0.6, 0.6], shifts=(1, 3))
+    assert flown.off_deg() < 0.01
 
 
-def ahead(level, at_ns, yaw_deg=0.0, pitch_deg=0.0):
-    """A motion along the camera's forward axis."""
-    true = attitude(np.radians(yaw_deg), np.radians(pitch_deg))
-    level.add(at_ns, np.array([0, 0, 1.0]), true @ np.array([0, 0, 1.0]))
+def test_an_attitude_does_not_hold_for_long():
+    flown = Flown()
+    flown.see(attitude())
+    assert flown.level.at(flown.now_ns + S // 10) is not None
+    assert flown.level.at(flown.now_ns + S // 5) is not None
+    assert flown.level.at(flown.now_ns + S // 5 + S // 100) is None
 
 
-def test_an_older_yaw_fades_within_half_a_second():
-    """North, and half a second later east: arrows of 1/e north and 1 east."""
-    level = LevelCamera()
-    ahead(level, 0)
-    ahead(level, S // 2, yaw_deg=90)
-    assert told(level, S // 2)[0] == pytest.approx(np.degrees(np.arctan2(1, np.exp(-1))), abs=1e-6)
-
-
-def test_an_older_pitch_fades_within_two_seconds():
-    level = LevelCamera()
-    ahead(level, 0)
-    ahead(level, 2 * S, pitch_deg=-30)
-    assert told(level, 2 * S)[1] == pytest.approx(-30 / (1 + np.exp(-1)), abs=1e-6)
-
-
-@pytest.mark.parametrize(("off_deg", "known"), [(12.5, False), (13.5, True)])
-def test_motion_nearly_along_the_right_axis_tells_no_pitch(off_deg, known):
-    level, off = LevelCamera(), np.radians(off_deg)
-    level.add(0, np.array([np.cos(off), 0, np.sin(off)]), np.array([np.sin(off), np.cos(off), 0]))
-    assert (level.at(0) is not None) == known
+def test_what_is_remembered_stays_bounded(monkeypatch):
+    monkeypatch.setattr(level_module, "REMEMBERED", 4)
+    flown = Flown()
+    for frame in range(20):
+        flown.see(attitude(frame), shifts=(1, 2))
+        assert len(flown.level._orientations) <= 4
+    assert flown.off_deg() < 0.01
 
 
 def test_a_climb_tells_no_yaw():
-    """Its arrow is as short as its way over ground: a motion ahead outweighs twenty climbs."""
-    level = LevelCamera()
+    """Straight up, as seen and as told, whichever way it looks; a motion ahead tells it then."""
+    flown = Flown()
     for _ in range(20):
-        level.add(0, np.array([0, -1.0, 0.01]), np.array([0, 0.01, -1.0]))
-    ahead(level, 0)
-    assert abs(told(level, 0)[0]) < 0.2
+        assert flown.see(attitude(90), [0, 0, -1.0]) is None
+    flown.see(attitude(90), [0, 1.0, 0])
+    assert flown.off_deg() < 0.01
 
 
 def test_no_gimbal_looks_farther_than_100_degrees_down_or_up():
@@ -135,9 +181,10 @@ def test_where_no_pitch_fits_it_is_the_one_that_comes_nearest():
     assert pitch_that_lifts(np.array([0, 1.0, 0]), 0.3, near_rad=0.2) == 0.2
 
 
-@pytest.mark.parametrize(("seen", "flown"), [((0, 0, 1.0), (0, 0, 0)), ((0, 0, 0), (1.0, 0, 0))])
-def test_standing_still_by_either_leaves_what_was_known(seen, flown):
-    level = LevelCamera()
-    ahead(level, 0, yaw_deg=30)
-    level.add(S // 10, np.array(seen, float), np.array(flown, float))
-    assert told(level, S // 10) == pytest.approx((30, 0), abs=1e-6)
+@pytest.mark.parametrize(("seen", "flown_ned"), [((0, 0, 1.0), (0, 0, 0)), ((0, 0, 0), (1.0, 0, 0))])
+def test_standing_still_by_either_leaves_what_was_known(seen, flown_ned):
+    flown = Flown()
+    assert flown.see(attitude(30), flown_ned, seen=np.array(seen)) is None
+    flown.see(attitude(30))
+    flown.see(attitude(30), flown_ned, seen=np.array(seen))
+    assert flown.off_deg() < 0.01

@@ -1,78 +1,149 @@
-"""The attitude of a level camera (a gimbal keeps its horizon) from the direction in which it is seen to move.
+"""The attitude of a level camera (a gimbal keeps its horizon) from how it is seen to move and to turn.
 
-With no roll, world_from_camera = Rz(yaw) Ry(pitch) NED_FROM_CAMERA. The log tells the motion in the world, w; the
-pictures tell it in the camera's axes, here as b = (forward, right, down). Pitch must bring b to w's height,
+The log tells each motion in the world, w; the pictures tell it in the camera's axes, m, and how the camera turned
+between two frames. So the turns are put together to orientations A, whatever the first frame's was, and the rotation G
+is sought that turns A into the world: with the least sum of squares of
 
-    down cos(pitch) - forward sin(pitch) = w_down,
+    G A m - w (units),  and of the height of G A r, where r is the camera's right axis, which is level,
 
-and yaw then turns it into w's course. Where the camera moves along its right axis pitch changes nothing: such frames
-weigh nothing in it, and pitch is a running mean, since a gimbal's pitch moves slowly.
+weighted by how sure each direction is. Where the camera flies along its right axis neither tells its pitch; then it is
+unknown until another motion has told it, and known afterwards, as long as the turns are.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from flightdepth.motion import NED_FROM_CAMERA, Vector, rotation_from_euler
 
-PITCH_MEMORY_S = 2.0
-YAW_MEMORY_S = 0.5
-LEAST_WEIGHT = 0.05  # a frame of motion 13 degrees off the right axis; less has not told the pitch yet
-HOLDS_S = 0.5  # how long the attitude holds for frames that do not tell one
+MEMORY_S = 10.0  # turns put together drift, by some 0.03 degrees a pair
+HOLDS_S = 0.2  # how long the attitude holds for frames whose pictures tell none
+REMEMBERED = 1024  # frames that a pair may reach back
+LEAST_SIGMA_RAD = math.radians(0.5)  # of a direction: neighbouring frames err together
+WORST_SIGMA_RAD = math.radians(2)  # beyond it the attitude is not known
 STEEPEST_RAD = math.radians(100)  # gimbals look down to -90 degrees, some a little farther
+MOST_STEPS, LONGEST_STEP_RAD, LEAST_STEP_RAD = 20, 0.5, 1e-6  # of Newton's method, a frame
+
+
+@dataclass(frozen=True, eq=False)
+class SeenMotion:
+    """What the pairs of one frame tell of a camera's motion.
+
+    index         counts frames
+    earlier       [n] those that it was paired with, the one whose direction is known best last
+    turned        [n, 3, 3] rotations of rays, from those cameras' axes to its own
+    moved_camera  (3,) how it moved since the last of `earlier`, in its own axes (right, down, forward), any unit
+    moved_ned     (3,) the same north, east, down
+    sigma_rad     standard deviation of the direction that these two tell
+    """
+
+    index: int
+    stamp_ns: int
+    earlier: NDArray[np.int64]
+    turned: Vector
+    moved_camera: Vector
+    moved_ned: Vector
+    sigma_rad: float
 
 
 class LevelCamera:
-    """Running estimate of pitch and yaw; `add` motions in time order, then ask `at`."""
+    """Running estimate of a camera's attitude; `add` motions in time order, then ask `at`."""
 
     def __init__(self) -> None:
         self._last_ns: int | None = None
-        self._pitch_sum = self._weight = 0.0
-        self._yaw_sum = 0j  # a mean of angles is the angle of the mean arrow
+        self._orientations: dict[int, Vector] = {}  # A, by frame
+        self._world_from_first = NED_FROM_CAMERA
+        self._moved = self._right = np.zeros((3, 3))  # weighted sums of w (A m)^T and of (A r) (A r)^T
 
-    def add(self, stamp_ns: int, moved_camera: Vector, moved_ned: Vector) -> None:
-        """One motion, (3,) each, in the camera's axes (right, down, forward) and in the world's (NED)."""
-        seen, flown = np.linalg.norm(moved_camera), np.linalg.norm(moved_ned)
+    def add(self, motion: SeenMotion) -> None:
+        """What the next frame's pairs tell; standing still tells nothing."""
+        seen, flown = np.linalg.norm(motion.moved_camera), np.linalg.norm(motion.moved_ned)
         if not (seen > 0 and flown > 0):
             return
-        body, world = NED_FROM_CAMERA @ moved_camera / seen, moved_ned / flown
-        self._forget(stamp_ns)
-        known_rad = self._pitch_sum / self._weight if self._weight > 0 else 0.0
-        weight = float(body[0] ** 2 + body[2] ** 2)
-        pitch_rad = pitch_that_lifts(body, float(world[2]), near_rad=known_rad)
-        self._pitch_sum += weight * pitch_rad
-        self._weight += weight
-        self._yaw_sum += self._arrow(body, world)
+        body, world = motion.moved_camera / seen, motion.moved_ned / flown
+        self._forget(motion.stamp_ns)
+        if not any(frame in self._orientations for frame in motion.earlier.tolist()):
+            self._begin(motion, body, world)
+        orientation = self._orientations[motion.index] = self._turned_to(motion)
+        if len(self._orientations) > REMEMBERED:
+            del self._orientations[next(iter(self._orientations))]
+        weight = 1 / (LEAST_SIGMA_RAD**2 + motion.sigma_rad**2)
+        self._moved = self._moved + weight * np.outer(world, orientation @ body)
+        self._right = self._right + weight * np.outer(orientation[:, 0], orientation[:, 0])
+        for _ in range(MOST_STEPS):
+            if self._step() < LEAST_STEP_RAD:
+                break
 
     def at(self, stamp_ns: int) -> Vector | None:
         """world_from_camera (3, 3) at the last motion's time or soon after; None where nothing tells it."""
-        if self._last_ns is None or self._weight < LEAST_WEIGHT:
+        if self._last_ns is None or (stamp_ns - self._last_ns) * 1e-9 > HOLDS_S:
             return None
-        if (stamp_ns - self._last_ns) * 1e-9 > HOLDS_S:
+        if np.linalg.eigvalsh(self._equations()[0])[0] < WORST_SIGMA_RAD**-2:
             return None
-        yaw_rad = math.atan2(self._yaw_sum.imag, self._yaw_sum.real)
-        return np.asarray(rotation_from_euler(0.0, self._pitch_sum / self._weight, yaw_rad) @ NED_FROM_CAMERA)
+        return np.asarray(self._world_from_first @ next(reversed(self._orientations.values())))
 
     def _forget(self, stamp_ns: int) -> None:
         elapsed_s = 0.0 if self._last_ns is None else (stamp_ns - self._last_ns) * 1e-9
         self._last_ns = stamp_ns
-        fading = math.exp(-elapsed_s / PITCH_MEMORY_S)
-        self._pitch_sum, self._weight = self._pitch_sum * fading, self._weight * fading
-        self._yaw_sum *= math.exp(-elapsed_s / YAW_MEMORY_S)
+        fading = math.exp(-elapsed_s / MEMORY_S)
+        self._moved, self._right = fading * self._moved, fading * self._right
 
-    def _arrow(self, body: Vector, world: Vector) -> complex:
-        """The camera's yaw as an arrow, shorter the steeper the motion, which tells no course."""
-        pitch_rad = self._pitch_sum / self._weight if self._weight > 0 else 0.0
-        ahead = complex(body[0] * math.cos(pitch_rad) + body[2] * math.sin(pitch_rad), body[1])
-        return complex(world[0], world[1]) * ahead.conjugate()
+    def _turned_to(self, motion: SeenMotion) -> Vector:
+        """Orientation (3, 3) of a frame, by the last of those known that it was paired with."""
+        pairs = zip(motion.earlier.tolist(), motion.turned, strict=True)
+        known = [(frame, turned) for frame, turned in pairs if frame in self._orientations]
+        frame, turned = known[-1]
+        return np.asarray(self._orientations[frame] @ turned.T)
+
+    def _begin(self, motion: SeenMotion, body: Vector, world: Vector) -> None:
+        """Anew, with a rotation for which one motion (unit vectors) fits, near the last frame's pitch."""
+        near_rad = 0.0
+        if self._orientations:
+            ahead = self._world_from_first @ next(reversed(self._orientations.values()))[:, 2]
+            near_rad = -math.asin(min(1.0, max(-1.0, float(ahead[2]))))
+        self._orientations = dict(zip(motion.earlier.tolist(), motion.turned, strict=True))
+        self._moved = self._right = np.zeros((3, 3))
+        moved = NED_FROM_CAMERA @ body
+        pitch_rad = pitch_that_lifts(moved, float(world[2]), near_rad=near_rad)
+        lifted = rotation_from_euler(0.0, pitch_rad, 0.0) @ moved
+        yaw_rad = math.atan2(world[1], world[0]) - math.atan2(lifted[1], lifted[0])
+        self._world_from_first = rotation_from_euler(0.0, pitch_rad, yaw_rad) @ NED_FROM_CAMERA
+
+    def _equations(self) -> tuple[Vector, Vector]:
+        """Information (3, 3) on a rotation vector before G, and the pull (3,) that it feels.
+
+        Of |G A m - w|^2 / 2 = 1 - w . G A m, summed, exactly; of the heights of right axes v, that a rotation
+        vector (a, b, c) changes by a v_y - b v_x, as if these were small.
+        """
+        moved = self._moved @ self._world_from_first.T
+        right = self._world_from_first @ self._right @ self._world_from_first.T
+        information = np.trace(moved) * np.eye(3) - (moved + moved.T) / 2
+        information[:2, :2] += [[right[1, 1], -right[0, 1]], [-right[0, 1], right[0, 0]]]
+        turning = moved - moved.T
+        pull = np.array([turning[2, 1] - right[1, 2], turning[0, 2] + right[0, 2], turning[1, 0]])
+        return information, pull
+
+    def _step(self) -> float:
+        """One of Newton's, as far as that can be told, and not too far; radians."""
+        information, pull = self._equations()
+        values, axes = np.linalg.eigh(information)
+        step = axes @ ((axes.T @ pull) / np.maximum(values, 1e-3 * values[-1]))
+        long_rad = float(np.linalg.norm(step))
+        step *= min(1.0, LONGEST_STEP_RAD / max(long_rad, LEAST_STEP_RAD))
+        self._world_from_first = np.asarray(cv2.Rodrigues(step)[0] @ self._world_from_first)
+        return long_rad
 
 
 def pitch_that_lifts(body: Vector, down: float, *, near_rad: float) -> float:
     """Pitch, radians, for which Ry(pitch) gives `body` the height `down`; of the two the one nearer to `near_rad`.
 
-    Where none does (noise), the pitch that comes nearest.
+    `body` is forward, right, down: down cos(pitch) - forward sin(pitch). Where no pitch does (noise), the one that
+    comes nearest.
     """
     reach = math.hypot(body[0], body[2])
     if reach < 1e-6:

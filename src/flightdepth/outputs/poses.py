@@ -29,7 +29,7 @@ from flightdepth.motion import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
-from flightdepth.outputs.level import LevelCamera
+from flightdepth.outputs.level import LevelCamera, SeenMotion
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.result import RangedDepth
 
@@ -127,11 +127,14 @@ class PoseTrack:
         return position, segment, turn
 
     def _seen(self, frame: Frame, result: RangedDepth, position: Vector, segment: int) -> Vector | None:
-        """The attitude that the longest pair's direction tells."""
-        if result.moved_m is not None and len(result.shifts):
-            earlier = self._positions.get(frame.index - int(result.shifts[-1]))
-            if earlier is not None and earlier[1] == segment:
-                self._level.add(frame.stamp_ns, result.moved_m[-1], position - earlier[0])
+        """The attitude that the pairs' directions and turns tell."""
+        if result.moved_m is not None and result.turned is not None and result.aside_rad is not None:
+            earlier = frame.index - result.shifts
+            before = self._positions.get(int(earlier[-1]))
+            if before is not None and before[1] == segment:
+                moved_ned, aside_rad = position - before[0], float(result.aside_rad[-1])
+                told = earlier, result.turned, result.moved_m[-1], moved_ned, aside_rad
+                self._level.add(SeenMotion(frame.index, frame.stamp_ns, *told))
         return self._level.at(frame.stamp_ns)
 
 

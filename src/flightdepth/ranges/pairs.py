@@ -12,6 +12,7 @@ import numpy as np
 from flightdepth.levels import AnyImage, packed, unpacked
 from flightdepth.motion import Vector
 from flightdepth.ranges.displacement import Trajectory
+from flightdepth.ranges.remainder import LOG_SIGMA_RAD, SEEN_SIGMA_RAD
 from flightdepth.runtimes.arrays import Flags
 
 MAX_FRAMES = 128
@@ -163,6 +164,14 @@ class Pair:
     covariance: Vector | None = None
     bend: Vector | None = None
     length_sigma_m: float = 0.0
+
+    @property
+    def aside_rad(self) -> float:
+        """Standard deviation of the displacement's direction, in the way in which log and pictures tell it least."""
+        seen_rad = LOG_SIGMA_RAD if self.directed else SEEN_SIGMA_RAD
+        if self.covariance is not None:
+            seen_rad = float(np.sqrt(max(np.linalg.eigvalsh(self.covariance[3:, 3:])[-1], 0.0)))
+        return float(np.hypot(seen_rad, self.length_sigma_m / self.length_m))
 
 
 def pick(lines: Baselines, wanted_m: Vector, depths_m: Vector) -> tuple[Pair, ...]:

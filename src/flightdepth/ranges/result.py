@@ -30,6 +30,9 @@ class RangedDepth:
     doubt                       what the pictures say against the log's motion, None where they do not
     moved_m          [n, 3]     the displacements as vectors in the current camera's axes (right, down,
                                 forward); None where their direction is unknown
+    turned   [n, 3, 3]          rotations of rays from the earlier cameras' axes to the current one's, as log and
+                                pictures tell them; None with moved_m
+    aside_rad      [n]          standard deviations of the directions of moved_m, in the least sure way; None with it
     network                     name of the one that gave this depth; empty where there is none
 
     n is the number of ranges, less where two chose the same frame, one more when a scout looks beyond them.
@@ -49,6 +52,8 @@ class RangedDepth:
     notes: tuple[str, ...] = ()
     doubt: str | None = None
     moved_m: NDArray[np.float64] | None = None
+    turned: NDArray[np.float64] | None = None
+    aside_rad: NDArray[np.float64] | None = None
     network: str = ""
 
     def __post_init__(self) -> None:

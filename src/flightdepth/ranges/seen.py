@@ -15,6 +15,8 @@ from flightdepth.ranges.result import RangedDepth
 from flightdepth.ranges.view import View
 from flightdepth.runtimes.prediction import Prediction
 
+Motion = NDArray[np.float64] | None
+
 
 @dataclass(frozen=True, eq=False)
 class Seen:
@@ -34,6 +36,7 @@ class Seen:
         at_source = self.view.at_source(fused.depth_m, self.current.image)
         confidence = at_source(fused.confidence)
         np.copyto(confidence, np.float32(0), where=np.isnan(confidence))
+        moved_m, turned, aside_rad = self._motion()
         return RangedDepth(
             depth_m=at_source.depth_m,
             confidence=confidence,
@@ -47,13 +50,19 @@ class Seen:
             latency_ms=0.0,  # set by who timed it
             notes=notes,
             doubt=self.doubt,
-            moved_m=self._moved(),
+            moved_m=moved_m,
+            turned=turned,
+            aside_rad=aside_rad,
             network=self.seer.card.name,
         )
 
-    def _moved(self) -> NDArray[np.float64] | None:
-        told = self.seer.card.knows_direction or all(pair.directed for pair in self.pairs)
-        return np.stack([pair.displacement_m for pair in self.pairs]) if told else None
+    def _motion(self) -> tuple[Motion, Motion, Motion]:
+        """moved_m, turned and aside_rad of the result: None where a direction is unknown."""
+        if not (self.seer.card.knows_direction or all(pair.directed for pair in self.pairs)):
+            return None, None, None
+        moved_m = np.stack([pair.displacement_m for pair in self.pairs])
+        turned = np.stack([pair.current_from_previous for pair in self.pairs])
+        return moved_m, turned, np.array([pair.aside_rad for pair in self.pairs])
 
 
 def _bound(bound_m: Map, at_source: AtSource) -> Map:
