@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flightdepth.motion import NED_FROM_CAMERA, rotation_angle_rad, rotation_from_euler
-from flightdepth.outputs import level as level_module
 from flightdepth.outputs.level import LevelCamera, SeenMotion, pitch_that_lifts
+from flightdepth.ranges.seen_turns import SeenOrientation
 
 S = 1_000_000_000
 RATE = 30  # frames a second
@@ -18,26 +18,31 @@ def attitude(yaw_deg=0.0, pitch_deg=0.0, roll_deg=0.0):
 
 
 class Flown:
-    """A camera of known attitudes; `see` tells a LevelCamera of pairs with the frames `shifts` before."""
+    """A camera of known attitudes; `see` tells a LevelCamera of one motion after the other."""
 
     def __init__(self):
-        self.level, self.attitudes = LevelCamera(), []
+        self.level, self.first, self.now_ns = LevelCamera(), None, 0
 
-    def see(self, true, moved_ned=AHEAD, *, seen=None, shifts=(1,), sigma_rad=0.0, turned=None, after_s=None):
-        """The next frame; `seen` is the motion in its axes where that errs, `turned` what pictures say of turns."""
-        index, moved_ned = len(self.attitudes), np.asarray(moved_ned, float)
-        self.attitudes.append(true)
-        earlier = np.array([max(index - shift, -1) for shift in shifts])
-        if turned is None:
-            turned = np.stack([true.T @ self.attitudes[max(frame, 0)] for frame in earlier])
-        self.now_ns = round(index * S / RATE) if after_s is None else self.now_ns + round(after_s * S)
+    def see(self, true, moved_ned=AHEAD, *, seen=None, sigma_rad=0.0, missed=None, after_s=1 / RATE):
+        """`seen`: the motion in the camera's axes where that errs; `missed`: the turn that pictures did not show."""
+        self.first = true if self.first is None else self.first
+        self.true, self.now_ns = true, self.now_ns + round(after_s * S)
+        rotation = self.first.T @ true if missed is None else self.first.T @ true @ missed.T
+        moved_ned = np.asarray(moved_ned, float)
         moved = true.T @ moved_ned if seen is None else seen
-        self.level.add(SeenMotion(index, self.now_ns, earlier, turned, moved, moved_ned, sigma_rad))
+        orientation = SeenOrientation(rotation, self.begun_ns)
+        self.level.add(SeenMotion(self.now_ns, orientation, moved, moved_ned, sigma_rad))
         return self.level.at(self.now_ns)
+
+    begun_ns = 0
+
+    def begin(self):
+        """The next turn is not known."""
+        self.first, self.begun_ns = None, self.now_ns + 1
 
     def off_deg(self):
         """Of the attitude that is told now."""
-        return np.degrees(rotation_angle_rad(self.level.at(self.now_ns).T @ self.attitudes[-1]))
+        return np.degrees(rotation_angle_rad(self.level.at(self.now_ns).T @ self.true))
 
 
 @given(st.floats(-180, 180), st.floats(-70, 17), st.floats(-35, 35), st.floats(-0.3, 0.3), st.floats(0.1, 20))
@@ -57,11 +62,11 @@ def _other_fits(body, moved, pitch):
     return abs(pitch_that_lifts(body / length, moved[2] / length, near_rad=0.0)) < abs(pitch) - 1e-6
 
 
-@given(st.floats(-60, 60), st.floats(-20, 20), st.integers(1, 5))
-def test_a_camera_that_turns_is_followed_without_lag(yaw_deg_s, pitch_deg_s, shift):
+@given(st.floats(-60, 60), st.floats(-20, 20))
+def test_a_camera_that_turns_is_followed_without_lag(yaw_deg_s, pitch_deg_s):
     flown = Flown()
     for frame in range(45):
-        flown.see(attitude(yaw_deg_s * frame / RATE, -20 + pitch_deg_s * frame / RATE), shifts=(1, shift))
+        flown.see(attitude(yaw_deg_s * frame / RATE, -20 + pitch_deg_s * frame / RATE))
         assert flown.off_deg() < 0.01
 
 
@@ -120,23 +125,23 @@ def test_noise_averages_out():
 
 def test_a_turn_that_pictures_missed_is_forgotten():
     """By 20 degrees: after ten seconds those before weigh less than a third, after a minute nothing."""
-    flown = Flown()
+    flown, turn = Flown(), attitude().T @ attitude(20)
     for _ in range(30):
         flown.see(attitude())
     for second in range(60):
-        flown.see(attitude(20), turned=np.eye(3)[None], after_s=1.0)
+        flown.see(attitude(20), missed=turn, after_s=1.0)
         if second == 9:
             assert 1 < flown.off_deg() < 20
     assert flown.off_deg() < 0.3
 
 
-def test_turns_that_nothing_bridges_begin_anew():
-    """Looking elsewhere after it: of what was known only the pitch leads, and that only to the nearer of two."""
+def test_where_turns_begin_anew_nothing_of_before_counts():
+    """But the pitch, which leads to the nearer of two that fit."""
     flown = Flown()
     for _ in range(10):
         flown.see(attitude(0, -60))
-    flown.attitudes += [attitude(100, -60)] * 9
-    flown.see(attitude(100, -60), [-0.2, 0.6, 0.6], shifts=(1, 3))
+    flown.begin()
+    flown.see(attitude(100, -60), [-0.2, 0.6, 0.6])
     assert flown.off_deg() < 0.01
 
 
@@ -146,15 +151,6 @@ def test_an_attitude_does_not_hold_for_long():
     assert flown.level.at(flown.now_ns + S // 10) is not None
     assert flown.level.at(flown.now_ns + S // 5) is not None
     assert flown.level.at(flown.now_ns + S // 5 + S // 100) is None
-
-
-def test_what_is_remembered_stays_bounded(monkeypatch):
-    monkeypatch.setattr(level_module, "REMEMBERED", 4)
-    flown = Flown()
-    for frame in range(20):
-        flown.see(attitude(frame), shifts=(1, 2))
-        assert len(flown.level._orientations) <= 4
-    assert flown.off_deg() < 0.01
 
 
 def test_a_climb_tells_no_yaw():

@@ -22,6 +22,7 @@ from flightdepth.outputs.poses import (
     poses_from_csv,
     tum_trajectory,
 )
+from flightdepth.ranges.seen_turns import SeenOrientation
 
 S = 1_000_000_000
 PICTURE = np.zeros((8, 8, 3), np.uint8)
@@ -112,7 +113,7 @@ def pairs(shifts, directions):
     n = len(shifts)
     result = known(10, (0.5,) * n)
     told = {"shifts": np.array(shifts), "moved_m": np.array(directions, float)}
-    told |= {"turned": np.tile(np.eye(3), (n, 1, 1)), "aside_rad": np.full(n, 0.01)}
+    told |= {"orientation": SeenOrientation(np.eye(3), 0), "aside_rad": np.full(n, 0.01)}
     for name, value in told.items():
         object.__setattr__(result, name, value)
     return result

@@ -7,6 +7,7 @@ from sideways_flight import CAMERA, FRAME_NS, picture
 from flightdepth.ranges import MultiRangeEstimator, derotation, direction, estimator, exposure, temporal
 from flightdepth.ranges.choice import NO_DIRECTION, PairChoice
 from flightdepth.ranges.log_check import LogCheck
+from flightdepth.ranges.seen_turns import SeenTurns
 from flightdepth.ranges.tracks import Tracker
 from flightdepth.runtimes.network import Network
 from tests_networks import BestHypothesis, difference_card, swept_card
@@ -163,7 +164,9 @@ def test_a_plan_is_told_the_smaller_side_of_the_view():
             told.append(sides)
 
     network = Network(swept_card(), BestHypothesis())
-    choice = PairChoice(network, CAMERA, Tracker(CAMERA), planner=Plan, derotate=True, fallback=None)
+    choice = PairChoice(
+        network, CAMERA, Tracker(CAMERA), SeenTurns(), planner=Plan, derotate=True, fallback=None
+    )
     zoomed = CAMERA.zoomed(2.0)
     choice.look_through(zoomed, Tracker(zoomed))
     assert told == pytest.approx([128 / 96, 128 / 192])

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from flightdepth.camera import Camera
+from flightdepth.motion import rotation_from_euler
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.estimator import SPEED_UNSURE
 from flightdepth.ranges.fusion import WORST_SIGMA, Fused
 from flightdepth.ranges.pairs import Frame, Pair
 from flightdepth.ranges.reprojection import Reprojection
+from flightdepth.ranges.seen_turns import SeenTurns
 from flightdepth.ranges.wavering import (
     FEWEST,
     LONGEST_S,
@@ -69,9 +71,9 @@ def pair(at_s, *, speed_m_s=SPEED_M_S, back_s=0.2, directed=True, told_m=0.0):
     )
 
 
-def seen(errors, *, trajectory=None, share=0.05, every_s=STEP_S, **how):
+def seen(errors, *, trajectory=None, turns=None, share=0.05, every_s=STEP_S, **how):
     """What is learnt of a wall, 60 m ahead at first, whose depth is off by `errors`, a factor for each frame."""
-    wavering = Wavering(trajectory or flying())
+    wavering = Wavering(trajectory or flying(), turns or SeenTurns())
     for number, error in enumerate(errors):
         at_s = number * every_s
         wall = fused((60 - SPEED_M_S * at_s) * error, share)
@@ -90,7 +92,7 @@ def test_depth_that_follows_the_flight_is_no_reason():
 
 def test_a_speed_that_is_always_wrong_shows_in_nothing_but_what_was_flown():
     """Depth and displacement are both a tenth too long, so the wall comes as much nearer as the log says."""
-    wavering = Wavering(flying(1.1 * SPEED_M_S))
+    wavering = Wavering(flying(1.1 * SPEED_M_S), SeenTurns())
     for number in range(50):
         at_s = number * STEP_S
         wavering.learn(ns(at_s), fused(1.1 * (60 - SPEED_M_S * at_s)), pair(at_s), REPROJECTION)
@@ -131,6 +133,36 @@ def test_without_an_attitude_a_direction_or_an_error_bar_nothing_is_learnt(missi
     assert found.sigma_m_s == 0
 
 
+def panning(turn_deg_s=20.0, seconds=10.0):
+    """What the pictures tell of a camera that turns."""
+    turns = SeenTurns()
+    for number in range(1, round(seconds / STEP_S)):
+        at_s = number * STEP_S
+        turn = rotation_from_euler(0, np.radians(-turn_deg_s * 0.2), 0)
+        turns.add(ns(at_s), [replace(pair(at_s, directed=False), seen=True, current_from_previous=turn)])
+    return turns
+
+
+def seen_while_panning(error_of, *, turn_deg_s=20.0, turns=None):
+    """A wall all around, as far away in each direction, so that a turn that is not known would waver."""
+    trajectory = flying(attitude=False)
+    wavering = Wavering(trajectory, panning(turn_deg_s) if turns is None else turns)
+    for number, error in enumerate(error_of):
+        at_s = number * STEP_S
+        told = replace(pair(at_s, directed=False), seen=True, displacement_m=np.array([0.4, 0, 0]))
+        wavering.learn(ns(at_s), fused(60.0 * error), told, REPROJECTION)
+    return wavering.sigma_m_s
+
+
+@pytest.mark.parametrize("turn_deg_s", [0.0, 20.0])
+def test_a_log_without_attitudes_is_judged_where_the_pictures_tell_the_turns(turn_deg_s):
+    log_ratio = 2 * np.log(1.05)
+    assert seen_while_panning(np.ones(90), turn_deg_s=turn_deg_s) < 0.01
+    found = seen_while_panning(alternating(1.05, frames=90), turn_deg_s=turn_deg_s)
+    assert found == pytest.approx(SPEED_M_S * np.sqrt(log_ratio**2 - USUAL**2), rel=0.05)
+    assert seen_while_panning(alternating(1.05, frames=90), turns=SeenTurns()) == 0
+
+
 @pytest.mark.parametrize(
     ("every_s", "compared"),
     [(0.9 * LOOK_BACK_S, True), (LOOK_BACK_S, True), (LONGEST_S, True), (1.01 * LONGEST_S, False)],
@@ -157,7 +189,7 @@ def test_a_slow_moment_says_no_more_of_the_speed_than_it_can():
 @pytest.mark.parametrize("slow", [0, 1])
 def test_of_two_moments_the_slower_counts(slow):
     """An error is the larger share of its speed: half a metre a second in one half second, two in the next."""
-    wavering = Wavering(flying())
+    wavering = Wavering(flying(), SeenTurns())
     for number, error in enumerate(alternating(1.1)):
         at_s, speed_m_s = number * STEP_S, 0.5 if number // 5 % 2 == slow else SPEED_M_S
         wall = fused((60 - SPEED_M_S * at_s) * error)
@@ -178,7 +210,7 @@ def test_no_bar_is_less_than_the_least():
         np.select([column < 14, column < 18], [0.001, 0.003], 0.005),
         np.where(column < 14, 1.3, 1.1),
     )
-    wavering = Wavering(flying(0.0))
+    wavering = Wavering(flying(0.0), SeenTurns())
     for at_s, ratio in ((0.0, before), (LOOK_BACK_S, 1.0)):
         wavering.learn(ns(at_s), fused(20.0 * ratio, share), pair(at_s), REPROJECTION)
     assert wavering.sigma_m_s == pytest.approx(SPEED_M_S * np.sqrt(np.log(1.1) ** 2 - USUAL**2), rel=1e-3)
@@ -217,7 +249,7 @@ def test_what_the_log_says_is_not_lessened_and_more_than_a_third_is_not_told():
 
 
 def test_a_flight_that_was_not_seen_to_waver_keeps_its_pairs():
-    (kept,) = Wavering(flying()).widened(ns(5.0), [pair(5.0)])
+    (kept,) = Wavering(flying(), SeenTurns()).widened(ns(5.0), [pair(5.0)])
     assert kept.length_sigma_m == 0
 
 

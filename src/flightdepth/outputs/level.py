@@ -17,13 +17,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.motion import NED_FROM_CAMERA, Vector, rotation_from_euler
+from flightdepth.ranges.seen_turns import SeenOrientation
 
 MEMORY_S = 10.0  # turns put together drift, by some 0.03 degrees a pair
 HOLDS_S = 0.2  # how long the attitude holds for frames whose pictures tell none
-REMEMBERED = 1024  # frames that a pair may reach back
 LEAST_SIGMA_RAD = math.radians(0.5)  # of a direction: neighbouring frames err together
 WORST_SIGMA_RAD = math.radians(2)  # beyond it the attitude is not known
 STEEPEST_RAD = math.radians(100)  # gimbals look down to -90 degrees, some a little farther
@@ -32,20 +31,16 @@ MOST_STEPS, LONGEST_STEP_RAD, LEAST_STEP_RAD = 20, 0.5, 1e-6  # of Newton's meth
 
 @dataclass(frozen=True, eq=False)
 class SeenMotion:
-    """What the pairs of one frame tell of a camera's motion.
+    """How a camera was seen to move, and how to look.
 
-    index         counts frames
-    earlier       [n] those that it was paired with, the one whose direction is known best last
-    turned        [n, 3, 3] rotations of rays, from those cameras' axes to its own
-    moved_camera  (3,) how it moved since the last of `earlier`, in its own axes (right, down, forward), any unit
+    orientation   by turns in the pictures, at the end of the motion
+    moved_camera  (3,) in its own axes then (right, down, forward), any unit
     moved_ned     (3,) the same north, east, down
     sigma_rad     standard deviation of the direction that these two tell
     """
 
-    index: int
     stamp_ns: int
-    earlier: NDArray[np.int64]
-    turned: Vector
+    orientation: SeenOrientation
     moved_camera: Vector
     moved_ned: Vector
     sigma_rad: float
@@ -55,23 +50,22 @@ class LevelCamera:
     """Running estimate of a camera's attitude; `add` motions in time order, then ask `at`."""
 
     def __init__(self) -> None:
-        self._last_ns: int | None = None
-        self._orientations: dict[int, Vector] = {}  # A, by frame
-        self._world_from_first = NED_FROM_CAMERA
+        self._last: SeenMotion | None = None
+        self._world_from_first = NED_FROM_CAMERA  # G
         self._moved = self._right = np.zeros((3, 3))  # weighted sums of w (A m)^T and of (A r) (A r)^T
 
     def add(self, motion: SeenMotion) -> None:
-        """What the next frame's pairs tell; standing still tells nothing."""
+        """Take the next motion; standing still tells nothing."""
         seen, flown = np.linalg.norm(motion.moved_camera), np.linalg.norm(motion.moved_ned)
         if not (seen > 0 and flown > 0):
             return
         body, world = motion.moved_camera / seen, motion.moved_ned / flown
-        self._forget(motion.stamp_ns)
-        if not any(frame in self._orientations for frame in motion.earlier.tolist()):
-            self._begin(motion, body, world)
-        orientation = self._orientations[motion.index] = self._turned_to(motion)
-        if len(self._orientations) > REMEMBERED:
-            del self._orientations[next(iter(self._orientations))]
+        last, orientation = self._last, motion.orientation.rotation
+        if last is None or last.orientation.begun_ns != motion.orientation.begun_ns:
+            self._begin(orientation, body, world)
+        else:
+            self._fade((motion.stamp_ns - last.stamp_ns) * 1e-9)
+        self._last = motion
         weight = 1 / (LEAST_SIGMA_RAD**2 + motion.sigma_rad**2)
         self._moved = self._moved + weight * np.outer(world, orientation @ body)
         self._right = self._right + weight * np.outer(orientation[:, 0], orientation[:, 0])
@@ -81,38 +75,29 @@ class LevelCamera:
 
     def at(self, stamp_ns: int) -> Vector | None:
         """world_from_camera (3, 3) at the last motion's time or soon after; None where nothing tells it."""
-        if self._last_ns is None or (stamp_ns - self._last_ns) * 1e-9 > HOLDS_S:
+        if self._last is None or (stamp_ns - self._last.stamp_ns) * 1e-9 > HOLDS_S:
             return None
         if np.linalg.eigvalsh(self._equations()[0])[0] < WORST_SIGMA_RAD**-2:
             return None
-        return np.asarray(self._world_from_first @ next(reversed(self._orientations.values())))
+        return np.asarray(self._world_from_first @ self._last.orientation.rotation)
 
-    def _forget(self, stamp_ns: int) -> None:
-        elapsed_s = 0.0 if self._last_ns is None else (stamp_ns - self._last_ns) * 1e-9
-        self._last_ns = stamp_ns
-        fading = math.exp(-elapsed_s / MEMORY_S)
-        self._moved, self._right = fading * self._moved, fading * self._right
-
-    def _turned_to(self, motion: SeenMotion) -> Vector:
-        """Orientation (3, 3) of a frame, by the last of those known that it was paired with."""
-        pairs = zip(motion.earlier.tolist(), motion.turned, strict=True)
-        known = [(frame, turned) for frame, turned in pairs if frame in self._orientations]
-        frame, turned = known[-1]
-        return np.asarray(self._orientations[frame] @ turned.T)
-
-    def _begin(self, motion: SeenMotion, body: Vector, world: Vector) -> None:
-        """Anew, with a rotation for which one motion (unit vectors) fits, near the last frame's pitch."""
+    def _begin(self, orientation: Vector, body: Vector, world: Vector) -> None:
+        """Anew, with a rotation for which one motion (unit vectors) fits, near the last motion's pitch."""
         near_rad = 0.0
-        if self._orientations:
-            ahead = self._world_from_first @ next(reversed(self._orientations.values()))[:, 2]
+        if self._last is not None:
+            ahead = self._world_from_first @ self._last.orientation.rotation[:, 2]
             near_rad = -math.asin(min(1.0, max(-1.0, float(ahead[2]))))
-        self._orientations = dict(zip(motion.earlier.tolist(), motion.turned, strict=True))
-        self._moved = self._right = np.zeros((3, 3))
         moved = NED_FROM_CAMERA @ body
         pitch_rad = pitch_that_lifts(moved, float(world[2]), near_rad=near_rad)
         lifted = rotation_from_euler(0.0, pitch_rad, 0.0) @ moved
         yaw_rad = math.atan2(world[1], world[0]) - math.atan2(lifted[1], lifted[0])
-        self._world_from_first = rotation_from_euler(0.0, pitch_rad, yaw_rad) @ NED_FROM_CAMERA
+        world_from_camera = rotation_from_euler(0.0, pitch_rad, yaw_rad) @ NED_FROM_CAMERA
+        self._world_from_first = np.asarray(world_from_camera @ orientation.T)
+        self._moved = self._right = np.zeros((3, 3))
+
+    def _fade(self, elapsed_s: float) -> None:
+        kept = math.exp(-elapsed_s / MEMORY_S)
+        self._moved, self._right = kept * self._moved, kept * self._right
 
     def _equations(self) -> tuple[Vector, Vector]:
         """Information (3, 3) on a rotation vector before G, and the pull (3,) that it feels.

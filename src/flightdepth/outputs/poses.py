@@ -127,14 +127,13 @@ class PoseTrack:
         return position, segment, turn
 
     def _seen(self, frame: Frame, result: RangedDepth, position: Vector, segment: int) -> Vector | None:
-        """The attitude that the pairs' directions and turns tell."""
-        if result.moved_m is not None and result.turned is not None and result.aside_rad is not None:
-            earlier = frame.index - result.shifts
-            before = self._positions.get(int(earlier[-1]))
-            if before is not None and before[1] == segment:
-                moved_ned, aside_rad = position - before[0], float(result.aside_rad[-1])
-                told = earlier, result.turned, result.moved_m[-1], moved_ned, aside_rad
-                self._level.add(SeenMotion(frame.index, frame.stamp_ns, *told))
+        """The attitude that turns and the longest pair's direction tell."""
+        moved_m, aside_rad, orientation = result.moved_m, result.aside_rad, result.orientation
+        if moved_m is not None and aside_rad is not None and orientation is not None:
+            earlier = self._positions.get(frame.index - int(result.shifts[-1]))
+            if earlier is not None and earlier[1] == segment:
+                told = moved_m[-1], position - earlier[0], float(aside_rad[-1])
+                self._level.add(SeenMotion(frame.stamp_ns, orientation, *told))
         return self._level.at(frame.stamp_ns)
 
 

@@ -14,6 +14,7 @@ from flightdepth.ranges.log_check import LogCheck
 from flightdepth.ranges.network import DepthNetwork
 from flightdepth.ranges.pairs import Baselines, Frame, Pair, pick, seen_from
 from flightdepth.ranges.plan import Planner
+from flightdepth.ranges.seen_turns import SeenTurns
 from flightdepth.ranges.tracks import Tracker
 from flightdepth.weights.card import NetworkCard
 
@@ -47,12 +48,17 @@ class PairChoice:
         network: DepthNetwork,
         camera: Camera,
         tracker: Tracker,
+        turns: SeenTurns,
         *,
         planner: Callable[..., Planner],
         derotate: bool,
         fallback: Callable[[], DepthNetwork] | None,
     ) -> None:
-        """`tracker` follows the corners of `camera`'s pictures; `planner` makes one of a card and its `sides`."""
+        """`tracker` follows the corners of `camera`'s pictures, whose `turns` are known as far as they were seen.
+
+        `planner` makes one of a card and its `sides`.
+        """
+        self._turns = turns
         self._new_planner, self._derotate, self._open_fallback = planner, derotate, fallback
         self._see(camera, tracker)
         card = network.card.at_focal(tracker.camera.fx)
@@ -71,7 +77,7 @@ class PairChoice:
 
     def _see(self, camera: Camera, tracker: Tracker) -> None:
         self._sides = min(camera.width / camera.fx, camera.height / camera.fy)
-        self._directions = SeenDirections(tracker.camera, tracker)
+        self._directions = SeenDirections(tracker.camera, tracker, self._turns)
         self._log_check = LogCheck(tracker.camera, tracker)
 
     @property

@@ -19,6 +19,7 @@ from flightdepth.levels import AnyImage
 from flightdepth.motion import Vector
 from flightdepth.ranges.pairs import Frame, Pair, Served, same_way
 from flightdepth.ranges.remainder import LEFT_SHARE, MOST_OFF_PX, Remainder, off_lines_px, remainder
+from flightdepth.ranges.seen_turns import SeenTurns
 from flightdepth.ranges.tracks import Tracker, tracked_rays
 
 FEWEST_INLIERS = 12
@@ -59,8 +60,8 @@ class Direction:
 class SeenDirections:
     """Directions of pairs whose log does not tell them to the camera, from the pictures; a flight's memory of them."""
 
-    def __init__(self, camera: Camera, tracker: Tracker) -> None:
-        self._camera, self._tracker = camera, tracker
+    def __init__(self, camera: Camera, tracker: Tracker, turns: SeenTurns) -> None:
+        self._camera, self._tracker, self._turns = camera, tracker, turns
         self._last: tuple[int, Vector, Vector] | None = None  # stamp, world displacement, unit in camera axes
 
     def of(self, served: Sequence[Served], current: Frame) -> tuple[Pair, ...]:
@@ -81,7 +82,8 @@ class SeenDirections:
             return found
         if self._last is None or current.stamp_ns - self._last[0] > HOLDS_NS:
             return None
-        return self._last[2] if same_way(self._last[1][None], world_m)[0] else None
+        turns, _ = self._turns.since(np.array([self._last[0]]), current.stamp_ns)
+        return np.asarray(turns[0] @ self._last[2]) if same_way(self._last[1][None], world_m)[0] else None
 
 
 def rays_of(pair: Pair, current: Frame, tracker: Tracker) -> tuple[Vector, Vector]:

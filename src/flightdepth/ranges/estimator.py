@@ -29,6 +29,7 @@ from flightdepth.ranges.repeats import Repeats
 from flightdepth.ranges.reprojection import Reprojection
 from flightdepth.ranges.result import RangedDepth
 from flightdepth.ranges.seen import Seen
+from flightdepth.ranges.seen_turns import SeenTurns
 from flightdepth.ranges.temporal import HeldStill, TemporalAverage
 from flightdepth.ranges.timeline import checked_stamp
 from flightdepth.ranges.view import View
@@ -98,7 +99,8 @@ class MultiRangeEstimator:
         self._network, self._fusion, self._derotate = network, fusion, derotate
         self.shown = None if mask is None else check_mask(mask, camera)  # [H, W], what is not masked
         self._trajectory, self._repeats, self._bars = Trajectory(), Repeats(), FlownBars()
-        self._wavering = Wavering(self._trajectory)
+        self._turns = SeenTurns()
+        self._wavering = Wavering(self._trajectory, self._turns)
         self._ranges, self._memory = ranges, MemoryLimit(MAX_RANGES + 1)  # one for a scout
         self._buffer, self._span_ns = FrameBuffer(buffer_s), round(buffer_s * 1e9)
         self._look_through(camera)
@@ -106,7 +108,13 @@ class MultiRangeEstimator:
             Planner, ranges=ranges, memory_s=buffer_s, saturation=fusion == "saturation", turns=turns
         )
         self._choice = PairChoice(
-            network, camera, self._view.tracker, planner=planner, derotate=derotate, fallback=fallback
+            network,
+            camera,
+            self._view.tracker,
+            self._turns,
+            planner=planner,
+            derotate=derotate,
+            fallback=fallback,
         )
         self._last_ns: int | None = None
         self._frames_given = 0
@@ -129,11 +137,13 @@ class MultiRangeEstimator:
     def max_turn_rad(self, stamp_ns: int) -> float:
         """Rotation within a tenth of a second above which a frame of that time does harm.
 
-        More where its attitude is told: then only the log's error is left to be seen in the pictures.
+        More where its attitude is told: then only the log's error is left to be seen in the pictures. As much where the
+        pictures showed how the camera turned until now: then only how that changes is.
         """
         if not self._derotate:
             return MAX_TURN_RAD
-        return MAX_REPORTED_RAD if self._trajectory.knows_attitude_at(stamp_ns) else MAX_DEROTATED_RAD
+        expected = self._trajectory.knows_attitude_at(stamp_ns) or self._turns.goes_on(stamp_ns)
+        return MAX_REPORTED_RAD if expected else MAX_DEROTATED_RAD
 
     @property
     def dropped(self) -> Mapping[str, int]:
@@ -185,13 +195,14 @@ class MultiRangeEstimator:
         self._view = self.VIEW(self._network, camera, self.shown)
         grid = self._view.grid
         self._reprojection = Reprojection(grid.camera, grid.valid.shape)
-        self._held_still = HeldStill(TemporalAverage(self._reprojection), self._trajectory)
+        self._held_still = HeldStill(TemporalAverage(self._reprojection), self._trajectory, self._turns)
 
     def forget_frames(self) -> None:
         """Pair what comes with none of the frames so far: some of them may be damaged."""
         self._buffer.clear()
         self._held_still.forget()
         self._wavering.forget()
+        self._turns.forget()
         self._newest = None
 
     def add_frame(self, stamp_ns: int, image: Image, *, unusable: str | None = None) -> RangedDepth:
@@ -238,6 +249,7 @@ class MultiRangeEstimator:
     def _forget_before(self, stamp_ns: int) -> None:
         self._buffer.expire(stamp_ns)
         self._trajectory.forget(stamp_ns)
+        self._turns.expire(stamp_ns)
 
     def _is_frozen(self, current: Frame, now_ns: int) -> bool:
         """Whether the camera moved while it showed this picture; then that holds until it shows another."""
@@ -262,6 +274,9 @@ class MultiRangeEstimator:
             pairs = view.derotation.of(pairs, current)
         if not pairs:
             return NOT_RIGID
+        orientation = None
+        if self._derotate and not self._trajectory.knows_attitude_at(current.stamp_ns):
+            orientation = self._turns.add(current.stamp_ns, pairs)
         pairs = self._wavering.widened(current.stamp_ns, pairs)
         predict = partial(view.predict, current=current, network=seer.network)
         pairs, prediction = self._memory.predicted(pairs, seer.network, predict)
@@ -274,11 +289,13 @@ class MultiRangeEstimator:
                 fused = self._held_still.add(current.stamp_ns, fused, pairs[0], sees_direction=directs)
                 self._wavering.learn(current.stamp_ns, fused, pairs[0], self._reprojection)
             fused = within_reach(fused)
-        return Seen(view, current, pairs, prediction, fused, seer, self._choice.doubt)
+        return Seen(view, current, pairs, prediction, fused, seer, self._choice.doubt, orientation)
 
     def _pairs(self, current: Frame) -> tuple[tuple[Pair, ...], Seer] | str:
         """Numeric integration and the frame pairs picker, and who sees the pairs; a string says why there is none."""
         lines = baselines(self._trajectory, self._buffer.frames, current.stamp_ns, self._view.max_turn_rad)
+        if lines.reason is None and not self._trajectory.knows_attitude_at(current.stamp_ns):
+            lines = self._turns.expected(lines, current.stamp_ns, self._view.max_turn_rad)
         if lines.reason is not None:
             return lines.reason
         lines = self._view.exposed(lines, current)

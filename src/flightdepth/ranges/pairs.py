@@ -24,6 +24,7 @@ SPEED_OVER_SIGMA = 3.0
 SOON_S = 0.2  # a drone that flies is off its first frame by then
 LOOK_BACK = 3.0
 SAME_WAY_RAD = np.radians(3)
+TURNED_AWAY = "the camera turned away from all that earlier frames saw"
 
 
 @dataclass(frozen=True)
@@ -253,7 +254,7 @@ def _reason(
     if not connected.any():
         return "gap in the motion: no earlier frame is connected to this one"
     if not (connected & steady).any():
-        return "the camera turned away from all that earlier frames saw"
+        return TURNED_AWAY
     if (connected & steady & moved).any():
         return None
     span_s = (current[0] - frames[int(np.argmax(connected))].stamp_ns) * 1e-9

@@ -12,6 +12,8 @@ from flightdepth.motion import Vector
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.network import Map
 
+NOT_TURNED = np.eye(3)
+
 
 @dataclass(frozen=True)
 class Step:
@@ -25,16 +27,22 @@ class Step:
     current_from_previous: Vector
 
 
-def step_between(trajectory: Trajectory, stamps_ns: tuple[int, int], seen_unit: Vector | None) -> Step | None:
+def step_between(
+    trajectory: Trajectory,
+    stamps_ns: tuple[int, int],
+    seen_unit: Vector | None,
+    seen_turn: Vector = NOT_TURNED,
+) -> Step | None:
     """The step from the first time to the second; None where the log does not tell it.
 
-    `seen_unit` (3,): direction in the current camera's axes that the pictures show, for a log without, or a wrong one.
+    `seen_unit` (3,): direction in the current camera's axes that the pictures show, for a log without, or a wrong one;
+    `seen_turn` (3, 3) is the turn that they show, for a log without.
     """
     states = trajectory.at(np.array(stamps_ns, dtype=np.int64))
     if states.segment[0] < 0 or states.segment[0] != states.segment[1]:
         return None
     world_m = states.position_m[1] - states.position_m[0]
-    current, turn = states.world_from_camera[1], np.eye(3)
+    current, turn = states.world_from_camera[1], seen_turn
     if states.oriented.all():
         turn = current.T @ states.world_from_camera[0]
     if seen_unit is not None:

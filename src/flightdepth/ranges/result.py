@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flightdepth.ranges.network import Map
+from flightdepth.ranges.seen_turns import SeenOrientation
 
 
 @dataclass(frozen=True)
@@ -30,9 +31,9 @@ class RangedDepth:
     doubt                       what the pictures say against the log's motion, None where they do not
     moved_m          [n, 3]     the displacements as vectors in the current camera's axes (right, down,
                                 forward); None where their direction is unknown
-    turned   [n, 3, 3]          rotations of rays from the earlier cameras' axes to the current one's, as log and
-                                pictures tell them; None with moved_m
     aside_rad      [n]          standard deviations of the directions of moved_m, in the least sure way; None with it
+    orientation                 of the camera since an earlier frame, as turns in the pictures add up; None where the
+                                log tells its attitude, or nothing is known
     network                     name of the one that gave this depth; empty where there is none
 
     n is the number of ranges, less where two chose the same frame, one more when a scout looks beyond them.
@@ -52,8 +53,8 @@ class RangedDepth:
     notes: tuple[str, ...] = ()
     doubt: str | None = None
     moved_m: NDArray[np.float64] | None = None
-    turned: NDArray[np.float64] | None = None
     aside_rad: NDArray[np.float64] | None = None
+    orientation: SeenOrientation | None = None
     network: str = ""
 
     def __post_init__(self) -> None:

@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flightdepth.ranges.choice import Seer
 from flightdepth.ranges.fusion import Fused
 from flightdepth.ranges.network import AtSource, Map
 from flightdepth.ranges.pairs import Frame, Pair
 from flightdepth.ranges.result import RangedDepth
+from flightdepth.ranges.seen_turns import SeenOrientation
 from flightdepth.ranges.view import View
 from flightdepth.runtimes.prediction import Prediction
-
-Motion = NDArray[np.float64] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +27,7 @@ class Seen:
     fused: Fused
     seer: Seer
     doubt: str | None
+    orientation: SeenOrientation | None
 
     def result(self, frames_given: int, notes: tuple[str, ...]) -> RangedDepth:
         """At the source's pixels, in arrays that are the caller's; `frames_given` so far number the shifts."""
@@ -36,7 +35,7 @@ class Seen:
         at_source = self.view.at_source(fused.depth_m, self.current.image)
         confidence = at_source(fused.confidence)
         np.copyto(confidence, np.float32(0), where=np.isnan(confidence))
-        moved_m, turned, aside_rad = self._motion()
+        told = self.seer.card.knows_direction or all(pair.directed for pair in self.pairs)
         return RangedDepth(
             depth_m=at_source.depth_m,
             confidence=confidence,
@@ -50,19 +49,11 @@ class Seen:
             latency_ms=0.0,  # set by who timed it
             notes=notes,
             doubt=self.doubt,
-            moved_m=moved_m,
-            turned=turned,
-            aside_rad=aside_rad,
+            moved_m=np.stack([pair.displacement_m for pair in self.pairs]) if told else None,
+            aside_rad=np.array([pair.aside_rad for pair in self.pairs]) if told else None,
+            orientation=self.orientation,
             network=self.seer.card.name,
         )
-
-    def _motion(self) -> tuple[Motion, Motion, Motion]:
-        """moved_m, turned and aside_rad of the result: None where a direction is unknown."""
-        if not (self.seer.card.knows_direction or all(pair.directed for pair in self.pairs)):
-            return None, None, None
-        moved_m = np.stack([pair.displacement_m for pair in self.pairs])
-        turned = np.stack([pair.current_from_previous for pair in self.pairs])
-        return moved_m, turned, np.array([pair.aside_rad for pair in self.pairs])
 
 
 def _bound(bound_m: Map, at_source: AtSource) -> Map:

@@ -15,6 +15,7 @@ from flightdepth.ranges.fusion import Fused, chance
 from flightdepth.ranges.network import Map
 from flightdepth.ranges.pairs import Pair
 from flightdepth.ranges.reprojection import Reprojection, Step, looked_up, step_between
+from flightdepth.ranges.seen_turns import SeenTurns
 
 GAIN = 0.4  # weight of the new frame
 AGREE_WITHIN = 1.25  # ratio of two depths of one point beyond which they are of different things
@@ -23,8 +24,8 @@ AGREE_WITHIN = 1.25  # ratio of two depths of one point beyond which they are of
 class HeldStill:
     """A flight's depth, averaged over its frames, each moved as its trajectory or else its own pictures tell."""
 
-    def __init__(self, average: TemporalAverage, trajectory: Trajectory) -> None:
-        self._average, self._trajectory = average, trajectory
+    def __init__(self, average: TemporalAverage, trajectory: Trajectory, turns: SeenTurns) -> None:
+        self._average, self._trajectory, self._turns = average, trajectory, turns
         self._last_ns: int | None = None  # of the last depth that the average holds
 
     def forget(self) -> None:
@@ -39,7 +40,8 @@ class HeldStill:
         step = None
         if self._last_ns is not None and (pair.directed or sees_direction):
             unit = None if pair.directed else pair.displacement_m / pair.length_m
-            step = step_between(self._trajectory, (self._last_ns, stamp_ns), unit)
+            turns, _ = self._turns.since(np.array([self._last_ns]), stamp_ns)
+            step = step_between(self._trajectory, (self._last_ns, stamp_ns), unit, turns[0])
         self._last_ns = stamp_ns
         return self._average.add(fused, step)
 

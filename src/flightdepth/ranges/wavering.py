@@ -14,11 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flightdepth.motion import Vector
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fusion import LEAST_SIGMA, WORST_SIGMA, Fused
 from flightdepth.ranges.network import Map
 from flightdepth.ranges.pairs import Pair
 from flightdepth.ranges.reprojection import Reprojection, looked_up, step_between
+from flightdepth.ranges.seen_turns import SeenTurns
 
 LOOK_BACK_S = 0.5  # errors of a receiver go together for a second: what is nearer wavers little
 LONGEST_S = 1.0  # by then too little of the picture may be left, and the network's own error changes
@@ -35,13 +37,17 @@ class _Kept:
     depth_m: Map
     share: Map  # its error bar, of the depth
     speed_m_s: float
+    unit: Vector | None  # of its pair's displacement, where the log does not tell that to the camera
 
 
 class Wavering:
-    """How far the log's speed is off in this flight, as far as depth that wavers tells; for logs with an attitude."""
+    """How far the log's speed is off in this flight, as far as depth that wavers tells.
 
-    def __init__(self, trajectory: Trajectory) -> None:
-        self._trajectory = trajectory
+    Where the log tells no attitude, `turns` do.
+    """
+
+    def __init__(self, trajectory: Trajectory, turns: SeenTurns) -> None:
+        self._trajectory, self._turns = trajectory, turns
         self._kept: deque[_Kept] = deque()
         self._variance = self._weight = 0.0  # the last seconds' sum, (m/s)^2, and what it is to be divided by
         self._learnt_ns = 0
@@ -66,15 +72,17 @@ class Wavering:
     def learn(self, stamp_ns: int, fused: Fused, pair: Pair, reprojection: Reprojection) -> None:
         """What a frame's depth, as it is told, says beside that of half a second ago.
 
-        `pair` is one of the frame's. Without error bars, or where the log tells no attitude, nothing is learnt.
+        `pair` is one of the frame's. Without error bars, or where nobody tells how the camera turns, nothing is learnt.
         """
-        if fused.sigma_m is None or not (pair.directed and self._trajectory.knows_attitude):
+        told = pair.directed and self._trajectory.knows_attitude
+        if fused.sigma_m is None or not (told or (pair.seen and self._turns.goes_on(stamp_ns))):
             return
         if self._kept and stamp_ns - self._kept[-1].stamp_ns < EVERY_S * 1e9:
             return
         with np.errstate(invalid="ignore"):
             share = np.maximum(fused.sigma_m / fused.depth_m, np.float32(LEAST_SIGMA))
-        new = _Kept(stamp_ns, fused.depth_m, share, pair.length_m / _seconds(pair, stamp_ns))
+        unit = None if told else pair.displacement_m / pair.length_m
+        new = _Kept(stamp_ns, fused.depth_m, share, pair.length_m / _seconds(pair, stamp_ns), unit)
         while self._kept and stamp_ns - self._kept[0].stamp_ns > LONGEST_S * 1e9:
             self._kept.popleft()
         old_enough = (old for old in reversed(self._kept) if stamp_ns - old.stamp_ns >= LOOK_BACK_S * 1e9)
@@ -84,8 +92,9 @@ class Wavering:
             self._compare(new, old, reprojection)
 
     def _compare(self, new: _Kept, old: _Kept, reprojection: Reprojection) -> None:
-        step = step_between(self._trajectory, (old.stamp_ns, new.stamp_ns), None)
-        if step is None:
+        turns, turn_known = self._turns.since(np.array([old.stamp_ns]), new.stamp_ns)
+        step = step_between(self._trajectory, (old.stamp_ns, new.stamp_ns), new.unit, turns[0])
+        if step is None or not (new.unit is None or turn_known[0]):
             return
         x, y, ahead_m = reprojection.seen_before(new.depth_m, step)
         ratio = changed(ahead_m, new.share, looked_up(old.depth_m, x, y), looked_up(old.share, x, y))
