@@ -1,19 +1,21 @@
 """What stands still in every picture, with a mask and without: the sample flight with a leg or with text drawn into it.
 
-    python benchmarks/still_parts.py [--find]
+    python benchmarks/still_parts.py [--find [--untold]]
 
 Prints how much of the leg or text is given a depth, and how much is told to be "farther than"; then the mean relative
 error and the share with depth of what is no sky: within 20 px of it, and elsewhere. Four seconds that fly ahead.
 
 --find: how much of it, of a blank leg too, and how much else is proposed for a mask in flights of `turns.py`, whose
-camera pans at 90 degrees a second for 1.2 s. It is drawn before H.264.
+camera pans at 90 degrees a second for 1.2 s. It is drawn before H.264. --untold: for six seconds it swings at
+up to 45 degrees a second, and no log tells its attitude: how it turns is seen in the same pictures.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -21,18 +23,24 @@ from numpy.typing import NDArray
 
 from flightdepth.commands.demo import AT_TRUTH, CALIBRATION, LOG, TRUTH, VIDEO
 from flightdepth.evaluation.provenance import origin_of
-from flightdepth.flight import AttitudeSample, Flight, Frame, open_flight
+from flightdepth.flight import AttitudeSample, Flight, Frame, Steadiness, VelocitySample, open_flight
+from flightdepth.flight.records import NS_PER_S, give
 from flightdepth.flight.still_parts import StillParts
+from flightdepth.motion import Vector, rotation_from_quaternion
 from flightdepth.outputs import read_depth
 from flightdepth.outputs.run import depths
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.runtimes.network import Network, load_network
 
+if TYPE_CHECKING:
+    from turns import Turning
+
 START_S, END_S, FRAMES_S = 1.0, 5.1, 30
 FARTHEST_M = 100.0  # of the truth that counts
 BESIDE_PX = 20
 WIDTH, HEIGHT = 640, 360
-FLIGHTS, PAN_DEG_S, RATE_FACTOR = 6, 90.0, 21.0  # of --find
+FLIGHTS, PAN_DEG_S, SWING_DEG_S, SWING_HZ, RATE_FACTOR = 6, 90.0, 45.0, 0.2, 21.0  # of --find
+RATE_HZ = 30  # of the flights of turns.py
 LINES = {
     "BAT 15.2V 1842mAh": (12, 25),
     "LQ 98": (281, 25),
@@ -124,23 +132,26 @@ def row(network: Network, still: Still, *, drawn: bool, masked: bool) -> str:
     return " ".join(cells)
 
 
-def find() -> None:
+def find(*, untold: bool) -> None:
     """Print what is found, flight by flight."""
     import turns  # renders, so it needs the extra `train`
+    from seen_attitudes import LONG
 
     from flightdepth.stillbox.h264 import through_h264
 
     nothing = Still(np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.zeros((HEIGHT, WIDTH), np.bool_))
     for number in range(FLIGHTS):
-        flight = turns.Turning.filmed(number, PAN_DEG_S, readout_s=0.0)
-        told = [sample for sample in flight.samples if isinstance(sample, AttitudeSample)]
+        if untold:
+            flight = turns.Turning.filmed(number, SWING_DEG_S, config=LONG, swing_hz=SWING_HZ, readout_s=0.0)
+        else:
+            flight = turns.Turning.filmed(number, PAN_DEG_S, readout_s=0.0)
         for name, still in {"none": nothing, "leg": leg(), "blank leg": blank(), "text": text()}.items():
             drawn = [np.where(still.where[..., None], still.image, picture) for picture in flight.pictures]
+            pictures = through_h264(drawn, RATE_FACTOR)
             parts = StillParts(turns.CAMERA)
-            for index, picture in enumerate(through_h264(drawn, RATE_FACTOR)):
-                stamp_ns = index / turns.CONFIG.rate_hz * 1e9
-                nearest = min(told, key=lambda sample, at=stamp_ns: abs(sample.stamp_ns - at))
-                parts.add(picture, nearest.world_from_camera)
+            for picture, how in zip(pictures, (seen if untold else told)(flight, pictures), strict=True):
+                if how is not None:
+                    parts.add(picture, *how)
             part = parts.found()
             hidden = np.zeros_like(still.where) if part is None else ~part.shown
             inside = f"{hidden[still.where].mean():.0%} of it" if still.where.any() else "nothing there"
@@ -150,6 +161,30 @@ def find() -> None:
             )
 
 
+def told(flight: Turning, pictures: Sequence[NDArray[np.uint8]]) -> Iterator[tuple[Vector, object] | None]:
+    """Of each picture the camera's attitude, as the log tells it next to that time, and its axes."""
+    attitudes = [sample for sample in flight.samples if isinstance(sample, AttitudeSample)]
+    for index in range(len(pictures)):
+        stamp_ns = index / RATE_HZ * NS_PER_S
+        nearest = min(attitudes, key=lambda sample, at=stamp_ns: abs(sample.stamp_ns - at))
+        yield rotation_from_quaternion(nearest.world_from_camera), None
+
+
+def seen(flight: Turning, pictures: Sequence[NDArray[np.uint8]]) -> Iterator[tuple[Vector, object] | None]:
+    """Of each picture the orientation that they show themselves, and its axes."""
+    from turns import CAMERA
+
+    estimator, steadiness = MultiRangeEstimator(load_network("motion-tiny"), CAMERA), Steadiness(CAMERA)
+    for sample in flight.samples:
+        if isinstance(sample, VelocitySample):
+            give(sample, estimator)
+    for index, picture in enumerate(pictures):
+        stamp_ns = round(index / RATE_HZ * NS_PER_S)
+        unusable = steadiness.add(stamp_ns, picture, estimator.max_turn_rad(stamp_ns)).unusable
+        found = estimator.add_frame(stamp_ns, picture, unusable=unusable).orientation
+        yield None if found is None else (found.rotation, found.axes(stamp_ns))
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(
@@ -157,9 +192,10 @@ def main() -> None:
     )
     parser.add_argument("--networks", nargs="+", default=["motion", "motion-tiny"])
     parser.add_argument("--find", action="store_true", help="what `run` finds by itself")
+    parser.add_argument("--untold", action="store_true", help="where no log tells the attitude")
     options = parser.parse_args()
     if options.find:
-        find()
+        find(untold=options.untold)
         return
     wanted = options.networks
     print(

@@ -6,7 +6,7 @@ import pytest
 
 from flightdepth.camera import Camera
 from flightdepth.flight.still_parts import FEWEST, StillParts
-from flightdepth.motion import NED_FROM_CAMERA, quaternion_from_rotation
+from flightdepth.motion import NED_FROM_CAMERA
 
 CAMERA = Camera.from_fov(480, 270, 70)
 STEPS = FEWEST + 6
@@ -20,10 +20,10 @@ GROUND = cv2.normalize(GROUND, None, 20, 160, cv2.NORM_MINMAX)
 
 
 def attitude(pitch_deg, yaw_deg):
-    """Quaternion of a camera that looks down by the pitch, and as far to the right of north."""
+    """World from camera, of one that looks down by the pitch, and as far to the right of north."""
     right = cv2.Rodrigues(np.radians([0.0, -pitch_deg, 0.0]))[0]
     down = cv2.Rodrigues(np.radians([0.0, 0.0, yaw_deg]))[0]
-    return quaternion_from_rotation(down @ right @ NED_FROM_CAMERA)
+    return down @ right @ NED_FROM_CAMERA
 
 
 def view(pitch_deg, yaw_deg):
@@ -101,6 +101,16 @@ def test_attitudes_that_turn_while_the_camera_does_not_tell_nothing():
     for pitch_deg, yaw_deg in PANS:
         still.add(view(20.0, 0.0), attitude(pitch_deg, yaw_deg))
     assert still.found() is None
+
+
+def test_rotations_to_other_axes_tell_no_turn():
+    """As of turns that were put together anew after each fourth picture: of each four three count."""
+    counted = [StillParts(CAMERA), StillParts(CAMERA)]
+    for index, (pitch_deg, yaw_deg) in enumerate(PANS[:24]):
+        turned = cv2.Rodrigues(np.radians([0.0, 50.0 * (index // 4), 0.0]))[0]
+        for still, axes in zip(counted, (index // 4, index), strict=True):
+            still.add(leg(view(pitch_deg, yaw_deg)), turned @ attitude(pitch_deg, yaw_deg), axes)
+    assert [still._count for still in counted] == [18, 0]
 
 
 def test_still_dots_all_over_the_picture_are_no_part_of_a_drone():

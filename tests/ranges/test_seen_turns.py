@@ -18,7 +18,7 @@ from flightdepth.motion import (
 from flightdepth.ranges import MultiRangeEstimator
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.pairs import TURNED_AWAY, Frame, Pair, baselines
-from flightdepth.ranges.seen_turns import LEAST_TURN_RAD, SeenTurns
+from flightdepth.ranges.seen_turns import LEAST_TURN_RAD, SeenOrientation, SeenTurns
 from flightdepth.renderers.raycast import render
 from flightdepth.runtimes.network import Network
 from flightdepth.scenes import StillBoxConfig, draw_scene
@@ -88,6 +88,14 @@ def test_where_no_earlier_frame_is_known_all_begins_anew():
     since, known = turns.since(np.array([ns(5), ns(145), ns(149)]), ns(150))
     assert known.tolist() == [False, True, True]
     assert np.degrees([rotation_angle_rad(each) for each in since]) == pytest.approx([0, 5, 1], abs=1e-4)
+
+
+def test_orientations_of_a_moment_have_the_same_axes():
+    orientation = SeenOrientation(np.eye(3), 7)
+    assert (
+        orientation.axes(4_000_000_000) == orientation.axes(5_900_000_000) != orientation.axes(6_000_000_000)
+    )
+    assert SeenOrientation(np.eye(3), 8).axes(4_000_000_000) != orientation.axes(4_000_000_000)
 
 
 def test_pairs_that_tell_no_direction_tell_no_turn():

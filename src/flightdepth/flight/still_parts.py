@@ -8,6 +8,7 @@ horizon does while the camera pans, so only the part of a gradient along that wa
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from flightdepth.camera import Camera
 from flightdepth.flight.rotation import rotation_flow
-from flightdepth.motion import Vector, rotation_from_quaternion
+from flightdepth.motion import Vector
 from flightdepth.runtimes.arrays import Flags
 from flightdepth.runtimes.lens import pixel_rays
 
@@ -56,21 +57,23 @@ class StillParts:
         # [h, w, 2, 3]: how far a turn moves each point of the picture.
         self._moves = np.stack(rotation_flow(pixel_rays(small, 1)[..., :2].reshape(-1, 2)), axis=1)
         self._moves = self._moves.reshape(small.height, small.width, 2, 3).astype(np.float32)
-        self._before: Vector | None = None
+        self._before: tuple[Vector, Hashable] | None = None  # a rotation, and in whose axes
         self._count = 0
         self._edges: Floats = np.zeros((small.height, small.width, 2), np.float32)
         self._grey = np.zeros((2, small.height, small.width))  # sums of levels and of their squares
 
-    def add(self, image: NDArray[np.uint8], world_from_camera: Vector) -> None:
-        """A picture uint8 RGB [H, W, 3] of the camera's size, and its attitude (w, x, y, z)."""
-        rotation = rotation_from_quaternion(world_from_camera)
-        if self._before is None:  # nobody knows which way it turned
-            self._before = rotation
+    def add(self, image: NDArray[np.uint8], from_camera: Vector, axes: Hashable = None) -> None:
+        """A picture uint8 RGB [H, W, 3] of the camera's size, and the rotation (3, 3) from its axes to `axes`.
+
+        Only rotations to the same axes tell a turn.
+        """
+        if self._before is None or self._before[1] != axes:  # nobody knows which way it turned
+            self._before = from_camera, axes
             return
-        turn = cv2.Rodrigues(rotation.T @ self._before)[0][:, 0]
+        turn = cv2.Rodrigues(from_camera.T @ self._before[0])[0][:, 0]
         if np.linalg.norm(turn) < LEAST_TURN_RAD:
             return
-        self._before = rotation
+        self._before = from_camera, axes
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         grey = cv2.resize(grey, self._size, interpolation=cv2.INTER_AREA).astype(np.float32)
         self._grey += grey, np.square(grey)

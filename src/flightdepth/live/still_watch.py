@@ -7,6 +7,7 @@ from flightdepth.flight.mask import PictureMask
 from flightdepth.flight.records import NS_PER_S
 from flightdepth.flight.still_parts import StillParts
 from flightdepth.live.status import LiveResult
+from flightdepth.motion import rotation_from_quaternion
 
 APART_NS = 10 * NS_PER_S  # between two judgements, which take some milliseconds
 TELLS = (
@@ -25,14 +26,17 @@ class StillWatch:
         self._next_ns = 0
 
     def take(self, result: LiveResult) -> None:
-        """One picture, and its camera's attitude where that is known."""
-        camera, attitude = result.camera, result.motion.world_from_camera
-        if attitude is None:
+        """One picture, and how its camera turned where that is known: told, or seen."""
+        camera, attitude, seen = result.camera, result.motion.world_from_camera, result.depth.orientation
+        if attitude is None and seen is None:
             return
         if camera != self._camera:  # of another size, or zoomed: nothing is known of it yet
             shown = None if self._mask is None else self._mask.at(camera.width, camera.height).shown
             self._camera, self._parts, self.doubt = camera, StillParts(camera, shown), None
-        self._parts.add(result.image, attitude)
+        if attitude is not None:
+            self._parts.add(result.image, rotation_from_quaternion(attitude))
+        elif seen is not None:
+            self._parts.add(result.image, seen.rotation, seen.axes(result.stamp_ns))
         if result.stamp_ns < self._next_ns:
             return
         self._next_ns = result.stamp_ns + APART_NS

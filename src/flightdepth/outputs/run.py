@@ -35,7 +35,10 @@ def run_flight(
             pose = None if flight.any_direction else track.at(frame, result)
             writer.add(frame, result, pose)
             if pose is not None and pose.attitude == "log":
-                still.add(frame.image, pose.world_from_camera)
+                still.add(frame.image, pose.ned_from_camera)
+            elif result.orientation is not None:
+                seen = result.orientation
+                still.add(frame.image, seen.rotation, seen.axes(frame.stamp_ns))
             progress(frame, result)
     finally:  # of what was flown when it was stopped, too
         writer.note_dropped(Counter(flight.counts) + Counter(estimator.dropped))
