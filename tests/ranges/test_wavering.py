@@ -143,9 +143,9 @@ def panning(turn_deg_s=20.0, seconds=10.0):
     return turns
 
 
-def seen_while_panning(error_of, *, turn_deg_s=20.0, turns=None):
+def seen_while_panning(error_of, *, turn_deg_s=20.0, turns=None, trajectory=None):
     """A wall all around, as far away in each direction, so that a turn that is not known would waver."""
-    trajectory = flying(attitude=False)
+    trajectory = trajectory or flying(attitude=False)
     wavering = Wavering(trajectory, panning(turn_deg_s) if turns is None else turns)
     for number, error in enumerate(error_of):
         at_s = number * STEP_S
@@ -161,6 +161,16 @@ def test_a_log_without_attitudes_is_judged_where_the_pictures_tell_the_turns(tur
     found = seen_while_panning(alternating(1.05, frames=90), turn_deg_s=turn_deg_s)
     assert found == pytest.approx(SPEED_M_S * np.sqrt(log_ratio**2 - USUAL**2), rel=0.05)
     assert seen_while_panning(alternating(1.05, frames=90), turns=SeenTurns()) == 0
+
+
+def test_round_a_bend_nothing_is_compared_where_the_direction_was_seen():
+    """It was that of the last pair's way alone."""
+    bending = Trajectory()
+    for half_second in range(20):
+        course = half_second * np.pi / 4
+        velocity = SPEED_M_S * np.array([np.cos(course), np.sin(course), 0.0])
+        bending.add_velocity(ns(half_second / 2), velocity, frame="world", sigma=None)
+    assert seen_while_panning(alternating(1.05, frames=90), turn_deg_s=0.0, trajectory=bending) == 0
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,8 @@
 Positions are summed velocities, so they drift; across a gap in the log nothing is summed, and a new segment
 starts at 0. Attitudes come from the log ("log"); where it has none, from the direction of motion in the pictures
 of a camera that a gimbal holds level ("pictures", see `level.py`); or they are "assumed": a camera that never
-turns, where velocities came in its own axes.
+turns, where velocities came in its own axes. Where the log tells a speed alone, all is seen in the pictures from a
+first frame on (`seen_path.py`), whose attitude is assumed.
 
 Latitude, longitude and altitude are the log's own at that time: positions do not come from them, and drift away.
 """
@@ -30,6 +31,7 @@ from flightdepth.motion import (
     rotation_from_quaternion,
 )
 from flightdepth.outputs.level import LevelCamera, SeenMotion
+from flightdepth.outputs.seen_path import SeenPath
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.result import RangedDepth
 
@@ -75,8 +77,16 @@ class PoseTrack:
     `places` is where the log says that it was on Earth, `utc` when.
     """
 
-    def __init__(self, places: PlaceTrack | None = None, utc: UniversalTime | None = None) -> None:
+    def __init__(
+        self,
+        places: PlaceTrack | None = None,
+        utc: UniversalTime | None = None,
+        *,
+        any_direction: bool = False,
+    ) -> None:
+        """`any_direction`: of the samples only the speed counts, so the way is seen in the pictures."""
         self._places, self._utc = places, utc
+        self._path = SeenPath() if any_direction else None
         self._trajectory = Trajectory()
         self._level = LevelCamera()
         self._last: tuple[int, Vector, int] | None = None  # stamp, position, segment of the frame before
@@ -89,6 +99,9 @@ class PoseTrack:
 
     def at(self, frame: Frame, result: RangedDepth) -> FramePose | None:
         """The pose at a frame, whose result tells which way the camera moved; None where no log says where it is."""
+        if self._path is not None:
+            seen = self._path.at(frame.index, result)
+            return None if seen is None else self._pose(frame, *seen, "assumed")
         position, segment, turn = self._step(frame.stamp_ns)
         if segment < 0:
             return None
@@ -100,6 +113,11 @@ class PoseTrack:
             turn, attitude = NED_FROM_CAMERA, "assumed"
         elif turn is None:
             turn, attitude = self._seen(frame, result, position, segment), "pictures"
+        return self._pose(frame, position, segment, turn, attitude)
+
+    def _pose(
+        self, frame: Frame, position: Vector, segment: int, turn: Vector | None, attitude: AttitudeFrom
+    ) -> FramePose:
         quaternion = np.full(4, np.nan) if turn is None else quaternion_from_rotation(turn)
         attitude = "unknown" if turn is None else attitude
         place = np.full(3, np.nan) if self._places is None else self._places.at(frame.stamp_ns)

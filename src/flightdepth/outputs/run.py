@@ -27,12 +27,13 @@ def run_flight(
     `writer.summary` is complete once the writer is closed. Where the camera's turns deny its lens, or show what stands
     still in the pictures, that is written too.
     """
-    track, still = PoseTrack(flight.places, flight.utc), StillParts(flight.camera, estimator.shown)
+    track = PoseTrack(flight.places, flight.utc, any_direction=flight.any_direction)
+    still = StillParts(flight.camera, estimator.shown)
     if flight.mask is not None:
         writer.keep_mask(flight.mask.shown)
     try:
         for frame, result in depths(flight, estimator, on_sample=track.add):
-            pose = None if flight.any_direction else track.at(frame, result)
+            pose = track.at(frame, result)
             writer.add(frame, result, pose)
             if pose is not None and pose.attitude == "log":
                 still.add(frame.image, pose.ned_from_camera)

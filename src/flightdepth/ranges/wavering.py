@@ -18,8 +18,8 @@ from flightdepth.motion import Vector
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.fusion import LEAST_SIGMA, WORST_SIGMA, Fused
 from flightdepth.ranges.network import Map
-from flightdepth.ranges.pairs import Pair
-from flightdepth.ranges.reprojection import Reprojection, looked_up, step_between
+from flightdepth.ranges.pairs import Pair, same_way
+from flightdepth.ranges.reprojection import Reprojection, Step, looked_up, step_between
 from flightdepth.ranges.seen_turns import SeenTurns
 
 LOOK_BACK_S = 0.5  # errors of a receiver go together for a second: what is nearer wavers little
@@ -37,7 +37,7 @@ class _Kept:
     depth_m: Map
     share: Map  # its error bar, of the depth
     speed_m_s: float
-    unit: Vector | None  # of its pair's displacement, where the log does not tell that to the camera
+    pair: Pair
 
 
 class Wavering:
@@ -81,8 +81,7 @@ class Wavering:
             return
         with np.errstate(invalid="ignore"):
             share = np.maximum(fused.sigma_m / fused.depth_m, np.float32(LEAST_SIGMA))
-        unit = None if told else pair.displacement_m / pair.length_m
-        new = _Kept(stamp_ns, fused.depth_m, share, pair.length_m / _seconds(pair, stamp_ns), unit)
+        new = _Kept(stamp_ns, fused.depth_m, share, pair.length_m / _seconds(pair, stamp_ns), pair)
         while self._kept and stamp_ns - self._kept[0].stamp_ns > LONGEST_S * 1e9:
             self._kept.popleft()
         old_enough = (old for old in reversed(self._kept) if stamp_ns - old.stamp_ns >= LOOK_BACK_S * 1e9)
@@ -92,9 +91,8 @@ class Wavering:
             self._compare(new, old, reprojection)
 
     def _compare(self, new: _Kept, old: _Kept, reprojection: Reprojection) -> None:
-        turns, turn_known = self._turns.since(np.array([old.stamp_ns]), new.stamp_ns)
-        step = step_between(self._trajectory, (old.stamp_ns, new.stamp_ns), new.unit, turns[0])
-        if step is None or not (new.unit is None or turn_known[0]):
+        step = self._step(new, old)
+        if step is None:
             return
         x, y, ahead_m = reprojection.seen_before(new.depth_m, step)
         ratio = changed(ahead_m, new.share, looked_up(old.depth_m, x, y), looked_up(old.share, x, y))
@@ -106,6 +104,25 @@ class Wavering:
         self._variance = kept * self._variance + wavered
         self._weight = kept * self._weight + 1
         self._learnt_ns = new.stamp_ns
+
+    def _step(self, new: _Kept, old: _Kept) -> Step | None:
+        """From one frame to another; where a direction was seen, only if the flight was straight meanwhile."""
+        stamps_ns = old.stamp_ns, new.stamp_ns
+        if new.pair.directed:
+            return step_between(self._trajectory, stamps_ns, None)
+        turns, known = self._turns.since(np.array([old.stamp_ns]), new.stamp_ns)
+        ways_m = [
+            self._flown(since_ns, new.stamp_ns) for since_ns in (old.stamp_ns, new.pair.previous.stamp_ns)
+        ]
+        if not (known[0] and same_way(ways_m[0][None], ways_m[1])[0]):
+            return None
+        return step_between(
+            self._trajectory, stamps_ns, new.pair.displacement_m / new.pair.length_m, turns[0]
+        )
+
+    def _flown(self, since_ns: int, stamp_ns: int) -> Vector:
+        positions_m = self._trajectory.at(np.array([since_ns, stamp_ns], dtype=np.int64)).position_m
+        return np.asarray(positions_m[1] - positions_m[0])
 
 
 def _seconds(pair: Pair, stamp_ns: int) -> float:
