@@ -11,7 +11,7 @@
 PYTHON ?= python3
 JOBS ?= 3
 TORCH_INDEX ?=
-EXTRAS := test,train,exr,ort,cluster,px4,ardupilot,ros,report,view,clouds,browser,live
+EXTRAS := test,train,exr,ort,cluster,px4,ardupilot,ros,report,view,clouds,rasters,browser,live
 
 BIN := .venv/bin
 DEMO_BIN := .venv-demo/bin

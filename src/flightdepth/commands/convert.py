@@ -1,9 +1,9 @@
-"""`flightdepth convert`: a flight as a point cloud, an occupancy map, a ROS recording or a trajectory."""
+"""`flightdepth convert`: a flight as a point cloud, a map of what is occupied, a recording, a trajectory, a project."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,6 +14,8 @@ from flightdepth.errors import BadInput
 from flightdepth.files import check_parent, refuse_to_replace, write_atomic
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from flightdepth.flight.universal_time import UniversalTime
     from flightdepth.outputs import FlightFolder
     from flightdepth.outputs.cloud import CloudSettings
@@ -22,8 +24,11 @@ if TYPE_CHECKING:
 RECORDING, TRAJECTORY = ".mcap", ".tum"
 TIMED = (RECORDING, TRAJECTORY)  # whose stamps may be universal time, and which are no clouds
 OCCUPANCY = ".bt"
-KINDS = (".ply", ".las", ".laz", OCCUPANCY, *TIMED)
+HEIGHTS = (".tif", ".tiff")
+PROJECT = ".colmap"  # a folder
+KINDS = (".ply", ".las", ".laz", OCCUPANCY, *TIMED, PROJECT, *HEIGHTS)
 OF_A_MAP = {"voxel_m": 0.5, "max_range_m": 30.0}  # where nothing is said; a cloud's would take minutes
+CELL_M = 0.5  # of heights
 LOCAL = "metres east, north, up"
 STRAYS = (
     "the log's positions go another way than its velocities: is one of another flight, are latitude and longitude "
@@ -37,7 +42,10 @@ NO_PLACE = "attitude unknown, or not of the longest segment (poses.csv)"
 def convert(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="What `flightdepth run` wrote.")],
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A name that ends in .ply, .las, .laz, .bt, .mcap or .tum.")
+        Path,
+        typer.Argument(
+            metavar="FILE", help="A name that ends in .ply, .las, .laz, .bt, .tif, .mcap, .tum or .colmap."
+        ),
     ],
     *,
     min_confidence: Annotated[
@@ -55,7 +63,7 @@ def convert(
         float | None,
         typer.Option(
             metavar="M",
-            help="Clouds and maps: leave out what is farther, in metres. Default: 60, of maps 30.",
+            help="Clouds and maps: leave out what is farther, in metres. Default: 60, of .bt 30.",
         ),
     ] = None,
     voxel: Annotated[
@@ -66,7 +74,18 @@ def convert(
         ),
     ] = None,
     every: Annotated[
-        int | None, typer.Option(metavar="N", help="Clouds and maps: use every N-th frame. Default: 5.")
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Clouds and maps: use every N-th frame. Default: 5; pictures of .colmap: 5, or what leaves 300.",
+        ),
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="VIDEO",
+            help="Pictures of .colmap: from what `flightdepth run` was given, at its size. Without it: the preview's.",
+        ),
     ] = None,
     utc: Annotated[
         bool,
@@ -91,6 +110,11 @@ def convert(
 
       flightdepth convert out flight.bt
 
+    A map of heights from above, a GeoTIFF for QGIS and GDAL, in UTM or local as a
+    .laz is; its colours are in flight-photo.tif:
+
+      flightdepth convert out flight.tif
+
     A ROS 2 recording: depth as 32FC1, confidence, pictures, camera info and
     transforms:
 
@@ -102,7 +126,12 @@ def convert(
 
       flightdepth convert out flight.tum
 
-    .las, .laz and .bt need the extra `clouds`, .mcap the extra `ros`.
+    A COLMAP project, a folder that trainers of Gaussian splats and Nerfstudio
+    read: undistorted pictures, metric poses, depth and the cloud:
+
+      flightdepth convert out flight.colmap --video flight.mp4
+
+    .las, .laz and .bt need the extra `clouds`, .tif `rasters`, .mcap `ros`.
     """
     from flightdepth.outputs.cloud import CloudSettings, frames_left_out, placed
     from flightdepth.outputs.poses import tum_trajectory
@@ -116,7 +145,8 @@ def convert(
     }
     given = {name: value for name, value in options.items() if value is not None}
     kind = checked_kind(file)
-    settings = CloudSettings(**((OF_A_MAP if kind == OCCUPANCY else {}) | given))  # type: ignore[arg-type]
+    usual = OF_A_MAP if kind == OCCUPANCY else {"voxel_m": CELL_M} if kind in HEIGHTS else {}
+    settings = CloudSettings(**(usual | given))  # type: ignore[arg-type]
     check_outside(folder, file)
     if kind in TIMED and given:
         named = ", ".join(f"--{name.removesuffix('_m').replace('_', '-')}" for name in given)
@@ -125,8 +155,15 @@ def convert(
         raise BadInput(
             "--utc", expected=f"a FILE that ends in {' or '.join(TIMED)}", got=f"one that ends in {kind}"
         )
+    if video is not None and kind != PROJECT:
+        raise BadInput("--video", expected=f"a FILE that ends in {PROJECT}", got=f"one that ends in {kind}")
     flight = opened(folder)
-    if kind == RECORDING:
+    if kind == PROJECT:
+        from flightdepth.commands.convert_colmap import write_project
+
+        with room_on_the_disk(file, left=NOT_WRITTEN):
+            write_project(flight, file, settings, every=every, video=video)
+    elif kind == RECORDING:
         with room_on_the_disk(file, left=NOT_WRITTEN):
             frames = write_recording(flight, file, universal_time(flight) if utc else None)
         say(f"{file}: {frames:,} frames of {folder}")
@@ -144,8 +181,7 @@ def convert(
         with room_on_the_disk(file, left=NOT_WRITTEN):
             check_depth(flight)
             placed(flight)  # a bar is drawn for what can be done
-            write = write_map if kind == OCCUPANCY else write_cloud
-            what, frame = write(flight, file, settings)
+            what, frame = writer_of(kind)(flight, file, settings)
         say(f"{file}: {what} from {folder}, {frame}")
         if left_out := frames_left_out(flight):
             warn(f"{left_out:,} frames with depth are not in it: {NO_PLACE}")
@@ -174,8 +210,17 @@ def checked_kind(file: Path) -> str:
     kind = file.suffix.lower()
     if kind not in KINDS:
         raise BadInput(f"file {file}", expected=f"a name that ends in {', '.join(KINDS)}", got=kind or "none")
-    check_parent("FILE", file)
-    refuse_to_replace("file", file)
+    if kind == PROJECT:
+        from flightdepth.commands.convert_colmap import check_project
+
+        check_project(file)
+    elif kind in HEIGHTS:
+        from flightdepth.commands.convert_heights import check_height_map
+
+        check_height_map(file)
+    else:
+        check_parent("FILE", file)
+        refuse_to_replace("file", file)
     return kind
 
 
@@ -198,6 +243,15 @@ def check_depth(flight: FlightFolder) -> None:
         )
 
 
+def writer_of(kind: str) -> Callable[[FlightFolder, Path, CloudSettings], tuple[str, str]]:
+    """What writes a cloud or a map of that kind, and tells what is in it and in which frame."""
+    if kind in HEIGHTS:
+        from flightdepth.commands.convert_heights import write_height_map
+
+        return write_height_map
+    return write_map if kind == OCCUPANCY else write_cloud
+
+
 def write_map(flight: FlightFolder, file: Path, settings: CloudSettings) -> tuple[str, str]:
     """The occupancy map of a flight into `file`; how large what it tells is, and in which frame."""
     from flightdepth.outputs.occupancy import bt_bytes, occupancy_of, volumes_m3
@@ -216,7 +270,7 @@ def write_map(flight: FlightFolder, file: Path, settings: CloudSettings) -> tupl
 def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> tuple[str, str]:
     """The cloud of a flight into `file`; how many points it has, and in which frame."""
     from flightdepth.outputs.cloud import cloud_of
-    from flightdepth.outputs.cloud_files import write_ply
+    from flightdepth.outputs.cloud_files import write_las, write_ply
 
     as_ply = file.suffix.lower() == ".ply"
     if not as_ply:
@@ -236,7 +290,9 @@ def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> tu
     if as_ply:
         write_ply(file, cloud)
         return points, local_frame(flight)
-    return points, write_on_earth(flight, file, cloud)
+    cloud, crs, frame = on_earth(flight, cloud)
+    write_las(file, cloud, crs)
+    return points, frame
 
 
 def local_frame(flight: FlightFolder) -> str:
@@ -250,22 +306,19 @@ def local_frame(flight: FlightFolder) -> str:
     return LOCAL
 
 
-def write_on_earth(flight: FlightFolder, file: Path, cloud: Cloud) -> str:
-    """A cloud in UTM where that can be, else in its local frame, as LAS or LAZ; which frame it is."""
+def on_earth(flight: FlightFolder, cloud: Cloud) -> tuple[Cloud, Any, str]:
+    """A cloud in UTM and its CRS where that can be, else as it is and None; which frame it is."""
     from flightdepth.outputs.cloud import placed
-    from flightdepth.outputs.cloud_files import write_las
     from flightdepth.outputs.georeference import LocalOnlyError, georeference
 
     source = flight.record.source
     try:
         found = georeference(placed(flight).values(), true_north=source.true_north)
     except LocalOnlyError as why:
-        write_las(file, cloud)
-        return f"{LOCAL}, not in UTM: {why}"
-    write_las(file, found.in_utm(cloud), found.crs)
+        return cloud, None, f"{LOCAL}, not in UTM: {why}"
     if not found.follows:
         warn(STRAYS)
-    return found.described(source.altitude_above)
+    return found.in_utm(cloud), found.crs, found.described(source.altitude_above)
 
 
 def universal_time(flight: FlightFolder) -> UniversalTime:

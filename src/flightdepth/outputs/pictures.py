@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from av.error import FFmpegError
 
-from flightdepth.camera import Camera
 from flightdepth.errors import BadInput
 from flightdepth.levels import rgb
 from flightdepth.outputs.palette import Picture
@@ -19,19 +18,23 @@ from flightdepth.outputs.read import FlightFolder
 from flightdepth.outputs.writer import PREVIEW
 
 
-def pictures(folder: FlightFolder, every: int = 1) -> Iterator[tuple[int, Picture]]:
-    """Index and picture, uint8 RGB [H, W, 3] at the camera's size, of each `every`-th frame.
+def pictures(
+    folder: FlightFolder, every: int = 1, size: tuple[int, int] | None = None
+) -> Iterator[tuple[int, Picture]]:
+    """Index and picture, uint8 RGB [H, W, 3] at the camera's size, or at `size`, of each `every`-th frame.
 
     They were scaled to the preview's size and packed by its encoder: good for colours, not for measuring. Of an
     interrupted flight its last ones may be missing.
     """
-    for index, (image,) in panels(folder, every, 1):
+    for index, (image,) in panels(folder, every, 1, size):
         yield index, image
 
 
-def panels(folder: FlightFolder, every: int, count: int) -> Iterator[tuple[int, list[Picture]]]:
+def panels(
+    folder: FlightFolder, every: int, count: int, size: tuple[int, int] | None = None
+) -> Iterator[tuple[int, list[Picture]]]:
     """As `pictures`, of the preview's first `count` panels: the input, then depth in colours."""
-    layout = layout_of(folder)
+    layout, camera = layout_of(folder), folder.record.source.camera
     for number, (row, frame) in enumerate(zip_longest(folder.rows, _decoded(folder, layout.size))):
         if row is None or frame is None:
             if not folder.record.whole:
@@ -39,16 +42,19 @@ def panels(folder: FlightFolder, every: int, count: int) -> Iterator[tuple[int, 
             raise _not_ours(folder, f"{len(folder.rows)} frames, as frames.csv tells", "another number")
         if number % every == 0:
             image = rgb(frame)
-            yield row.index, [_cut(image, layout, i, folder.record.source.camera) for i in range(count)]
+            yield (
+                row.index,
+                [_cut(image, layout, i, size or (camera.width, camera.height)) for i in range(count)],
+            )
 
 
-def _cut(image: Picture, layout: Layout, panel: int, camera: Camera) -> Picture:
-    """One panel of the preview's picture, at the camera's size."""
+def _cut(image: Picture, layout: Layout, panel: int, size: tuple[int, int]) -> Picture:
+    """One panel of the preview's picture, at a size."""
     x, y = layout.corner(panel)
-    shrinks = camera.width < layout.width
+    shrinks = size[0] < layout.width
     sized = cv2.resize(
         image[y : y + layout.height, x : x + layout.width],
-        (camera.width, camera.height),
+        size,
         interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR,
     )
     return np.asarray(sized, np.uint8)

@@ -16,11 +16,15 @@ MERGE_LEAST = 50_000  # rows: fewer are not worth a sort
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points in metres [N, 3], their colours uint8 RGB [N, 3], their confidence [N] 0..1."""
+    """Points in metres [N, 3], their colours uint8 RGB [N, 3], their confidence [N] 0..1.
+
+    seen  how many points each stands for [N]; None where nobody counted
+    """
 
     points_m: Vector
     colours: NDArray[np.uint8]
     confidence: NDArray[np.float32]
+    seen: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.points_m)
@@ -53,7 +57,8 @@ class VoxelGrid:
         sums = self._sums[0]
         mean = sums[:, 1:7] / sums[:, :1]
         colours = np.clip(np.rint(mean[:, 3:]), 0, 255).astype(np.uint8)
-        return Cloud(mean[:, :3], colours, (sums[:, 0] / sums[:, 7]).astype(np.float32))
+        confidence = (sums[:, 0] / sums[:, 7]).astype(np.float32)
+        return Cloud(mean[:, :3], colours, confidence, seen=sums[:, 7].astype(np.int64))
 
     def _key(self, points_m: Vector) -> NDArray[np.int64]:
         cells = np.floor(points_m / self._voxel_m).astype(np.int64) + (1 << (BITS - 1))
