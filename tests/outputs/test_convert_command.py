@@ -11,6 +11,7 @@ from flown_folder import FRAMES, STEP_M, pose, write_flown
 from rosbags.highlevel import AnyReader
 
 from flightdepth.cli import main
+from flightdepth.weights.card import NetworkCard
 
 COARSE = ["--every", "1", "--voxel", "2"]  # a map of finer cells takes seconds
 
@@ -213,13 +214,17 @@ def test_nothing_counts(convert, work):
     assert not (work / "empty.ply").exists()
 
 
-def test_a_flight_of_a_speed_alone_needs_another_log(convert, work):
-    """It was told to take a network that knows directions, which it had."""
+@pytest.mark.parametrize("seen", [False, True])
+def test_a_flight_of_a_speed_alone_needs_another_log_or_a_network_that_sees_directions(
+    convert, work, monkeypatch, seen
+):
+    """It was told to take such a network, which it had."""
+    monkeypatch.setattr(NetworkCard, "knows_direction", seen)
     write_flown(work / "speed", posed=False)
     outcome = convert("speed.ply", folder="speed")
     refused(outcome, "a log that tells which way the drone flew", "--mount fixed")
     assert outcome[1] == ""  # it began with an empty bar
-    assert "network" not in outcome[2]
+    assert ("network that knows directions" in outcome[2]) != seen
 
 
 def test_a_flight_that_hovered_all_the_time(convert, work):

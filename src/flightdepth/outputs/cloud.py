@@ -154,10 +154,12 @@ def placed(folder: FlightFolder) -> dict[int, FramePose]:
     known = [pose for pose in folder.poses.values() if pose.attitude != "unknown"]
     if not known:
         mend = "Give `flightdepth run` a log with the camera's attitude, or a network that knows directions."
-        if not folder.poses:  # a speed alone, whatever the network
+        if not folder.poses:  # a speed alone
+            seen = folder.record.source.network.knows_direction
             mend = (
-                "Give `flightdepth run` a log that tells which way the drone flew, `flightdepth live` one that tells"
-                " the camera's attitude too (--mount fixed, or a gimbal that reports)."
+                f"Give `flightdepth run` {'' if seen else 'a network that knows directions, or '}a log that tells which"
+                " way the drone flew, `flightdepth live` one that tells the camera's attitude too (--mount fixed, or a"
+                " gimbal that reports)."
             )
         raise BadInput(
             f"poses of {folder.folder}",
