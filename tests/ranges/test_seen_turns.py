@@ -40,7 +40,7 @@ def yawed(degrees):
 def pair(now, before, attitudes, **how):
     """Of two frames whose attitudes are known."""
     turn = attitudes[now].T @ attitudes[before]
-    told = {"directed": False, "seen": True} | how
+    told = {"directed": False, "seen": True, "covariance": np.eye(6)} | how
     length = np.array([1.0, 0, 0])
     return Pair(Frame(before, ns(before), NOTHING), length, 1.0, 10.0, turn, rotation_angle_rad(turn), **told)
 
@@ -103,6 +103,7 @@ def test_pairs_that_tell_no_direction_tell_no_turn():
     attitudes = [yawed(frame) for frame in range(5)]
     turns = SeenTurns()
     assert turns.add(ns(1), [pair(1, 0, attitudes, seen=False)]) is None
+    assert turns.add(ns(1), [pair(1, 0, attitudes, covariance=None)]) is None  # of a moment ago
     assert not turns.goes_on(ns(1))
     told = turns.add(ns(2), [pair(2, 1, attitudes, seen=False), pair(2, 0, attitudes)])
     assert told.begun_ns == ns(2)

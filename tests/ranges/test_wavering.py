@@ -139,7 +139,14 @@ def panning(turn_deg_s=20.0, seconds=10.0):
     for number in range(1, round(seconds / STEP_S)):
         at_s = number * STEP_S
         turn = rotation_from_euler(0, np.radians(-turn_deg_s * 0.2), 0)
-        turns.add(ns(at_s), [replace(pair(at_s, directed=False), seen=True, current_from_previous=turn)])
+        turns.add(
+            ns(at_s),
+            [
+                replace(
+                    pair(at_s, directed=False), seen=True, current_from_previous=turn, covariance=np.eye(6)
+                )
+            ],
+        )
     return turns
 
 

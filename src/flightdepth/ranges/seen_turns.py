@@ -55,11 +55,11 @@ class SeenTurns:
         self._quaternions.forget(before_ns)
 
     def add(self, stamp_ns: int, pairs: Sequence[Pair]) -> SeenOrientation | None:
-        """The orientation of a frame by its pairs, the shortest first; None where their pictures tell no direction.
+        """The orientation of a frame by its pairs, the shortest first; None where their pictures tell no turn.
 
         Beside a direction of the log's, which may be wrong, turns are seen that are none.
         """
-        pairs = [pair for pair in pairs if pair.seen]
+        pairs = [pair for pair in pairs if pair.seen and pair.covariance is not None]
         if not pairs:
             return None
         stamps_ns = np.array([pair.previous.stamp_ns for pair in pairs], dtype=np.int64)
