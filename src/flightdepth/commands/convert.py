@@ -269,7 +269,6 @@ def write_map(flight: FlightFolder, file: Path, settings: CloudSettings) -> tupl
 
 def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> tuple[str, str]:
     """The cloud of a flight into `file`; how many points it has, and in which frame."""
-    from flightdepth.outputs.cloud import cloud_of
     from flightdepth.outputs.cloud_files import write_las, write_ply
 
     as_ply = file.suffix.lower() == ".ply"
@@ -277,15 +276,7 @@ def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> tu
         with extra_packages("Writing LAS", "clouds"):
             import laspy  # noqa: F401  before the work, not after it
             import pyproj  # noqa: F401
-    with progress_bar("cloud", -(-len(flight.rows) // settings.every), "frames") as bar:
-        cloud = cloud_of(flight, settings, bar.step)
-    if not len(cloud):
-        raise BadInput(
-            f"depth in {flight.folder}",
-            expected="points that count",
-            got="none",
-            mend=WIDER,
-        )
+    cloud = some_cloud(flight, settings)
     points = f"{len(cloud):,} points"
     if as_ply:
         write_ply(file, cloud)
@@ -293,6 +284,17 @@ def write_cloud(flight: FlightFolder, file: Path, settings: CloudSettings) -> tu
     cloud, crs, frame = on_earth(flight, cloud)
     write_las(file, cloud, crs)
     return points, frame
+
+
+def some_cloud(flight: FlightFolder, settings: CloudSettings) -> Cloud:
+    """The cloud of a flight, under a bar; one without a point is refused."""
+    from flightdepth.outputs.cloud import cloud_of
+
+    with progress_bar("cloud", -(-len(flight.rows) // settings.every), "frames") as bar:
+        cloud = cloud_of(flight, settings, bar.step)
+    if not len(cloud):
+        raise BadInput(f"depth in {flight.folder}", expected="points that count", got="none", mend=WIDER)
+    return cloud
 
 
 def local_frame(flight: FlightFolder) -> str:

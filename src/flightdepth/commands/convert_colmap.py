@@ -10,7 +10,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flightdepth.commands.convert import NO_PLACE, UNFILMED, WIDER, check_depth, local_frame
+from flightdepth.commands.convert import NO_PLACE, UNFILMED, check_depth, local_frame, some_cloud
 from flightdepth.commands.terminal import progress_bar, say, warn
 from flightdepth.errors import BadInput
 from flightdepth.files import check_parent, folder_in_progress, names_in
@@ -55,7 +55,7 @@ def write_project(
     every  n-th frame has its picture in it; the cloud takes at least as many frames as that of a file does
     video  where pictures are taken from, instead of the preview
     """
-    from flightdepth.outputs.cloud import CloudSettings, cloud_of, placed
+    from flightdepth.outputs.cloud import CloudSettings, placed
     from flightdepth.outputs.colmap import every_picture, write_colmap
 
     check_depth(flight)
@@ -63,10 +63,7 @@ def write_project(
     step = every or every_picture(len(flight.rows))
     shots = shots_of(flight, step, video)
     settings = replace(settings, every=min(step, CloudSettings.every))
-    with progress_bar("cloud", -(-len(flight.rows) // settings.every), "frames") as bar:
-        cloud = cloud_of(flight, settings, bar.step)
-    if not len(cloud):
-        raise BadInput(f"depth in {flight.folder}", expected="points that count", got="none", mend=WIDER)
+    cloud = some_cloud(flight, settings)
     wanted, came = len(flight.rows[::step]), Counter[bool]()  # by whether their place is known
 
     def counted() -> Iterator[tuple[int, Picture]]:

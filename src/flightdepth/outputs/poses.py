@@ -31,7 +31,7 @@ from flightdepth.motion import (
     rotation_from_quaternion,
 )
 from flightdepth.outputs.level import LevelCamera, SeenMotion
-from flightdepth.outputs.seen_path import SeenPath
+from flightdepth.outputs.seen_path import REMEMBERED, SeenPath
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.result import RangedDepth
 
@@ -41,7 +41,6 @@ COLUMNS = (
     *("qw", "qx", "qy", "qz", "attitude"),
     *("latitude_deg", "longitude_deg", "altitude_m", "utc_ns"),
 )
-REMEMBERED = 1024  # frames that a pair may reach back
 
 
 @dataclass(frozen=True, eq=False)

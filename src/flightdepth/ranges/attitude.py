@@ -52,6 +52,22 @@ def orientations(stamps_ns: Stamps, quaternions: Rows, at_ns: Stamps) -> tuple[V
     return rotations, known
 
 
+def turns_until_last(rotations: Vector, known: Flags) -> tuple[Vector, Flags]:
+    """Of orientations [k + 1, 3, 3], known or not: rotations [k, 3, 3] of rays, from each camera's axes to the last's.
+
+    And which are known [k]; unknown ones are the identity.
+    """
+    turns = np.einsum("ji,kjl->kil", rotations[-1], rotations[:-1])
+    both = known[:-1] & known[-1]
+    turns[~both] = np.eye(3)
+    return turns, both
+
+
+def turn_angles_rad(turns: Vector) -> Vector:
+    """Angles [k] of rotations [k, 3, 3], 0..pi."""
+    return np.asarray(np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1, 1)))
+
+
 def _last_rate(stamps_ns: Stamps, quaternions: Rows) -> Vector:
     """Turn rates (3,), rad/s about the camera's axes, over the last TURNED_OVER_NS; 0 where no samples tell."""
     first = int(np.searchsorted(stamps_ns, stamps_ns[-1] - TURNED_OVER_NS))

@@ -263,7 +263,8 @@ class MultiRangeEstimator:
     def _seen(self, taken: Frame) -> Seen | str:
         """The blocks in turn: pairs, network, fusion, what to look at next; a string says why there is nothing."""
         view, current = self._view, self._view.evened(taken)
-        chosen = self._pairs(current)
+        untold = not self._trajectory.knows_attitude_at(current.stamp_ns)
+        chosen = self._pairs(current, untold=untold)
         if self._network.card.knows_direction:  # others err more in pictures that are evened out
             view.vignetting.watch(taken, self._buffer.frames)
         self._buffer.add(taken)
@@ -274,9 +275,7 @@ class MultiRangeEstimator:
             pairs = view.derotation.of(pairs, current)
         if not pairs:
             return NOT_RIGID
-        orientation = None
-        if self._derotate and not self._trajectory.knows_attitude_at(current.stamp_ns):
-            orientation = self._turns.add(current.stamp_ns, pairs)
+        orientation = self._turns.add(current.stamp_ns, pairs) if self._derotate and untold else None
         pairs = self._wavering.widened(current.stamp_ns, pairs)
         predict = partial(view.predict, current=current, network=seer.network)
         pairs, prediction = self._memory.predicted(pairs, seer.network, predict)
@@ -291,10 +290,13 @@ class MultiRangeEstimator:
             fused = within_reach(fused)
         return Seen(view, current, pairs, prediction, fused, seer, self._choice.doubt, orientation)
 
-    def _pairs(self, current: Frame) -> tuple[tuple[Pair, ...], Seer] | str:
-        """Numeric integration and the frame pairs picker, and who sees the pairs; a string says why there is none."""
+    def _pairs(self, current: Frame, *, untold: bool) -> tuple[tuple[Pair, ...], Seer] | str:
+        """Numeric integration and the frame pairs picker, and who sees the pairs; a string says why there is none.
+
+        `untold`: no log tells the attitude.
+        """
         lines = baselines(self._trajectory, self._buffer.frames, current.stamp_ns, self._view.max_turn_rad)
-        if lines.reason is None and not self._trajectory.knows_attitude_at(current.stamp_ns):
+        if lines.reason is None and untold:
             lines = self._turns.expected(lines, current.stamp_ns, self._view.max_turn_rad)
         if lines.reason is not None:
             return lines.reason

@@ -11,6 +11,7 @@ import numpy as np
 
 from flightdepth.levels import AnyImage, packed, unpacked
 from flightdepth.motion import Vector
+from flightdepth.ranges.attitude import turn_angles_rad, turns_until_last
 from flightdepth.ranges.displacement import Trajectory
 from flightdepth.ranges.remainder import LOG_SIGMA_RAD, SEEN_SIGMA_RAD
 from flightdepth.runtimes.arrays import Flags
@@ -124,12 +125,10 @@ def baselines(
     stamps = np.array([frame.stamp_ns for frame in frames] + [stamp_ns], dtype=np.int64)
     states = trajectory.at(stamps)
     world = states.position_m[-1] - states.position_m[:-1]
-    turn = np.einsum("ji,kjl->kil", states.world_from_camera[-1], states.world_from_camera[:-1])
-    oriented = states.oriented[:-1] & states.oriented[-1]
-    turn[~oriented] = np.eye(3)
+    turn, oriented = turns_until_last(states.world_from_camera, states.oriented)
     in_camera = world @ states.world_from_camera[-1]
     length: Vector = np.linalg.norm(world, axis=1)
-    turn_rad = np.arccos(np.clip((np.trace(turn, axis1=1, axis2=2) - 1) / 2, -1, 1))
+    turn_rad = turn_angles_rad(turn)
     connected = (states.segment[:-1] == states.segment[-1]) & (states.segment[-1] >= 0)
     steady = turn_rad <= max_turn_rad
     seconds = np.asarray((stamp_ns - stamps[:-1]) * 1e-9, dtype=np.float64)

@@ -13,7 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flightdepth.motion import Vector, quaternion_from_rotation
-from flightdepth.ranges.attitude import TURNED_OVER_NS, TURNS_ON_S, orientations
+from flightdepth.ranges.attitude import (
+    TURNED_OVER_NS,
+    TURNS_ON_S,
+    orientations,
+    turn_angles_rad,
+    turns_until_last,
+)
 from flightdepth.ranges.pairs import TURNED_AWAY, Baselines, Pair
 from flightdepth.ranges.timeline import Stamps, Timeline
 from flightdepth.runtimes.arrays import Flags
@@ -82,11 +88,7 @@ class SeenTurns:
 
     def since(self, stamps_ns: Stamps, stamp_ns: int) -> tuple[Vector, Flags]:
         """Rotations [k, 3, 3] of rays since rising times [k] until another, and which are known; the identity else."""
-        found, known = self._at(np.append(stamps_ns, stamp_ns))
-        turns = np.einsum("ji,kjl->kil", found[-1], found[:-1])
-        known = known[:-1] & known[-1]
-        turns[~known] = np.eye(3)
-        return turns, known
+        return turns_until_last(*self._at(np.append(stamps_ns, stamp_ns)))
 
     def expected(self, lines: Baselines, stamp_ns: int, max_turn_rad: float) -> Baselines:
         """Baselines until a time as the camera is expected to have turned; beyond `max_turn_rad` they are of no use."""
@@ -94,7 +96,7 @@ class SeenTurns:
             return lines
         stamps_ns = np.array([lines.frames[k].stamp_ns for k in range(len(lines.usable))], dtype=np.int64)
         turns, _ = self.since(stamps_ns, stamp_ns)
-        turn_rad = np.arccos(np.clip((np.trace(turns, axis1=1, axis2=2) - 1) / 2, -1, 1))
+        turn_rad = turn_angles_rad(turns)
         still = turn_rad < LEAST_TURN_RAD
         turns[still], turn_rad[still] = np.eye(3), 0.0
         usable = lines.usable & (turn_rad <= max_turn_rad)
